@@ -107,7 +107,7 @@ def lines(rows: list[dict[str, Any]]) -> list[str]:
     for r in rows:
         level = r["level"]
         share, strongest, draw = (
-            10.0 * np.log10(x) for x in (level.share, level.strongest, level.draw_error)
+            10.0 * np.log10(x) for x in (level.share, level.strongest, level.realisation_error)
         )
         out.append(
             f"| {r['scene']} | {share:.1f} dB ± {100 * level.error / level.share:.0f} % | {strongest:.0f} dB in "

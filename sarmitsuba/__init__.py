@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.motion import Motion
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.scene.settings import TraceSettings
-    from sarmitsuba.scene.wires import LineTarget
+    from sarmitsuba.scene.wires import WireTarget
     from sarmitsuba.simulation.path_table import PathTable, trace_paths
     from sarmitsuba.simulation.prediction.explanation import explain
     from sarmitsuba.simulation.raw import simulate
@@ -65,7 +65,7 @@ _HOME = {
     "Motion": "sarmitsuba.scene.motion",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
-    "LineTarget": "sarmitsuba.scene.wires",
+    "WireTarget": "sarmitsuba.scene.wires",
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",
     "RadarError": "sarmitsuba.errors",
@@ -129,7 +129,6 @@ __all__ = [
     "FilmDescription",
     "ImageGrid",
     "ImageRequest",
-    "LineTarget",
     "LinkBudget",
     "Material",
     "Motion",
@@ -149,6 +148,7 @@ __all__ = [
     "SceneVolume",
     "TraceSettings",
     "Track",
+    "WireTarget",
     "__version__",
     "build_scene",
     "cloude_pottier",

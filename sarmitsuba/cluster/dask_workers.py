@@ -42,8 +42,8 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 
-class DaskCrew:
-    """Workers of a Dask cluster; see :class:`sarmitsuba.simulation.batches.Crew`.
+class DaskWorkers:
+    """Workers of a Dask cluster; see :class:`sarmitsuba.simulation.batches.Workers`.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _own_certificate() -> Security:
 
 
 @contextmanager
-def crew_of(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator[DaskCrew]:
+def open_workers(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator[DaskWorkers]:
     """Workers at an address; those of this machine are started, and stopped in the end.
 
     Those of this machine listen on the loopback address alone, by TLS with a certificate made for the run, and keep
@@ -171,7 +171,7 @@ def crew_of(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator
             ) as cluster,
             Client(cluster, security=security) as client,
         ):
-            yield DaskCrew(client, f"local:{address.workers}", extensions)
+            yield DaskWorkers(client, f"local:{address.workers}", extensions)
         return
     try:
         client = Client(address.scheduler, timeout=PATIENCE)
@@ -181,7 +181,7 @@ def crew_of(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator
             f"cluster {address.scheduler}: no scheduler answers ({reason}); start one with `dask scheduler`"
         ) from None
     with client:
-        yield DaskCrew(client, address.scheduler, extensions)
+        yield DaskWorkers(client, address.scheduler, extensions)
 
 
-__all__ = ["DaskCrew", "crew_of"]
+__all__ = ["DaskWorkers", "open_workers"]

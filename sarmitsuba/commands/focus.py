@@ -12,7 +12,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.cluster.dask_workers import DaskCrew
+    from sarmitsuba.cluster.dask_workers import DaskWorkers
     from sarmitsuba.echo.raw_data import RawData
     from sarmitsuba.focusing.focuser import Focuser
     from sarmitsuba.io.output import OutputFolder
@@ -226,12 +226,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
         request = _request(raw, args)
         orders = any(layer.order > 0 for layer in raw.layers)
         names = results.expected_names(formats, raw.channels, raw=False, image=True, orders=orders)
-        mark = str(raw.metadata.get(results.MARK) or _mark_of(Path(args.raw)))
+        run_hash = str(raw.metadata.get(results.RUN_HASH) or _run_hash_of(Path(args.raw)))
         if args.focuser == _ALL:
             names += (COMPARISON,)
-        folder.check(mark, names, force=args.force)
+        folder.check(run_hash, names, force=args.force)
         check_focusing(raw.radar, request or image_request(raw), args)
-        folder.clear(mark, keep=[Path(args.raw)])
+        folder.clear(run_hash, keep=[Path(args.raw)])
         record: dict[str, object] = {
             "command": "focus",
             "raw_file": args.raw,
@@ -250,7 +250,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _mark_of(path: Path) -> str:
+def _run_hash_of(path: Path) -> str:
     """Mark of raw data that carry none: the file, or the files in the folder, as they are."""
     files = sorted(path.iterdir()) if os.path.isdir(path) else [path]
     facts = ((file.name, file.stat()) for file in files)
@@ -311,7 +311,7 @@ def focus_into(
     watch: StageTimer,
     record: dict[str, object],
     request: "ImageRequest | None" = None,
-    crew: "DaskCrew | None" = None,
+    workers: "DaskWorkers | None" = None,
 ) -> Path:
     """Focus, write the image and its pictures into the folder, add to the record. Return the picture's path."""
     from sarmitsuba.commands import results
@@ -320,11 +320,11 @@ def focus_into(
     if args.focuser == _ALL:
         return _compare(folder, raw, args, console, watch, record, request)
     focuser: str | Focuser = args.focuser
-    if crew is not None:
+    if workers is not None:
         from sarmitsuba.cluster.focusing import shared
         from sarmitsuba.focusing.focuser import parse_focuser
 
-        focuser = shared(parse_focuser(args.focuser), crew)
+        focuser = shared(parse_focuser(args.focuser), workers)
     with watch.stage("focus"):
         image = focus(
             raw,

@@ -73,7 +73,7 @@ class KeyState:
     tau: F64
 
     def slant_range(self, point: F64) -> float:
-        """Half the way over a point (3,), m."""
+        """Half the path over a point (3,), m."""
         return float(np.linalg.norm(point - self.position, axis=-1).mean())
 
     def rate(self, point: F64) -> float:
@@ -147,7 +147,7 @@ def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b
     """Fit the curvature to the exact slant ranges of sample paths; a, b (n_samples, 3)."""
     state = key_state(radar, start, stop)
     tau = state.tau
-    # the way out is the transmitter's, the way back the receiver's, where there are two
+    # the incident leg is the transmitter's, the scattered leg the receiver's, where there are two
     out, back = 0, len(radar.tracks) - 1
 
     def distance(p: F64, antenna: int) -> F64:

@@ -21,7 +21,7 @@ CELL_BELOW_CLUTTER_DB = -20.0
 # about what it takes to prove a closed body convex
 PROOF_SECONDS_PER_FACE = 2.5e-6
 
-KINDS = ("coherent", "diffuse", "retro")
+KINDS = ("coherent", "diffuse", "reciprocal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,8 @@ class PairLevel:
     strongest : power in the square of the ground that has most, over mean clutter on as much ground
     square : m, side of the squares
     pairs : drawn ones that return something
-    draw_error : energy of the error that the draw of the run's pairs makes in the image, over that of the clutter
+    realisation_error : energy of the error that the realisation of the run's pairs makes in the image, over that of the
+        clutter
     cell : m, of the points that the run's pairs are drawn from
     cross : their cross-polar power over that of diffuse scatterers alone; 0 where the radar records none
     """
@@ -65,7 +66,7 @@ class PairLevel:
     strongest: float
     square: float
     pairs: int
-    draw_error: float
+    realisation_error: float
     cell: float
     cross: float = 0.0
 

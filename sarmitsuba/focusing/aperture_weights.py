@@ -64,12 +64,12 @@ def look_directions(radar: Radar, point: ArrayLike) -> F64:
 
 
 def pulse_ranges(radar: Radar, point: ArrayLike, pulses: slice | NDArray[np.int64] = slice(None)) -> F64:
-    """Slant range of points (..., 3) in every pulse, (..., n_pulses) m: half the way there and to the receiver."""
+    """Slant range of points (..., 3) in every pulse, (..., n_pulses) m: half the path there and to the receiver."""
     place = np.asarray(point, dtype=np.float64)[..., None, :]
-    way = np.linalg.norm(place - radar.track.position[pulses], axis=-1)
+    distance = np.linalg.norm(place - radar.track.position[pulses], axis=-1)
     if radar.receiver is not None:
-        way = 0.5 * (way + np.linalg.norm(place - radar.receiver.position[pulses], axis=-1))
-    return np.asarray(way)
+        distance = 0.5 * (distance + np.linalg.norm(place - radar.receiver.position[pulses], axis=-1))
+    return np.asarray(distance)
 
 
 def range_gradients(radar: Radar, point: ArrayLike) -> F64:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.backend import device_numbers, dr
-from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.echo.gridding import GriddingKernel
 from sarmitsuba.focusing.device_complex import TWO_PI, cis, scaled, times, weighted_sum
 from sarmitsuba.radar.antenna import Antenna
 
@@ -349,7 +349,7 @@ def accumulate(
     line: LanePixels,
     pulses: ProfileBatch,
     scales: Scales,
-    kernel: SpreadingKernel,
+    kernel: GriddingKernel,
     n_layers: int,
     weighting: Weighting,
 ) -> list[dr.ArrayBase]:

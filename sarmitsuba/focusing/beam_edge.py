@@ -58,7 +58,7 @@ def false_level(radar: Radar, grid: ImageGrid, window: Window, cell: float) -> F
     return np.asarray(np.interp(grid.azimuth - center, x, whole[: x.size] / dense))
 
 
-def dim_rows_warning(radar: Radar, grid: ImageGrid, window: Window, cell: float) -> str:
+def beam_edge_warning(radar: Radar, grid: ImageGrid, window: Window, cell: float) -> str:
     """Which rows lie so far out in a steered beam that their level is false; empty when none does."""
     if radar.antenna.pattern == "isotropic" or radar.mode_law.own_apertures or radar.track.n_pulses < 2:
         return ""
@@ -76,4 +76,4 @@ def dim_rows_warning(radar: Radar, grid: ImageGrid, window: Window, cell: float)
     )
 
 
-__all__ = ["dim_rows_warning", "false_level"]
+__all__ = ["beam_edge_warning", "false_level"]

@@ -14,7 +14,7 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.finite import check_pulses
 from sarmitsuba.focusing.aperture_weights import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
-from sarmitsuba.focusing.beam_edge import dim_rows_warning
+from sarmitsuba.focusing.beam_edge import beam_edge_warning
 from sarmitsuba.focusing.cells import azimuth_cells
 from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
@@ -127,7 +127,7 @@ def focus(
     incidence = incidence_angle(raw.radar, middle)
     range_cell = raw.radar.waveform.range_cell * range_window.broadening
     cells = azimuth_cells(raw.radar, grid, focused.pulse_weights, range_window)
-    for text in (cells.warning, dim_rows_warning(raw.radar, grid, azimuth_window, cells.center)):
+    for text in (cells.warning, beam_edge_warning(raw.radar, grid, azimuth_window, cells.center)):
         if text:
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
     stated = float(db_from_power(power_from_db(focuser.error_db(raw.radar, grid)) + power_from_db(left_db)))
@@ -165,7 +165,7 @@ def focus(
 def start_stop_phase(radar: Radar) -> float:
     r"""Phase (rad) by which an echo of the aim point is behind that of `Radar.start_stop`, at mid-aperture.
 
-    :math:`\frac{4 \pi}{\lambda} b^2 \cos^2\psi / 8 R` for a way b of the antenna between transmission and reception:
+    :math:`\frac{4 \pi}{\lambda} b^2 \cos^2\psi / 8 R` for a path b of the antenna between transmission and reception:
     0.1 rad in X band from orbit, and the same for all pixels.
     """
     if not radar.receives_itself:

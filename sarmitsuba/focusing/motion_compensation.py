@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import direction_gain
@@ -208,12 +208,12 @@ def compensation_residual(plan: Straightening, grid: ImageGrid) -> Residual:
     density = np.mean(np.diff(plan.x)) / np.interp(uniform, plan.x, np.gradient(plan.x))
     phase = power = 0.0
     for point in points:
-        way = point - radar.track.position
-        distance = np.linalg.norm(way, axis=1)
+        leg = point - radar.track.position
+        distance = np.linalg.norm(leg, axis=1)
         slant = np.linalg.norm(point - plan.line, axis=1)
-        lit = direction_gain(radar, slice(None), way / distance[:, None]) > _LIT
+        lit = direction_gain(radar, slice(None), leg / distance[:, None]) > _LIT
         if np.isfinite(radar.half_aperture):
-            lit &= np.abs((way @ plan.along) / distance - float(plan.sine or 0.0)) < radar.half_aperture
+            lit &= np.abs((leg @ plan.along) / distance - float(plan.sine or 0.0)) < radar.half_aperture
         if not lit.any():
             continue
         left = distance - plan.excess(slant[:, None])[:, 0]
@@ -224,7 +224,7 @@ def compensation_residual(plan: Straightening, grid: ImageGrid) -> Residual:
         error = moved * np.exp(1j * kc * straight) - density
         seen = np.interp(uniform, plan.x, lit) > 0.5
         left_here = float(np.square(np.abs(error[seen])).mean())
-        power = max(power, left_here + _beam_change(plan, point, way / distance[:, None]))
+        power = max(power, left_here + _beam_change(plan, point, leg / distance[:, None]))
     return Residual(phase, power + _cut_echoes(radar, grid))
 
 
@@ -263,7 +263,7 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
     2. the difference :math:`\Delta R_t(r) - \Delta R_t` of every range r, in phase and in place;
     3. resampling from the recorded to uniform places, after which the line's own history is put back.
 
-    Resampling is a type-2 non-uniform FFT with the spreading kernel of width 8 at twice the rate.
+    Resampling is a type-2 non-uniform FFT with the gridding kernel of width 8 at twice the rate.
 
     Parameters
     ----------
@@ -346,7 +346,7 @@ def _sample(spectrum: NDArray[np.complexfloating], place: F64) -> C64:
     (rows, m) complex64
     """
     rows, n = spectrum.shape
-    kernel = spreading_kernel(_WIDTH)
+    kernel = gridding_kernel(_WIDTH)
     half = n // 2
     padded = np.zeros((rows, 2 * n), dtype=np.complex64)
     gain = 2.0 / kernel.transform(scipy.fft.fftfreq(n) / 2.0)

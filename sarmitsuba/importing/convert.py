@@ -126,7 +126,7 @@ def _check_folder(folder: Path, force: bool) -> None:
             f"{folder}: the meshes go into a folder of this name, and the program did not make this one; move it, or "
             "choose another -o"
         )
-    if meshes.names and meshes.mark and not force:
+    if meshes.names and meshes.run_hash and not force:
         raise OutputError(
             f"{folder}: holds the meshes of a scene that was imported before; choose another -o, or --force replaces "
             "them"
@@ -163,7 +163,7 @@ def _write(model: Model, output: Path, meshes: OutputFolder) -> None:
                 made = temporary.lstat()
         finally:
             undo()
-    meshes.mark = output.name
+    meshes.run_hash = output.name
     meshes.enter(*names)
     meshes.drop(old)
 

@@ -28,7 +28,7 @@ from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.scene.wires import LineTarget, line_ends
+from sarmitsuba.scene.wires import WireTarget, wire_ends
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -77,7 +77,7 @@ def assemble(
     radar: RadarInput,
     settings: TraceSettings,
     notes: Sequence[str] = (),
-    lines: Sequence[LineTarget] = (),
+    wires: Sequence[WireTarget] = (),
     volumes: Sequence[Volume] = (),
     scatterers: Sequence[ScattererTarget] = (),
 ) -> Scene:
@@ -86,7 +86,7 @@ def assemble(
     Parameters
     ----------
     name, path : of the file
-    surfaces, points, lines : in the file frame
+    surfaces, points, wires : in the file frame
     materials : that ``surfaces`` point into
     radar : validated parameters of sensor and film
     settings : of the integrator
@@ -104,7 +104,7 @@ def assemble(
         raise SceneError(
             f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
         )
-    if not visible and not points and not lines and not scatterers:
+    if not visible and not points and not wires and not scatterers:
         what = "every shape is invisible" if surfaces else "there is no shape"
         raise SceneError(
             f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
@@ -117,15 +117,15 @@ def assemble(
         )
     for point in points:
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
-    for line in lines:
-        _check_size(f'{label}: radar_wire "{line.name}"', line.ends)
+    for wire in wires:
+        _check_size(f'{label}: radar_wire "{wire.name}"', wire.ends)
     for scatterer in scatterers:
         _check_size(f'{label}: {scatterer.kind} "{scatterer.name}"', scatterer.position)
     for volume in volumes:
         _check_size(f'{label}: volume "{volume.name}"', volume.vertices)
     positions = np.array([p.position for p in points]).reshape(-1, 3)
     own = positions_of(tuple(scatterers))
-    places = np.concatenate([positions, own, line_ends(tuple(lines)), *(v.vertices for v in volumes)])
+    places = np.concatenate([positions, own, wire_ends(tuple(wires)), *(v.vertices for v in volumes)])
     offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
@@ -145,7 +145,7 @@ def assemble(
         offset=offset,
         notes=(*notes, *repairs, *doubts, *radar_notes, *_black(label, surfaces, materials)),
         description=radar,
-        lines=tuple(line.moved(-offset) for line in lines),
+        wires=tuple(wire.moved(-offset) for wire in wires),
         volumes=tuple(replace(v, vertices=v.vertices - offset) for v in volumes),
         scatterers=tuple(scatterer.moved(-offset) for scatterer in scatterers),
     )

@@ -29,7 +29,7 @@ from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scatterers import ScattererTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.scene.wires import LineTarget
+from sarmitsuba.scene.wires import WireTarget
 
 if TYPE_CHECKING:
     import trimesh
@@ -83,7 +83,7 @@ class SceneMesh:
 
 @dataclass(frozen=True, eq=False)
 class SceneVolume:
-    """A closed body that waves go through, such as the crown of a tree.
+    """A closed volume that waves go through, such as the crown of a tree.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class SceneVolume:
 def build_scene(
     meshes: Sequence[SceneMesh] = (),
     points: Sequence[PointTarget] = (),
-    lines: Sequence[LineTarget] = (),
+    wires: Sequence[WireTarget] = (),
     *,
     volumes: Sequence[SceneVolume] = (),
     scatterers: Sequence[ScattererTarget] = (),
@@ -118,7 +118,7 @@ def build_scene(
 
     Parameters
     ----------
-    meshes, points, lines, volumes, scatterers : what there is to see, m
+    meshes, points, wires, volumes, scatterers : what there is to see, m
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
     settings : how to trace; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
@@ -151,7 +151,7 @@ def build_scene(
             elements.append((mesh.material, index))
         collector.surfaces.append(_surface(mesh, index, name))
     collector.points.extend(points)
-    collector.lines.extend(lines)
+    collector.wires.extend(wires)
     collector.scatterers.extend(scatterers)
     for volume in volumes:
         _add_volume(collector, volume, name)

@@ -173,9 +173,9 @@ POINT_SCATTERER = ParamTable(
 RADAR_WIRE = ParamTable(
     plugin="radar_wire",
     element="bsdf",
-    doc="On a `cylinder` or `linearcurve`: rods that scatter by the series of the infinite cylinder; no ray hits "
+    doc="On a `cylinder` or `linearcurve`: wires that scatter by the series of the infinite cylinder; no ray hits "
     "them, and they cast no shadow. Perfect conductors where nothing is given.",
-    hints={"rms_height": "rods are smooth", "diffuse_law": "rods are smooth"},
+    hints={"rms_height": "wires are smooth", "diffuse_law": "wires are smooth"},
     params=_PERMITTIVITY,
 )
 

@@ -1,4 +1,4 @@
-"""Cylinders and polylines of a scene file as rods that scatter by a closed form."""
+"""Cylinders and polylines of a scene file as wires that scatter by a closed form."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -12,18 +12,18 @@ from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.shapes import Placed, cylinder_axis, mesh_path
 from sarmitsuba.materials.cylinder import largest_ka
 from sarmitsuba.regular_files import read_text
-from sarmitsuba.scene.wires import LineTarget
+from sarmitsuba.scene.wires import WireTarget
 
 F64 = NDArray[np.float64]
 
-# rods thicker than a third of their length are no lines: their caps return as much as their sides
+# wires thicker than a third of their length are no wires: their caps return as much as their sides
 LEAST_SLENDERNESS = 3.0
-# ratio of the widths of a rod's cross-section that is still round
+# ratio of the widths of a wire's cross-section that is still round
 ROUND = 1.01
 
 
-def rods(placed: Placed, permittivity: complex | None, frequency: float) -> list[LineTarget]:
-    """Rods of a ``cylinder``, or of a ``linearcurve`` one for each piece.
+def wires(placed: Placed, permittivity: complex | None, frequency: float) -> list[WireTarget]:
+    """Wires of a ``cylinder``, or of a ``linearcurve`` one for each piece.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def rods(placed: Placed, permittivity: complex | None, frequency: float) -> list
 
     Raises
     ------
-    SceneError : the shape is neither, moves, has a file that cannot be read, or is no thin round rod
+    SceneError : the shape is neither, moves, has a file that cannot be read, or is no thin round wire
     """
     element, where = placed.element, placed.element.where
     if not placed.motion.still:
@@ -49,14 +49,14 @@ def rods(placed: Placed, permittivity: complex | None, frequency: float) -> list
         raise SceneError(
             f"{where}: radar_wire is on a {element.plugin}; put it on a cylinder or a linearcurve"
         )
-    out: list[LineTarget] = []
+    out: list[WireTarget] = []
     for curve in curves:
         for (*p0, first), (*p1, second) in pairwise(curve):
             ends = placed.moved(np.array([p0, p1]))
             name = placed.name if not out else f"{placed.name}/{len(out) + 1}"
             radius = 0.5 * (first + second) * _widening(placed, ends, np.array(p1) - p0)
             _check(where, ends, radius, permittivity, frequency)
-            out.append(LineTarget(name, ends[0], ends[1], radius, permittivity))
+            out.append(WireTarget(name, ends[0], ends[1], radius, permittivity))
     return out
 
 
@@ -76,7 +76,7 @@ def _check(where: str, ends: F64, radius: float, permittivity: complex | None, f
 
 
 def _widening(placed: Placed, ends: F64, local: F64) -> float:
-    """Factor of ``to_world`` on a rod's radius.
+    """Factor of ``to_world`` on a wire's radius.
 
     Raises
     ------
@@ -126,4 +126,4 @@ def _curves(element: Element) -> list[F64]:
     return out
 
 
-__all__ = ["LEAST_SLENDERNESS", "rods"]
+__all__ = ["LEAST_SLENDERNESS", "wires"]

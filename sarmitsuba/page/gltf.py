@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.wires import LineTarget
+from sarmitsuba.scene.wires import WireTarget
 
 F64 = NDArray[np.float64]
 
@@ -67,13 +67,13 @@ def page_mesh(geometry: Geometry, center: F64, most_faces: int = MOST_FACES) -> 
 def drawn(scene: Scene) -> tuple[Geometry, tuple[str, ...]]:
     """What a page draws of a scene, in the file's frame, and the names of its materials.
 
-    Its meshes, and its rods as one mesh of three-sided prisms.
+    Its meshes, and its wires as one mesh of three-sided prisms.
     """
     geometry, names = scene.geometry, tuple(material.name for material in scene.materials)
     vertices, faces = [geometry.vertices], [geometry.faces]
-    if scene.lines:
-        names = (*names, "metal rods")
-        prisms = [_prism(line) for line in scene.lines]
+    if scene.wires:
+        names = (*names, "metal wires")
+        prisms = [_prism(wire) for wire in scene.wires]
         first = len(geometry.vertices) + np.arange(len(prisms))[:, None, None] * len(prisms[0])
         vertices += prisms
         faces.append((first + _PRISM_FACES).reshape(-1, 3))
@@ -82,7 +82,7 @@ def drawn(scene: Scene) -> tuple[Geometry, tuple[str, ...]]:
             geometry,
             face_material=np.append(geometry.face_material, np.full(more, len(names) - 1, dtype=np.int32)),
             face_group=np.append(geometry.face_group, np.full(more, -1, dtype=np.int32)),
-            mesh_names=(*geometry.mesh_names, "rods"),
+            mesh_names=(*geometry.mesh_names, "wires"),
             mesh_face_offset=np.append(geometry.mesh_face_offset, geometry.n_faces + more),
             mesh_convex=(),
             mesh_motion=(),
@@ -97,14 +97,14 @@ _PRISM_FACES = np.array(
 )
 
 
-def _prism(line: LineTarget) -> F64:
-    """(6, 3) corners of a rod, no thinner than what a page can store."""
-    axis = (line.end - line.start) / line.length
+def _prism(wire: WireTarget) -> F64:
+    """(6, 3) corners of a wire, no thinner than what a page can store."""
+    axis = (wire.end - wire.start) / wire.length
     x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     x /= np.linalg.norm(x)
     angle = 2.0 * np.pi / 3.0 * np.arange(3)[:, None]
-    rim = max(line.radius, 8.0 * GRID) * (np.cos(angle) * x + np.sin(angle) * np.cross(axis, x))
-    return np.concatenate([line.start + rim, line.end + rim])
+    rim = max(wire.radius, 8.0 * GRID) * (np.cos(angle) * x + np.sin(angle) * np.cross(axis, x))
+    return np.concatenate([wire.start + rim, wire.end + rim])
 
 
 def _fewer(

@@ -189,9 +189,9 @@ def _of_tile(
 def _reach(scene: Scene, pulse: int, spots: F64) -> float:
     """Resolution cells from the middle of a part of the image, (3, 3, 3) m, that its paths stand away at most."""
     track, cell = scene.radar.track, scene.radar.waveform.range_cell
-    way = track.position[pulse] - spots.reshape(-1, 3)
-    distance = np.linalg.norm(way, axis=1)
-    ahead = way @ track.velocity[pulse] / np.linalg.norm(track.velocity[pulse])
+    leg = track.position[pulse] - spots.reshape(-1, 3)
+    distance = np.linalg.norm(leg, axis=1)
+    ahead = leg @ track.velocity[pulse] / np.linalg.norm(track.velocity[pulse])
     in_range = np.abs(distance - distance[4]).max() / cell
     in_azimuth = np.abs(ahead - ahead[4]).max() / azimuth_cell(scene)
     # the gate is straight in range and rate where a part of the image is not quite

@@ -24,7 +24,7 @@ def range_acceleration(track: Track, line: F64) -> F64:
     return np.asarray(np.sum(track.velocity**2, axis=1) - np.einsum("ij,ij->i", line, acceleration))
 
 
-def turning(track: Track, point: F64, pulse: int) -> float:
+def effective_velocity_ratio(track: Track, point: F64, pulse: int) -> float:
     r"""Rate of the sine of a point's direction along the flight, over that from a straight track of the same speed.
 
     .. math:: V_{eff}^2 / V^2
@@ -49,4 +49,4 @@ def turning(track: Track, point: F64, pulse: int) -> float:
     return half / float(np.sum(near.velocity[here] ** 2))
 
 
-__all__ = ["range_acceleration", "turning"]
+__all__ = ["effective_velocity_ratio", "range_acceleration"]

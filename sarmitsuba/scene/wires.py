@@ -1,4 +1,4 @@
-"""Straight round rods that scatter by a closed form: wires, rails, posts, members of lattice masts."""
+"""Straight round wires that scatter by a closed form: cables, rails, posts, members of lattice masts."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,8 @@ F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class LineTarget:
-    """A straight round rod; it returns echoes by the series of the infinite cylinder, and no ray hits it.
+class WireTarget:
+    """A straight round wire; it returns echoes by the series of the infinite cylinder, and no ray hits it.
 
     Parameters
     ----------
@@ -52,14 +52,14 @@ class LineTarget:
         """From end to end, m."""
         return float(np.linalg.norm(self.end - self.start))
 
-    def moved(self, step: F64) -> "LineTarget":
+    def moved(self, step: F64) -> "WireTarget":
         """The same, (3,) m farther on."""
-        return LineTarget(self.name, self.start + step, self.end + step, self.radius, self.permittivity)
+        return WireTarget(self.name, self.start + step, self.end + step, self.radius, self.permittivity)
 
 
-def line_ends(lines: tuple[LineTarget, ...]) -> F64:
-    """(2 n_lines, 3) float64 ends of all lines, m, scene frame."""
-    return np.concatenate([line.ends for line in lines]) if lines else np.zeros((0, 3))
+def wire_ends(wires: tuple[WireTarget, ...]) -> F64:
+    """(2 n_wires, 3) float64 ends of all wires, m, scene frame."""
+    return np.concatenate([wire.ends for wire in wires]) if wires else np.zeros((0, 3))
 
 
-__all__ = ["LineTarget", "line_ends"]
+__all__ = ["WireTarget", "wire_ends"]

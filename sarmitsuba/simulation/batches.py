@@ -136,7 +136,7 @@ class TraceJob:
         return BatchTracer(tracer, rays, self.layers.per_subset, self.layers.max_order)
 
 
-class Crew(Protocol):
+class Workers(Protocol):
     """Workers that trace batches in processes of their own."""
 
     @property
@@ -157,4 +157,4 @@ def built(scene: Scene) -> TraceScene:
     return replace(made, passages=passages_of(scene))
 
 
-__all__ = ["Batch", "BatchTracer", "Crew", "TraceJob", "Traced", "built"]
+__all__ = ["Batch", "BatchTracer", "TraceJob", "Traced", "Workers", "built"]

@@ -81,7 +81,7 @@ class FarSite(Site):
         self.aspects = aspects
 
     @property
-    def line_step(self) -> float:
+    def wire_step(self) -> float:
         """See :class:`Site`: a wire is one node."""
         return float("inf")
 

@@ -176,7 +176,7 @@ class Imager:
                 f"{run.scene.name}: method raster projects what rests, and a mesh moves; take method image or "
                 "hybrid, or set moving_targets off"
             )
-        left_out = f"{run.scene.name}: method raster draws surfaces alone; rods and volumes are left out"
+        left_out = f"{run.scene.name}: method raster draws surfaces alone; wires and volumes are left out"
         if run.scene.has_sources and left_out not in run.notes:
             run.notes.append(left_out)
         left = [stage.name for stage in stages_of(run.plan.flags) if stage.name in run.plan.flags.extra]

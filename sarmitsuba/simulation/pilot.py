@@ -115,7 +115,7 @@ def examine(
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not returns:
         return SceneContext(scene, sampling.for_effects(), known_shape=shape)
-    # a draw of pairs takes so little that no run is too short for it
+    # a realisation of pairs takes so little that no run is too short for it
     paired = draft.flags.diffuse and pilot is not False and _may_pair(scene)
     traced = wanted or not (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape))
     known = SceneContext(scene, sampling.for_effects(), known_shape=shape)
@@ -377,7 +377,7 @@ def _trace(
     patches: _Patches,
     orders: int,
 ) -> tuple[F64, float]:
-    """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum.
+    """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, reciprocal, and their coherent sum.
 
     And the largest share of a patch's power that still goes on after the last order.
     """

@@ -35,7 +35,7 @@ class PointEcho:
 
     Parameters
     ----------
-    slant_range, range_rate : (n,) float64, m and m/s, with the delay in panes
+    slant_range, range_rate : (n,) float64, m and m/s, with the delay in slabs
     amplitude : (n,) complex128, sqrt(W), co-polar, as if nothing stood in the way
     legs : to the transmitter and to the receiver
     changed : (n,) complex128 of each channel, as stages of the kernel change them; None: none does
@@ -155,7 +155,7 @@ def add_points(
 
     .. math:: K \sqrt{\sigma} e^{j \phi} g_t / (R_t R_r) \, \mathrm{sinc}((r - R) / \Delta r) e^{-j 4 \pi f_c R / c}
 
-    with :math:`R = (R_t + R_r) / 2` half the way from the transmitter to the receiver, mostly one antenna.
+    with :math:`R = (R_t + R_r) / 2` half the path from the transmitter to the receiver, mostly one antenna.
 
     Parameters
     ----------

@@ -188,9 +188,11 @@ class _AspectTracing:
         """Of returns beside the rays'."""
         return sources_of(self.site)
 
-    def amplitudes(self, aspects: Aspects, draw: int) -> RcsResult:
-        """Scattering amplitudes (n, depth, n_channels); other draws have other rays."""
-        parts = [(pick, self._traced(aspects.directions[pick], up, draw)) for pick, up in _uprights(aspects)]
+    def amplitudes(self, aspects: Aspects, realisation: int) -> RcsResult:
+        """Scattering amplitudes (n, depth, n_channels); other realisations have other rays."""
+        parts = [
+            (pick, self._traced(aspects.directions[pick], up, realisation)) for pick, up in _uprights(aspects)
+        ]
         first = parts[0][1]
         amplitude = np.empty((aspects.azimuth.size, *first.amplitude.shape[1:]), dtype=np.complex128)
         unfinished = np.zeros(aspects.azimuth.size, dtype=bool)
@@ -228,7 +230,7 @@ class _AspectTracing:
         with np.errstate(divide="ignore", invalid="ignore"):
             return tuple(float(v) for v in 10.0 * np.log10(error / energy))
 
-    def _traced(self, directions: F64, up: tuple[float, float, float], draw: int) -> RcsResult:
+    def _traced(self, directions: F64, up: tuple[float, float, float], realisation: int) -> RcsResult:
         scene = self.scene
         return monostatic_rcs(
             scene.geometry,
@@ -241,7 +243,7 @@ class _AspectTracing:
             keep_orders=True,
             flags=self.flags,
             seed=scene.settings.seed,
-            draw=draw,
+            realisation=realisation,
             cell=self.site.scatterer_cell,
             up=up,
             days=scene.settings.pass_days,
@@ -289,7 +291,7 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
         extra=plan.flags.extra - near,
     )
     left = plan.apply(scene)
-    kept = dataclasses.replace(scene, lines=left.lines, volumes=left.volumes, scatterers=left.scatterers)
+    kept = dataclasses.replace(scene, wires=left.wires, volumes=left.volumes, scatterers=left.scatterers)
     return kept, flags, plan.max_depth
 
 
@@ -308,7 +310,7 @@ def _uprights(aspects: Aspects) -> Iterator[tuple[NDArray[np.intp], tuple[float,
 
 
 def _points(scene: Scene, flags: KernelFlags, channels: tuple[str, ...], aspects: Aspects) -> C128:
-    """Amplitudes (n, n_channels) of the ideal points, hidden where a mesh stands before them that is no pane."""
+    """Amplitudes (n, n_channels) of the ideal points, hidden where a mesh stands before them that is no slab."""
     look = aspects.directions
     center, radius = target_middle(scene)
     wavelength = scene.radar.waveform.wavelength

@@ -126,13 +126,13 @@ from sarmitsuba.theory.vegetation import (
     isotropic_between,
     isotropic_orientation,
     layer_transmission,
+    path_in_ball,
+    path_in_box,
     plant_permittivity,
     sphere_cloud,
     thin_rod,
     trunk_ground_rcs,
     water_cloud_sigma0,
-    way_through_ball,
-    way_through_box,
 )
 
 __all__ = [
@@ -214,6 +214,8 @@ __all__ = [
     "optics_coefficients",
     "orbital_speed",
     "pair_sum",
+    "path_in_ball",
+    "path_in_box",
     "phase_test",
     "plant_permittivity",
     "plate_along_its_sheet",
@@ -263,8 +265,6 @@ __all__ = [
     "wall_ground_amplitude",
     "wall_phase_ramp",
     "water_cloud_sigma0",
-    "way_through_ball",
-    "way_through_box",
     "wedge_coefficients",
     "wedge_current_series",
 ]

@@ -84,8 +84,8 @@ def _matched(n: int, ka: float, cosine: float, beta: float, permittivity: comple
     # the wave inside in units of its value at the surface
     within = column(inside, permittivity, 1.0, _log_derivative(n, y))
     out = column(cosine, 1.0, 1.0, h2vp(n, x) / hankel2(n, x))
-    came = column(cosine, 1.0, jv(n, x), jvp(n, x))
-    solved = np.linalg.solve(np.concatenate([out, -within], axis=1), -came)
+    incident = column(cosine, 1.0, jv(n, x), jvp(n, x))
+    solved = np.linalg.solve(np.concatenate([out, -within], axis=1), -incident)
     return np.asarray(solved[:2] / hankel2(n, x))
 
 
@@ -110,8 +110,8 @@ def line_amplitude(
     radius: float,
     ends: ArrayLike,
     wavelength: float,
-    came: ArrayLike,
-    goes: ArrayLike,
+    incident: ArrayLike,
+    scattered: ArrayLike,
     permittivity: complex | None = None,
 ) -> C128:
     r"""Return the (3, 3) scattering dyad of a straight round line in the far field, m, phase about the origin.
@@ -128,7 +128,7 @@ def line_amplitude(
     ----------
     radius : m
     ends : (2, 3) m
-    came, goes : (3,) directions of the incoming and of the scattered wave
+    incident, scattered : (3,) directions of the incoming and of the scattered wave
     permittivity : relative; None is a perfect conductor
 
     Notes
@@ -140,7 +140,7 @@ def line_amplitude(
     Ruck et al. (1970), chapter 4; Knott, Shaeffer and Tuley, Radar Cross Section, 2nd ed. (2004), chapter 6.
     """
     start, end = np.asarray(ends, dtype=np.float64)
-    d, s = (np.asarray(v, dtype=np.float64) / np.linalg.norm(v) for v in (came, goes))
+    d, s = (np.asarray(v, dtype=np.float64) / np.linalg.norm(v) for v in (incident, scattered))
     length = float(np.linalg.norm(end - start))
     axis = (end - start) / length
     k = 2.0 * np.pi / wavelength
@@ -296,8 +296,8 @@ def post_amplitude(
     v_down, v_up = np.cross(h, down), np.cross(h, up)
     ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, height]])
 
-    def dyad(came: F64, goes: F64) -> C128:
-        return line_amplitude(radius, ends, wavelength, came, goes, permittivity)
+    def dyad(incident: F64, scattered: F64) -> C128:
+        return line_amplitude(radius, ends, wavelength, incident, scattered, permittivity)
 
     total = []
     for near, mirrored in ((h + 0.0j, complex(te) * h), (v_down + 0.0j, complex(tm) * v_up)):

@@ -120,16 +120,16 @@ class PairSource:
         if receiver is not None:
             home_a, home_b = (_lit(kernel, receiver, pulse, end) for end in (a, b))
         weight = weight * kernel.constants.amplitude
-        one = self._way(kernel, antenna, pulse, (a, out_a), (b, home_b), weight)
+        one = self._path(kernel, antenna, pulse, (a, out_a), (b, home_b), weight)
         added = accumulator.begin()
         if receiver is None:
             # the other way round has the same length, and the transposed channel
-            other = self._way(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
+            other = self._path(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
             both = tuple(x + y for x, y in zip(one.amplitudes, other.amplitudes, strict=True))
             added = accumulator.add(added, replace(one, amplitudes=both))
             contributions = dr.select(one.active, mi.UInt32(1), 0)
         else:
-            other = self._way(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
+            other = self._path(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
             added = accumulator.add(accumulator.add(added, one), other)
             contributions = dr.select(one.active, mi.UInt32(1), 0) + dr.select(other.active, mi.UInt32(1), 0)
         return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
@@ -170,7 +170,7 @@ class PairSource:
             )
         return ends[0], ends[1], weight
 
-    def _way(
+    def _path(
         self,
         kernel: Kernel,
         antenna: Antenna,
@@ -212,7 +212,7 @@ class PairSource:
             fields.append(field.add(field.scale(zu, u), field.scale(zv, v)))
         passed, shift = Surroundings.within(kernel).passed(arrival, -s, r, out.seen, tuple(fields))
         between = dict(zip(letters, passed, strict=True))
-        if shift is not None:  # the delay in panes between the two
+        if shift is not None:  # the delay in slabs between the two
             length = length - dr.dot(mi.Vector3d(s), mi.Vector3d(shift))
         values = [
             mixed(second.between_fields(home.sent(channel[1]), between[channel[0]]), b.random) * factor

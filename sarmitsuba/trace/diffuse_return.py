@@ -13,7 +13,7 @@ from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
 from sarmitsuba.trace.state import (
     DIFFUSE,
-    RETRO,
+    RECIPROCAL,
     REVERSED,
     Contribution,
     Hit,
@@ -69,11 +69,11 @@ class DiffuseReturns:
     Parameters
     ----------
     lattice : scatterers in the patch of the facet
-    straight : per channel, values of the fixed tensors on the way home
-    retro : the same back along the ray's own chain; None where there are no such paths
+    straight : per channel, values of the fixed tensors on the scattered leg
+    reciprocal : the same back along the ray's own chain; None where there are no such paths
     reverse : the same of the path straight to a hit behind mirrors and back through the chain to a receiver apart; None
         where it is as long as the straight one, which then counts for both
-    straight_weight, retro_weight : factors of both
+    straight_weight, reciprocal_weight : factors of both
     receive : how the antenna receives what comes from the hit
     age : what has become of the scatterers since the first pass; None where nothing changes
     """
@@ -84,10 +84,10 @@ class DiffuseReturns:
     hit: Hit
     lattice: ScattererLattice
     straight: list[list[mi.Complex2f]]
-    retro: list[list[mi.Complex2f]] | None
+    reciprocal: list[list[mi.Complex2f]] | None
     reverse: list[list[mi.Complex2f]] | None
     straight_weight: mi.Float
-    retro_weight: mi.Float
+    reciprocal_weight: mi.Float
     receive: Receiver
     age: Age | None
 
@@ -95,12 +95,12 @@ class DiffuseReturns:
         """The first return there is."""
         node, back = self.lattice.first(), mi.Bool(False)
         other_way = None if self.reverse is None else mi.Bool(False)
-        return Slot(node, back if self.retro is None else ~self.hit.sees, other_way)
+        return Slot(node, back if self.reciprocal is None else ~self.hit.sees, other_way)
 
     def after(self, slot: Slot, same: mi.Bool) -> Slot:
         """The next one, back along the chain or of the next node; in ``same`` lanes the slot itself."""
         stays, back, other_way = same, slot.back, slot.other_way
-        if self.retro is not None:
+        if self.reciprocal is not None:
             # what the antenna sees from behind a mirror has two returns
             turns = ~same & ~slot.back & ~self.hit.first
             if other_way is not None:
@@ -131,7 +131,7 @@ class DiffuseReturns:
         if drift.bragg is None:
             return found
         twice, once = -2.0 * hit.direction, hit.to_antenna - hit.direction
-        rate = drift.bragg.range_rate(dr.select(found.kind == RETRO, twice, once))
+        rate = drift.bragg.range_rate(dr.select(found.kind == RECIPROCAL, twice, once))
         return replace(
             found,
             slant_range=found.slant_range + rate * drift.bragg.time,
@@ -160,24 +160,26 @@ class DiffuseReturns:
             active=active,
             point=centre,
         )
-        if self.retro is None:
+        if self.reciprocal is None:
             return straight
-        retro = replace(
+        reciprocal = replace(
             straight,
-            kind=mi.UInt32(RETRO),
+            kind=mi.UInt32(RECIPROCAL),
             order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
             slant_range=length,
             range_rate=rate_out,
-            amplitudes=tuple(mixed(terms, random) * self.retro_weight for terms in self.retro),
+            amplitudes=tuple(mixed(terms, random) * self.reciprocal_weight for terms in self.reciprocal),
         )
         if self.reverse is None or slot.other_way is None:
-            return selected(slot.back, retro, straight)
+            return selected(slot.back, reciprocal, straight)
         home, rate_home = self._through_chain(centre, movement)
-        retro = replace(retro, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home))
+        reciprocal = replace(
+            reciprocal, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home)
+        )
         return selected(
             slot.other_way,
             self._reversed(straight, self.reverse, random, home, rate_home, movement),
-            selected(slot.back, retro, straight),
+            selected(slot.back, reciprocal, straight),
         )
 
     def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
@@ -196,7 +198,7 @@ class DiffuseReturns:
             properties = dr.gather(mi.Vector4f, scene.material_table, bits & MATERIAL_MASK, active)
             hit = replace(hit, material=bits, properties=properties)
             terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
-            out = replace(out, hit=hit, straight=terms[0], retro=terms[1], reverse=terms[2])
+            out = replace(out, hit=hit, straight=terms[0], reciprocal=terms[1], reverse=terms[2])
             if self.age is not None:
                 out = replace(out, age=Age.of(kernel, bits))
         factor = surfaces.amplitude(
@@ -209,7 +211,9 @@ class DiffuseReturns:
             active,
         )
         return replace(
-            out, straight_weight=self.straight_weight * factor, retro_weight=self.retro_weight * factor
+            out,
+            straight_weight=self.straight_weight * factor,
+            reciprocal_weight=self.reciprocal_weight * factor,
         )
 
     def _reversed(
@@ -228,7 +232,7 @@ class DiffuseReturns:
         straight : return the one way
         reverse : per channel, values of the fixed tensors the other way
         random : of the scatterer
-        home, rate_home : m and m/s, of the way home through the chain
+        home, rate_home : m and m/s, of the scattered leg through the chain
         movement : of the scatterer
 
         Notes
@@ -268,13 +272,13 @@ def close_diffuse(
 ) -> DiffuseReturns:
     """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
     constants = kernel.constants
-    straight, retro, reverse = _terms(kernel, lane, ray, hit, receive)
+    straight, reciprocal, reverse = _terms(kernel, lane, ray, hit, receive)
     patch = tube_here.patch
     cell = cell_on(constants.cell, hit.largest_cell)
     if ray.spread is not None:
         plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
         cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
-    returns = hit.sees if retro is None else hit.sees | (hit.active & ~hit.first)
+    returns = hit.sees if reciprocal is None else hit.sees | (hit.active & ~hit.first)
     # where the facet is at time zero: its scatterers go with it
     p = hit.p if hit.movement is None else hit.p - hit.movement.shift
     lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
@@ -287,10 +291,10 @@ def close_diffuse(
         hit=hit,
         lattice=lattice,
         straight=straight,
-        retro=retro,
+        reciprocal=reciprocal,
         reverse=reverse,
         straight_weight=weight * tube_here.loss * receive.gain,
-        retro_weight=weight * tube_here.loss_retro,
+        reciprocal_weight=weight * tube_here.loss_reciprocal,
         receive=receive,
         age=Age.of(kernel, hit.material),
     )
@@ -303,7 +307,7 @@ def _terms(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
 ) -> tuple[Terms, Terms | None, Terms | None]:
     """Per channel, values of the fixed tensors straight home, back along the chain, and the other way round."""
-    flags, both_ways = kernel.flags, kernel.both_ways
+    flags, reciprocal_diffuse = kernel.flags, kernel.reciprocal_diffuse
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
     # only behind a mirror, or with two antennas, do the two directions differ
     backscatter = hit.first if flags.multi_bounce else None
@@ -313,12 +317,12 @@ def _terms(
     seen = hit if water is None else _tilted(water, hit, hit.material & MATERIAL_MASK, lane.time)
     matrix = ScatteringMatrix(kernel.scene, seen, hit.to_antenna, flags, backscatter)
     straight: list[list[mi.Complex2f]] = []
-    retro = None
-    reverse: list[list[mi.Complex2f]] | None = [] if both_ways and kernel.bistatic else None
+    reciprocal = None
+    reverse: list[list[mi.Complex2f]] | None = [] if reciprocal_diffuse and kernel.bistatic else None
     for channel in flags.closed:
         sent, received = channel[0], channel[1]
         terms = _between(matrix, receive.basis[received], fields[sent])
-        if both_ways:
+        if reciprocal_diffuse:
             # behind mirrors the reversed path comes home with the same length: the transposed channel
             swapped = _between(matrix, receive.basis[sent], fields[received])
             if reverse is not None:
@@ -327,12 +331,14 @@ def _terms(
                 none = mi.Complex2f(0.0)
                 terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, swapped, strict=True)]
         straight.append(terms)
-    if both_ways:
+    if reciprocal_diffuse:
         matrix = ScatteringMatrix(kernel.scene, seen, -hit.direction, flags, None)
-        retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed]
+        reciprocal = [
+            matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed
+        ]
     return (
         _recorded(flags, straight),
-        None if retro is None else _recorded(flags, retro),
+        None if reciprocal is None else _recorded(flags, reciprocal),
         None if reverse is None else _recorded(flags, reverse),
     )
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 # numbers of a motion's row: displacement and a zero, velocity and a zero
 ROW = 8
-# cosine of incidence down to which a rim's shadow moves as fast as it does
+# cosine of incidence down to which a shadow boundary moves as fast as it does
 LEAST_COSINE = 0.05
 
 
@@ -94,7 +94,7 @@ class Movement:
 
 
 @dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
-class Rim:
+class ShadowBoundary:
     """What bounds the light of a chain of mirrors: the smallest piece of surface on the way.
 
     Parameters
@@ -104,25 +104,25 @@ class Rim:
 
     Notes
     -----
-    Tubes tile the patch and their common sides must go the same way, so that all tubes of a chain follow one rim.
-    Ignores that the patch may end at several pieces that move differently.
+    Tubes tile the patch and their common sides must go the same way, so that all tubes of a chain follow one shadow
+    boundary. Ignores that the patch may end at several pieces that move differently.
     """
 
     velocity: mi.Vector3d
     size: mi.Float
 
     @staticmethod
-    def open() -> Rim:
+    def open() -> ShadowBoundary:
         """Before the first hit."""
-        return Rim(dr.zeros(mi.Vector3d), mi.Float(dr.inf))
+        return ShadowBoundary(dr.zeros(mi.Vector3d), mi.Float(dr.inf))
 
-    def at(self, movement: Movement, size: mi.Float) -> Rim:
-        """The rim of the light on a facet that was hit."""
+    def at(self, movement: Movement, size: mi.Float) -> ShadowBoundary:
+        """The shadow boundary on a facet that was hit."""
         own = size <= self.size
-        return Rim(dr.select(own, movement.velocity, self.velocity), dr.minimum(size, self.size))
+        return ShadowBoundary(dr.select(own, movement.velocity, self.velocity), dr.minimum(size, self.size))
 
     def on(self, movement: Movement, direction: mi.Vector3d, normal: mi.Vector3d) -> mi.Vector3d:
-        r"""Velocity (m/s) of the lit patch of a facet: of the rim's shadow, cast along the ray.
+        r"""Velocity (m/s) of the lit patch of a facet: of the shadow boundary, cast along the ray.
 
         .. math:: \mathbf u = \mathbf r + \mathbf d
                   \frac{\mathbf n \cdot (\mathbf w - \mathbf r)}{\mathbf n \cdot \mathbf d}
@@ -137,10 +137,10 @@ class Rim:
         behind = dr.dot(normal, movement.velocity - self.velocity) / facing
         return self.velocity + direction * behind
 
-    def mirrored(self, movement: Movement, normal: mi.Vector3d) -> Rim:
-        """The rim as seen through a mirror that moves."""
+    def mirrored(self, movement: Movement, normal: mi.Vector3d) -> ShadowBoundary:
+        """The shadow boundary as seen through a mirror that moves."""
         velocity = self.velocity - normal * (2.0 * dr.dot(self.velocity - movement.velocity, normal))
-        return Rim(velocity, self.size)
+        return ShadowBoundary(velocity, self.size)
 
 
 def _state(motions: tuple[Motion, ...] | list[Motion], time: float) -> mi.Float64:
@@ -150,4 +150,4 @@ def _state(motions: tuple[Motion, ...] | list[Motion], time: float) -> mi.Float6
     return device_array(mi.Float64, rows)
 
 
-__all__ = ["Movement", "Movers", "Rim"]
+__all__ = ["Movement", "Movers", "ShadowBoundary"]

@@ -91,7 +91,7 @@ def find_pairs(
     Notes
     -----
     Pairs that have an end which only positions between the views see are left out, and those that see each other
-    through a pane which scatters itself.
+    through a slab which scatters itself.
     """
     sides = _facing(samples, views)
     index = np.concatenate([np.flatnonzero(side) for side in sides])

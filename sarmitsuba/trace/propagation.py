@@ -14,7 +14,7 @@ from sarmitsuba.trace.antenna_weight import BeamPattern, fade
 from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
 from sarmitsuba.trace.leg import Surroundings
-from sarmitsuba.trace.movement import Rim
+from sarmitsuba.trace.movement import ShadowBoundary
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.slab_passage import slab_factors
@@ -66,7 +66,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         receiver, receiver_velocity = antenna_of(pulses.receiver, pulse)
         # a block knows both antennas' own azimuth patterns: no leg is measured by the other's
         pattern = BeamPattern(antenna, pulses.receiver, pulse, None) if flags.antenna_pattern else None
-    apart = kernel.bistatic and (kernel.both_ways or kernel.reversible)
+    apart = kernel.bistatic and (kernel.reciprocal_diffuse or kernel.reversible)
     h, v = field.polarisation_basis(d, constants.up)
 
     lane = Lane(
@@ -99,7 +99,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         if kernel.curved
         else None,
         extent=tube.unlimited(),
-        rim=Rim.open() if flags.motion else None,
+        shadow_boundary=ShadowBoundary.open() if flags.motion else None,
         fields=tuple(field.transmitted(letter, h, v, weight) for letter in flags.tracked),
         contributions=u32(0),
         crossed=u32(0) if kernel.transmits else None,
@@ -163,7 +163,7 @@ def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.
 
 
 def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
-    """Find the next facet on the ray's way and look from there to the antenna."""
+    """Find the next facet on the ray's path and look from there to the antenna."""
     scene, clearance = kernel.scene, kernel.constants.clearance
     first = ray.hits == 0
     face, uv, active = _next_facet(scene, lane, ray, first)
@@ -171,7 +171,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     info = dr.gather(mi.Vector4u, scene.face_info, face, active)
     met = active
     active = active & (~first | _served(kernel.grid.purpose, lane.needs, info))
-    # also rays that stand for something behind a pane go through it
+    # also rays that stand for something behind a slab go through it
     known = met if kernel.transmits else active
 
     # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
@@ -293,8 +293,8 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootpr
     growth = mi.Float(hit.length) * lane.inverse_start
     cross_a, cross_b = ray.edge_a * growth, ray.edge_b * growth
     if ray.spread is not None:
-        way = mi.Float(hit.length - ray.spread.start)
-        cross_a, cross_b = ray.edge_a + ray.spread.a * way, ray.edge_b + ray.spread.b * way
+        path = mi.Float(hit.length - ray.spread.start)
+        cross_a, cross_b = ray.edge_a + ray.spread.a * path, ray.edge_b + ray.spread.b * path
     u, v = (tube.footprint(x, hit.direction, hit.normal, hit.cos_incidence) for x in (cross_a, cross_b))
     point = mi.Vector3f(hit.p - hit.vertex0)
     edges = _edges(kernel.scene.edge_table, hit)
@@ -313,7 +313,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootpr
     # chosen by a number: whether a range varies enough to matter depends on the look, and would be another kernel
     spreads, constant = dr.opaque(mi.Bool, kernel.flags.spreading), kernel.constants.inverse_range2
     loss = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length_back)), constant)
-    loss_retro = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length)), constant)
+    loss_reciprocal = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length)), constant)
     lost = None
     if ray.spread is not None:
         # a tube keeps its power: spread more than a sphere's it carries less field over more area
@@ -321,9 +321,9 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootpr
         area *= wider
         squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
         loss *= squeezed
-        loss_retro *= dr.square(squeezed)
+        loss_reciprocal *= dr.square(squeezed)
         lost = ~(wider < curved_mirror.WIDEST_SPREAD)  # also where it is not a number
-    return TubeFootprint(u, v, extent, patch, bounds, area, loss, loss_retro, lost)
+    return TubeFootprint(u, v, extent, patch, bounds, area, loss, loss_reciprocal, lost)
 
 
 def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:
@@ -352,8 +352,8 @@ def past_foci(ray: RayState, hit: Hit) -> RayState:
     """
     if ray.spread is None:
         return ray
-    d, way = hit.direction, mi.Float(hit.length - ray.spread.start)
-    a, b = ray.spread.a * way, ray.spread.b * way  # growth over the whole way, on which w runs from 0 to 1
+    d, path = hit.direction, mi.Float(hit.length - ray.spread.start)
+    a, b = ray.spread.a * path, ray.spread.b * path  # growth over the whole path, on which w runs from 0 to 1
     constant = dr.dot(dr.cross(ray.edge_a, ray.edge_b), d)
     linear = dr.dot(dr.cross(ray.edge_a, b) + dr.cross(a, ray.edge_b), d)
     square = dr.dot(dr.cross(a, b), d)
@@ -409,8 +409,8 @@ def through_passages(kernel: Kernel, ray: RayState, hit: Hit) -> RayState:
     passages = kernel.scene.passages
     if not passages:
         return ray
-    way = dr.norm(mi.Vector3f(hit.p) - ray.origin)
-    return replace(ray, fields=passed(passages, ray.origin, hit.direction, way, hit.active, ray.fields))
+    path = dr.norm(mi.Vector3f(hit.p) - ray.origin)
+    return replace(ray, fields=passed(passages, ray.origin, hit.direction, path, hit.active, ray.fields))
 
 
 def reflect(
@@ -427,12 +427,12 @@ def reflect(
     fields = mirrored(kernel, hit.properties, hit.cos_incidence, reflection.fields)
     antenna, d64 = ray.virtual_antenna, hit.direction64
     velocity = towards = ray.virtual_velocity
-    rim = ray.rim
+    shadow_boundary = ray.shadow_boundary
     receiver, receiver_velocity = ray.virtual_receiver, ray.virtual_receiver_velocity
     if hit.movement is not None:  # the image of what rests in a mirror moves twice as fast as the mirror
         towards = velocity - hit.movement.velocity
-        if rim is not None:
-            rim = rim.at(hit.movement, hit.largest_cell).mirrored(hit.movement, n64)
+        if shadow_boundary is not None:
+            shadow_boundary = shadow_boundary.at(hit.movement, hit.largest_cell).mirrored(hit.movement, n64)
     if receiver is not None and receiver_velocity is not None:
         receiver = receiver - n64 * (2.0 * dr.dot(receiver - hit.p, n64))
         relative = receiver_velocity if hit.movement is None else receiver_velocity - hit.movement.velocity
@@ -450,7 +450,7 @@ def reflect(
         edge_b=edge_b,
         spread=spread,
         extent=tube_here.extent,
-        rim=rim,
+        shadow_boundary=shadow_boundary,
         fields=fields,
         contributions=ray.contributions,
         crossed=ray.crossed,

@@ -83,7 +83,7 @@ class SlabTables:
     def prepare(self) -> None:
         """Build what kernels look up: not while one is recorded."""
         if self.passes:
-            _ = self.panes, self.pane_face, self.walls, self.gap
+            _ = self.transmitting, self.transmitting_face, self.walls, self.gap
         _ = self.depths, self.sheets
 
     @cached_property
@@ -95,7 +95,7 @@ class SlabTables:
     def depths(self) -> mi.Float:
         """(2 n_faces,) float32, m: from a facet to the slab's face on its normal's side, and to the other one.
 
-        0 and 0 where nothing gets through, which is a half space from either side, and where a pane is a box, each
+        0 and 0 where nothing gets through, which is a half space from either side, and where a slab is a box, each
         face of which is drawn.
         """
         rows = np.zeros((len(self.thickness), 2), dtype=np.float32)
@@ -115,19 +115,19 @@ class SlabTables:
         return dr.gather(mi.Float, self.depths, 2 * face + dr.select(behind, mi.UInt32(1), 0), active)
 
     @cached_property
-    def pane_rows(self) -> NDArray[np.intp]:
+    def transmitting_rows(self) -> NDArray[np.intp]:
         """Faces that let waves through."""
         return np.flatnonzero(self.thickness)
 
     @cached_property
-    def panes(self) -> mi.Scene:
+    def transmitting(self) -> mi.Scene:
         """The faces that let waves through, alone."""
-        return intersector(self.triangles[self.pane_rows].astype(np.float32))
+        return intersector(self.triangles[self.transmitting_rows].astype(np.float32))
 
     @cached_property
-    def pane_face(self) -> mi.UInt32:
-        """Row of the scene's tables of each face of ``panes``."""
-        return device_array(mi.UInt32, self.pane_rows.astype(np.uint32))
+    def transmitting_face(self) -> mi.UInt32:
+        """Row of the scene's tables of each face of ``transmitting``."""
+        return device_array(mi.UInt32, self.transmitting_rows.astype(np.uint32))
 
     @cached_property
     def walls(self) -> mi.Scene | None:
@@ -137,11 +137,11 @@ class SlabTables:
 
     @cached_property
     def gap(self) -> mi.Float:
-        """(n_faces,) float32, m: from a face to the other face of its slab, where a pane is a box of two.
+        """(n_faces,) float32, m: from a face to the other face of its slab, where a slab is a box of two.
 
         Positive along the face's normal; 0 where the face is the whole slab.
         """
-        rows = self.pane_rows
+        rows = self.transmitting_rows
         corner = self.triangles[rows]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -155,7 +155,7 @@ class SlabTables:
             )
             far = device_array(mi.Float, (SAME_SLAB * thickness).astype(np.float32))
             ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), far, 0.0, [])
-            met = self.panes.ray_intersect_preliminary(ray, coherent=False)
+            met = self.transmitting.ray_intersect_preliminary(ray, coherent=False)
             found, other, t = (np.asarray(x) for x in (met.is_valid(), met.prim_index, met.t))
             other = np.where(found, other, 0)
             parallel = np.abs(np.einsum("ij,ij->i", normal, normal[other])) > 0.999

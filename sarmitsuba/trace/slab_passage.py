@@ -1,8 +1,8 @@
-"""Stages of waves that go through panes: on straight ways that are known, and as branches of a ray's path.
+"""Stages of waves that go through slabs: on straight legs that are known, and as branches of a ray's path.
 
-At a pane a path goes on as two: the mirrored ray waits in memory of the lane's own while the one that goes through is
+At a slab a path goes on as two: the mirrored ray waits in memory of the lane's own while the one that goes through is
 followed to its end. So every path is traced once, the part that two paths have in common as well, and lanes without
-panes do no more than before.
+slabs do no more than before.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.slab_coefficients import SlabTables
     from sarmitsuba.trace.state import Hit, Kernel, RayState
 
-# panes that a path may go through on its way to its last hit; on the way home there is no bound
-MOST_PANES = 6
-# power over that at launch down to which both parts of a path that parts at a pane are followed
+# slabs that a path may go through on its way to its last hit; on the scattered leg there is no bound
+MOST_SLABS = 6
+# power over that at launch down to which both parts of a path that parts at a slab are followed
 LEAST_POWER = 1e-12
 
 
@@ -38,21 +38,21 @@ def along(
     active: mi.Bool,
     vectors: tuple[ComplexVector, ...],
 ) -> tuple[tuple[ComplexVector, ...], mi.Vector3f]:
-    """Complex vectors at the start of a straight way through panes, from those at its end, and the end's shift, m.
+    """Complex vectors at the start of a straight leg through slabs, from those at its end, and the end's shift, m.
 
-    Seen through panes the end of the way is by the shift elsewhere: farther by the delay, and aside.
+    Seen through slabs the end of the leg is by the shift elsewhere: farther by the delay, and aside.
 
     Parameters
     ----------
-    scene : with panes
+    scene : with slabs
     wavenumber, clearance : rad/m; m, how far a wave starts off a facet that it leaves
-    start, direction, distance : m, unit vector, m; of the way
+    start, direction, distance : m, unit vector, m; of the leg
     active : lanes that have it
-    vectors : of waves that come along it, or receiving ones: what panes do is a symmetric dyad
+    vectors : of waves that come along it, or receiving ones: what slabs do is a symmetric dyad
     """
     slabs = scene.slabs
     assert slabs is not None
-    # beyond the scene there is nothing; order matters where the planes of incidence of two panes differ
+    # beyond the scene there is nothing; order matters where the planes of incidence of two slabs differ
     length = dr.minimum(distance, _leaving(scene, clearance, start, direction))
     towards = -direction
 
@@ -61,13 +61,13 @@ def along(
     ) -> mi.Bool:
         return active
 
-    def next_pane(
+    def next_slab(
         left: mi.Float, active: mi.Bool, shift: mi.Vector3f, vectors: tuple[ComplexVector, ...]
     ) -> tuple[mi.Float, mi.Bool, mi.Vector3f, tuple[ComplexVector, ...]]:
         query = mi.Ray3f(start + direction * left, towards, left, 0.0, [])
-        met = slabs.panes.ray_intersect_preliminary(query, coherent=False, active=active)
+        met = slabs.transmitting.ray_intersect_preliminary(query, coherent=False, active=active)
         active = active & met.is_valid()
-        face = dr.gather(mi.UInt32, slabs.pane_face, met.prim_index, active)
+        face = dr.gather(mi.UInt32, slabs.transmitting_face, met.prim_index, active)
         row = face * 12
         n = mi.Vector3f(*(dr.gather(mi.Float64, scene.face_table, row + i, active) for i in (3, 7, 11)))
         behind = dr.dot(n, towards) > 0.0
@@ -90,9 +90,9 @@ def along(
     _, _, shift, vectors = dr.while_loop(
         (length, active, dr.zeros(mi.Vector3f), vectors),
         some_left,
-        next_pane,
+        next_slab,
         labels=("left", "active", "shift", "vectors"),
-        label="panes",
+        label="slabs",
         mode="symbolic",
     )
     return vectors, shift
@@ -126,7 +126,7 @@ def slab_factors(
 
 @dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
 class Waiting:
-    """Paths that branched off at panes and wait for the lane, and its hits on all its paths.
+    """Paths that branched off at slabs and wait for the lane, and its hits on all its paths.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class Waiting:
     @staticmethod
     def none(ray: RayState) -> Waiting:
         """Room for the paths of rays like this one."""
-        memory = [dr.alloc_local(type(x), MOST_PANES, value=dr.zeros(type(x))) for x in _arrays(ray)]
+        memory = [dr.alloc_local(type(x), MOST_SLABS, value=dr.zeros(type(x))) for x in _arrays(ray)]
         # one number per lane from the start: a single one would have all lanes write and read where the first does
         count = dr.zeros(mi.UInt32, dr.width(ray.active))
         return Waiting(memory, count, mi.UInt32(0))
@@ -151,36 +151,38 @@ class Waiting:
 def branched(
     kernel: Kernel, before: RayState, hit: Hit, mirrored: RayState, waiting: Waiting
 ) -> tuple[RayState, Waiting]:
-    """How a lane goes on: through the pane it hit, mirrored, or with a path that waits.
+    """How a lane goes on: through the slab it hit, mirrored, or with a path that waits.
 
     Parameters
     ----------
     before : the ray as it arrived, before foci are counted
-    hit : on a pane or not
+    hit : on a slab or not
     mirrored : the ray behind the mirror; not active after its last bounce
     waiting : paths that branched off before
 
     Notes
     -----
-    Ignores what goes through after ``MOST_PANES`` panes. Of a path that parts, a part below ``LEAST_POWER`` is left
-    out; where both are, the one that goes through: else paths in a room of panes are as many as sets of its bounces. A
-    tube is not cut at a pane's rim, as at that of a shadow: it goes through or not as its ray does.
+    Ignores what goes through after ``MOST_SLABS`` slabs. Of a path that parts, a part below ``LEAST_POWER`` is left
+    out; where both are, the one that goes through: else paths in a room of slabs are as many as sets of its bounces. A
+    tube is not cut at a slab's rim, as at that of a shadow: it goes through or not as its ray does.
     """
     assert before.crossed is not None and hit.slab is not None
     slabs, clearance = _slabs(kernel), kernel.constants.clearance
     d, n = hit.direction, hit.normal
     factors = slab_factors(hit.properties, hit.slab, d, n, hit.behind)
     passed = _behind(before.fields, d, n, factors)
-    goes = hit.met & (hit.slab.z > 0.5) & (before.crossed < MOST_PANES) & (_power(passed) > LEAST_POWER)
+    transmitted = (
+        hit.met & (hit.slab.z > 0.5) & (before.crossed < MOST_SLABS) & (_power(passed) > LEAST_POWER)
+    )
     step = mi.Vector3d(_shift(factors, d, n) / kernel.constants.wavenumber)
     along_ray = dr.dot(step, hit.direction64)
     aside = mi.Vector3f(step - hit.direction64 * along_ray)
-    past = _past(slabs, hit.face, hit.behind, goes, clearance) / dr.maximum(-dr.dot(d, n), 1e-7)
+    past = _past(slabs, hit.face, hit.behind, transmitted, clearance) / dr.maximum(-dr.dot(d, n), 1e-7)
     beyond = d * (past if hit.before_facet is None else past + hit.before_facet)
     spread, receiver = before.spread, before.virtual_receiver
     gone = replace(
         before,
-        active=goes,
+        active=transmitted,
         hits=before.hits,
         origin=mi.Vector3f(hit.p) + beyond + aside,
         virtual_antenna=before.virtual_antenna + step,
@@ -189,11 +191,11 @@ def branched(
         fields=passed,
         crossed=before.crossed + 1,
     )
-    waits = goes & mirrored.active & (_power(mirrored.fields) > LEAST_POWER)
+    waits = transmitted & mirrored.active & (_power(mirrored.fields) > LEAST_POWER)
     for memory, array in zip(waiting.memory, _arrays(mirrored), strict=True):
         memory.write(array, waiting.count, active=waits)
     count = waiting.count + dr.select(waits, mi.UInt32(1), 0)
-    ray = _chosen(goes, gone, mirrored)
+    ray = _chosen(transmitted, gone, mirrored)
     # at its end a path makes room for the last that waits
     ended = ~ray.active & (count > 0)
     count = count - dr.select(ended, mi.UInt32(1), 0)
@@ -285,4 +287,4 @@ def _chosen(condition: mi.Bool, a: RayState, b: RayState) -> RayState:
     return ray
 
 
-__all__ = ["MOST_PANES", "Waiting", "along", "branched", "slab_factors"]
+__all__ = ["MOST_SLABS", "Waiting", "along", "branched", "slab_factors"]

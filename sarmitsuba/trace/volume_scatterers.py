@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 U32 = NDArray[np.uint32]
 Pair: TypeAlias = "tuple[mi.Float, mi.Float]"
-# both weights of a body: from its number, that of its medium, and the lanes that ask
+# both weights of a volume: from its number, that of its medium, and the lanes that ask
 Weigh: TypeAlias = "Callable[[mi.UInt32, mi.UInt32, mi.Bool], Pair]"
 
-# scatterers that share a resolution cell on a mean way through a body, and the least that a body has
+# scatterers that share a resolution cell on a mean path through a volume, and the least that a volume has
 PER_CELL, LEAST = 10.0, 8.0
-# steps in size, each of a millimetre at most in scenes up to a kilometre, by which bodies differ from their neighbours
+# steps in size, each of a millimetre at most in scenes up to a kilometre, by which volumes differ from their neighbours
 RANKS = 8
-# how often a way whose surfaces do not pair up is tried again, a little beside
+# how often a leg whose surfaces do not pair up is tried again, a little beside
 _TRIES = 3
 # values of one row of the table of scattering amplitudes, a power of two for the gathers
 _ROW = 16
@@ -42,15 +42,15 @@ _ROW = 16
 
 @dataclass  # not frozen: a loop's state, which Dr.Jit writes to
 class _Crossing:
-    """A line on its way through bodies.
+    """A line on its way through volumes.
 
     Parameters
     ----------
     going : lanes that go on
-    t : m, from the way's origin to where the next crossing is looked for
+    t : m, from the leg's origin to where the next crossing is looked for
     aside : m, how far beside the line
     first, second : sums so far
-    left : hashes of bodies entered less those of bodies left; 0 where it came out even
+    left : hashes of volumes entered less those of volumes left; 0 where it came out even
     tries : so far
     """
 
@@ -64,37 +64,37 @@ class _Crossing:
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
+class VolumeSurfaces:
     """Surfaces of all volumes, to be crossed.
 
     Parameters
     ----------
     mi_scene : ``mi.Scene`` holding one mesh
     face_normal : (4 n_faces,) float32, outwards; the fourth is of no meaning
-    face_body : (2 n_faces,) uint32, number of the body and of its medium
+    face_volume : (2 n_faces,) uint32, number of the volume and of its medium
     bounds : (2, 3) float64, m
     """
 
     mi_scene: mi.Scene
     face_normal: mi.Float
-    face_body: mi.UInt32
+    face_volume: mi.UInt32
     bounds: F64
 
     @staticmethod
-    def of(volumes: Sequence[Volume], medium: Sequence[int]) -> Bodies:
+    def of(volumes: Sequence[Volume], medium: Sequence[int]) -> VolumeSurfaces:
         """Surfaces of volumes, each with the number of its medium."""
         step = _step(np.concatenate([volume.bounds for volume in volumes]))
         apart = [3.0 * step * (1 + i % RANKS) for i in range(len(volumes))]
         corners = np.concatenate(
             [_shrunk(volume, by)[volume.faces] for volume, by in zip(volumes, apart, strict=True)]
         ).astype(np.float32)
-        body = np.repeat(np.arange(len(volumes), dtype=np.uint32), [len(v.faces) for v in volumes])
+        volume = np.repeat(np.arange(len(volumes), dtype=np.uint32), [len(v.faces) for v in volumes])
         a, b, c = (corners[:, i].astype(np.float64) for i in range(3))
         normal = np.zeros((len(corners), 4), dtype=np.float32)
         normal[:, :3] = np.cross(b - a, c - a)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-        pair = np.stack([body, np.asarray(medium, dtype=np.uint32)[body]], axis=1)
-        return Bodies(
+        pair = np.stack([volume, np.asarray(medium, dtype=np.uint32)[volume]], axis=1)
+        return VolumeSurfaces(
             intersector(corners),
             device_array(mi.Float, normal),
             device_array(mi.UInt32, pair),
@@ -104,19 +104,19 @@ class Bodies:
     def within(
         self, origin: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool, weigh: Weigh
     ) -> Pair:
-        r"""Two sums over bodies of a weight times the length of a straight way within them.
+        r"""Two sums over volumes of a weight times the length of a straight leg within them.
 
         .. math:: \sum_{\text{leaving}} w t - \sum_{\text{entering}} w t, \quad 0 \le t \le \text{distance}
 
-        over all crossings of the whole line, from before the first body to behind the last, each t brought within the
-        way: the order of crossings does not matter, bodies may overlap, and either end may lie within some. Entries
-        and exits are counted against each other, body by body: a line that float32 lets in but not out is tried again
-        beside, and if it never comes out even it counts as one that meets nothing.
+        over all crossings of the whole line, from before the first volume to behind the last, each t brought within the
+        leg: the order of crossings does not matter, volumes may overlap, and either end may lie within some. Entries
+        and exits are counted against each other, volume by volume: a line that float32 lets in but not out is tried
+        again beside, and if it never comes out even it counts as one that meets nothing.
 
         Parameters
         ----------
-        origin, direction, distance, active : of the way, as for a passage
-        weigh : gives both weights of a body, from its number and that of its medium
+        origin, direction, distance, active : of the leg, as for a passage
+        weigh : gives both weights of a volume, from its number and that of its medium
         """
         f32, u32 = mi.Float, mi.UInt32
         low, high = (mi.Vector3f(*(dr.opaque(f32, float(x)) for x in corner)) for corner in self.bounds)
@@ -138,19 +138,19 @@ class Bodies:
             )
             met = state.going & found.is_valid()
             there = state.t + found.t
-            info = dr.gather(mi.Vector2u, self.face_body, found.prim_index, met)
+            info = dr.gather(mi.Vector2u, self.face_volume, found.prim_index, met)
             row = dr.gather(mi.Vector4f, self.face_normal, found.prim_index, met)
             normal = mi.Vector3f(row.x, row.y, row.z)
             enters = dr.dot(normal, direction) < 0.0
-            way = dr.clip(there, 0.0, distance)
-            signed = dr.select(met, dr.select(enters, -way, way), none)
+            reached = dr.clip(there, 0.0, distance)
+            signed = dr.select(met, dr.select(enters, -reached, reached), none)
             first, second = weigh(info.x, info.y, met)
-            mark = mix(info.x + 1)
-            left = state.left + dr.select(met, dr.select(enters, mark, ~mark + 1), u32(0))
+            key = mix(info.x + 1)
+            left = state.left + dr.select(met, dr.select(enters, key, ~key + 1), u32(0))
             # the line is at its end: even, or once more
             again = state.going & ~met & (left != 0)
             tries = dr.select(again, state.tries + 1, state.tries)
-            # off the surface, also where the way is nearly along it
+            # off the surface, also where the leg is nearly along it
             off = dr.select(enters, -normal, normal) * step
             return (
                 _Crossing(
@@ -176,20 +176,20 @@ class Bodies:
 class VolumePassage:
     r"""What volumes take from waves that pass: :math:`e^{-\tau_H / 2}` of the field of H, likewise of V.
 
-    H is level, across the way; V across both. With the path length in every body and its extinction at the angle of
-    the way, :math:`\tau = \sum \kappa s`.
+    H is level, across the leg; V across both. With the path length in every volume and its extinction at the angle of
+    the leg, :math:`\tau = \sum \kappa s`.
 
     Parameters
     ----------
-    bodies : surfaces
+    surfaces : of all volumes
     extinction : (2 NODES n_media,) float32, 1/m, H and V over the cosine to the vertical
 
     Notes
     -----
-    Ignores what the way's delay changes and that bodies scatter forwards into the way again.
+    Ignores what the leg's delay changes and that volumes scatter forwards into the leg again.
     """
 
-    bodies: Bodies
+    surfaces: VolumeSurfaces
     extinction: mi.Float
 
     def through(
@@ -203,13 +203,13 @@ class VolumePassage:
         """See :class:`sarmitsuba.trace.passage.Passage`."""
         node, share = _node(dr.abs(direction.z))
 
-        def extinction(body: mi.UInt32, medium: mi.UInt32, active: mi.Bool) -> Pair:
+        def extinction(volume: mi.UInt32, medium: mi.UInt32, active: mi.Bool) -> Pair:
             row = medium * NODES + node
             low, high = (dr.gather(mi.Vector2f, self.extinction, row + i, active) for i in (0, 1))
             kappa = dr.lerp(low, high, share)
             return kappa.x, kappa.y
 
-        depth_h, depth_v = self.bodies.within(origin, direction, distance, active, extinction)
+        depth_h, depth_v = self.surfaces.within(origin, direction, distance, active, extinction)
         kept_h, kept_v = dr.exp(-0.5 * depth_h), dr.exp(-0.5 * depth_v)
         h, v = field.polarisation_basis(direction, _up())
         return tuple(
@@ -225,9 +225,9 @@ class VolumePassage:
 class VolumeScatterers(Scatterers):
     r"""Scatterers fixed to the scene, spread evenly within volumes, each with the mean powers of its share of them.
 
-    One stands at a drawn place in every cell of a cubic lattice, turned against the axes, that falls within the body.
-    A body of volume V with n of them has in each :math:`\sqrt{V / n}` times a scattering matrix of independent
-    circular Gaussians hashed from cell and body, with the medium's polarimetric covariance at the angle of the way:
+    One stands at a drawn place in every cell of a cubic lattice, turned against the axes, that falls within the volume.
+    A volume of content V with n of them has in each :math:`\sqrt{V / n}` times a scattering matrix of independent
+    circular Gaussians hashed from cell and volume, with the medium's polarimetric covariance at the angle of the leg:
     the same in every pulse, look, band and pass as long as the distance between them is the same.
 
     Between two directions the matrix stands in the H and V of each, at the mean of both cosines to the vertical.
@@ -245,7 +245,7 @@ class VolumeScatterers(Scatterers):
 
     Notes
     -----
-    The covariances are those of backscatter and of the way by level ground; two antennas apart, or ground that slopes,
+    The covariances are those of backscatter and of the leg by level ground; two antennas apart, or ground that slopes,
     take them at the mean of both angles.
     """
 
@@ -293,14 +293,14 @@ class VolumeScatterers(Scatterers):
 
 
 def _step(places: F64) -> float:
-    """How far behind a crossing a way goes on, m, where the largest coordinate is that of ``places``."""
+    """How far behind a crossing a leg goes on, m, where the largest coordinate is that of ``places``."""
     return 1e-5 + 16.0 * 2.0**-24 * float(np.abs(places).max())
 
 
 def _shrunk(volume: Volume, by: float) -> F64:
-    """Vertices (n_v, 3) of a body whose least half width is smaller by so much, m.
+    """Vertices (n_v, 3) of a volume whose least half width is smaller by so much, m.
 
-    Bodies side by side, or two in one place, would have surfaces that no ray can tell apart.
+    Volumes side by side, or two in one place, would have surfaces that no ray can tell apart.
     """
     middle = volume.bounds.mean(axis=0)
     half = 0.5 * float(np.ptp(volume.bounds, axis=0).min())
@@ -330,7 +330,7 @@ def volume_passage(volumes: Sequence[Volume]) -> VolumePassage:
     """What volumes take from waves that pass."""
     media, number = _numbered(volumes)
     table = np.stack([medium.extinction for medium in media]).astype(np.float32)
-    return VolumePassage(Bodies.of(volumes, number), device_array(mi.Float, table))
+    return VolumePassage(VolumeSurfaces.of(volumes, number), device_array(mi.Float, table))
 
 
 def volume_scatterers(
@@ -348,16 +348,16 @@ def volume_scatterers(
     media, number = _numbered(volumes)
     spacing = [scatterer_spacing(volume, cell_area) for volume in volumes]
     cells = [_cells(volume, step, seed) for volume, step in zip(volumes, spacing, strict=True)]
-    body = np.repeat(np.arange(len(volumes), dtype=np.uint32), [len(key) for _, key in cells])
+    volume = np.repeat(np.arange(len(volumes), dtype=np.uint32), [len(key) for _, key in cells])
     place, key = np.concatenate([p for p, _ in cells]), np.concatenate([k for _, k in cells])
-    inside = _inside(Bodies.of(volumes, number), place, body, 0.05 * min(spacing))
-    place, key, body = place[inside], key[inside], body[inside]
+    inside = _inside(VolumeSurfaces.of(volumes, number), place, volume, 0.05 * min(spacing))
+    place, key, volume = place[inside], key[inside], volume[inside]
     content = np.array([volume.content for volume in volumes])
-    weight = np.sqrt(content / np.maximum(np.bincount(body, minlength=len(volumes)), 1))[body]
+    weight = np.sqrt(content / np.maximum(np.bincount(volume, minlength=len(volumes)), 1))[volume]
     if shares is not None:
         share = shares(place)
         shown = share > 1e-6
-        place, key, body, weight = place[shown], key[shown], body[shown], (weight * share)[shown]
+        place, key, volume, weight = place[shown], key[shown], volume[shown], (weight * share)[shown]
     rows = np.zeros((len(media), NODES, _ROW), dtype=np.float32)
     for row, medium in zip(rows, media, strict=True):
         for start, returned in ((0, medium.back), (_ROW // 2, medium.over_ground)):
@@ -369,7 +369,7 @@ def volume_scatterers(
         place=vector_rows(place),
         key=device_array(mi.UInt32, key),
         weight=device_array(mi.Float, weight.astype(np.float32)),
-        medium=device_array(mi.UInt32, np.asarray(number, dtype=np.uint32)[body]),
+        medium=device_array(mi.UInt32, np.asarray(number, dtype=np.uint32)[volume]),
         table=device_array(mi.Float, rows),
         change=_change(media),
     )
@@ -386,7 +386,7 @@ def _change(media: Sequence[VolumeMedium]) -> mi.Float | None:
 def scatterer_spacing(volume: Volume, cell_area: float) -> float:
     """Distance between the scatterers of a volume, m: as asked for, or a power of the root of two.
 
-    So that radars of about the same resolution have the same scatterers, and small bodies have several.
+    So that radars of about the same resolution have the same scatterers, and small volumes have several.
     """
     if volume.spacing > 0.0:
         return volume.spacing
@@ -401,7 +401,7 @@ def _cells(volume: Volume, step: float, seed: int) -> tuple[F64, U32]:
     number = np.stack(
         np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(first, last, strict=True)), indexing="ij"), axis=-1
     ).reshape(-1, 3)
-    # of the body: where two overlap each has its own
+    # of the volume: where two overlap each has its own
     key = mix(np.full(len(number), 0x9E3779B1, dtype=np.uint32))
     for value in (seed, *number.T, *np.round(1e3 * low).astype(np.int64), round(1e3 * step)):
         key = mix(key ^ (np.asarray(value) & 0xFFFFFFFF).astype(np.uint32))
@@ -411,22 +411,22 @@ def _cells(volume: Volume, step: float, seed: int) -> tuple[F64, U32]:
     return place[within], key[within]
 
 
-def _inside(bodies: Bodies, place: F64, body: U32, short: float) -> NDArray[np.bool_]:
-    """(n,) whether a place (n, 3) lies within its body: whether a short way (m) from it does."""
-    own, none = device_array(mi.UInt32, body), dr.zeros(mi.Float)
+def _inside(surfaces: VolumeSurfaces, place: F64, volume: U32, short: float) -> NDArray[np.bool_]:
+    """(n,) whether a place (n, 3) lies within its volume: whether a short leg (m) from it does."""
+    own, none = device_array(mi.UInt32, volume), dr.zeros(mi.Float)
 
-    def is_own(body: mi.UInt32, medium: mi.UInt32, active: mi.Bool) -> Pair:
-        return dr.select(body == own, mi.Float(1.0), none), none
+    def is_own(volume: mi.UInt32, medium: mi.UInt32, active: mi.Bool) -> Pair:
+        return dr.select(volume == own, mi.Float(1.0), none), none
 
     start = mi.Vector3f(dr.gather(mi.Vector3d, vector_rows(place), dr.arange(mi.UInt32, len(place))))
-    length, _ = bodies.within(start, _up(), dr.opaque(mi.Float, short), mi.Bool(True), is_own)
+    length, _ = surfaces.within(start, _up(), dr.opaque(mi.Float, short), mi.Bool(True), is_own)
     return np.asarray(length.numpy() > 0.5 * short)
 
 
 __all__ = [
-    "Bodies",
     "VolumePassage",
     "VolumeScatterers",
+    "VolumeSurfaces",
     "scatterer_spacing",
     "volume_passage",
     "volume_scatterers",

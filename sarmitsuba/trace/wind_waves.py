@@ -52,14 +52,14 @@ class BraggWave:
     wavenumber : rad/m, of the radar
     time : s
     wind : (2,) direction that the wind blows to
-    draw : of the scatterer, uniform from 0 to 1
+    sample : of the scatterer, uniform from 0 to 1
     water : lanes that are water
     """
 
     wavenumber: mi.Float
     time: mi.Float64
     wind: mi.Vector2f
-    draw: mi.Float
+    sample: mi.Float
     water: mi.Bool
 
     def range_rate(self, change: mi.Vector3f) -> mi.Float64:
@@ -74,7 +74,7 @@ class BraggWave:
         cosine = (kx * self.wind.x + ky * self.wind.y) / dr.maximum(wave, 1e-6)
         coming = 0.5 * dr.square(1.0 + cosine) / (1.0 + dr.square(cosine))
         omega = dr.sqrt(GRAVITY * wave + TENSION * wave * dr.square(wave))
-        rate = dr.select(self.draw < coming, -0.5, 0.5) * omega / self.wavenumber
+        rate = dr.select(self.sample < coming, -0.5, 0.5) * omega / self.wavenumber
         return mi.Float64(dr.select(self.water, rate, 0.0))
 
 
@@ -199,8 +199,8 @@ class WaterTables:
                 upward.real * speeds.z * root,
             )
         )
-        draw = (mi.Float(mix(key ^ _BRAGG) >> 8) + 0.5) * (1.0 / 16777216.0)
-        bragg = BraggWave(wavenumber, time, wind, draw, speeds.w > 0.5)
+        sample = (mi.Float(mix(key ^ _BRAGG) >> 8) + 0.5) * (1.0 / 16777216.0)
+        bragg = BraggWave(wavenumber, time, wind, sample, speeds.w > 0.5)
         return Drift(Movement(shift + own * time, velocity + own), bragg)
 
     def _orbit(

@@ -1,4 +1,4 @@
-"""Rods as scatterers: rows of nodes, each with the part of the line's integral that a linear spline gives it."""
+"""Wires as scatterers: rows of nodes, each with the part of the wire's integral that a linear spline gives it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.source import Scatterers
 
 if TYPE_CHECKING:
-    from sarmitsuba.scene.wires import LineTarget
+    from sarmitsuba.scene.wires import WireTarget
     from sarmitsuba.trace.state import Kernel
 
 F64 = NDArray[np.float64]
@@ -28,22 +28,22 @@ F64 = NDArray[np.float64]
 NEAR_PHASE = 0.02
 # nodes in a resolution cell
 PER_RANGE_CELL, PER_AZIMUTH_CELL = 4.0, 8.0
-# where an end is seen from: its part of the line has its middle there, in lengths of that part
+# where an end is seen from: its part of the wire has its middle there, in lengths of that part
 PROBE = 1.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class WireNodes:
-    """Nodes of lines.
+    """Nodes of wires.
 
     Parameters
     ----------
     point : (n, 3) float64, m
-    inward : (n, 3) float64, m, from an end into the line to where it is seen from; zero within the line
-    axis : (n, 3) unit vectors along the line
-    step : (n,) m between neighbours on the line
-    sides : (n, 2) weight of its sides, along the axis and against it: 1 where the line goes on, else 0
-    line : (n,) number of the line
+    inward : (n, 3) float64, m, from an end into the wire to where it is seen from; zero within the wire
+    axis : (n, 3) unit vectors along the wire
+    step : (n,) m between neighbours on the wire
+    sides : (n, 2) weight of its sides, along the axis and against it: 1 where the wire goes on, else 0
+    wire : (n,) number of the wire
     """
 
     point: F64
@@ -51,7 +51,7 @@ class WireNodes:
     axis: F64
     step: F64
     sides: F64
-    line: NDArray[np.intp]
+    wire: NDArray[np.intp]
 
     def weighted(self, weight: F64) -> WireNodes:
         """Those of the nodes with a weight (n,) above 0, their amplitudes times it."""
@@ -62,14 +62,14 @@ class WireNodes:
             self.axis[kept],
             self.step[kept],
             (self.sides * weight[:, None])[kept],
-            self.line[kept],
+            self.wire[kept],
         )
 
 
 def longest_step(range_cell: float, azimuth_cell: float, distance: float, wavelength: float) -> float:
     r"""Largest distance between nodes, m.
 
-    A quarter of the range cell, for the ends of a slanting line; an eighth of the azimuth cell, so that a node's
+    A quarter of the range cell, for the ends of a slanting wire; an eighth of the azimuth cell, so that a node's
     pattern changes by 1.3 % over the whole aperture, little of it over the pulses that share a tracing; and short
     against the Fresnel zone,
 
@@ -85,14 +85,14 @@ def longest_step(range_cell: float, azimuth_cell: float, distance: float, wavele
     return float(min(range_cell / PER_RANGE_CELL, azimuth_cell / PER_AZIMUTH_CELL, fresnel))
 
 
-def cut(lines: Sequence[LineTarget], longest: float) -> WireNodes:
-    """Nodes of lines, no farther apart than ``longest``, m; each line has both its ends."""
+def cut(wires: Sequence[WireTarget], longest: float) -> WireNodes:
+    """Nodes of wires, no farther apart than ``longest``, m; each wire has both its ends."""
     points, inward, axes, steps, sides, numbers = [], [], [], [], [], []
-    for number, line in enumerate(lines):
-        n = max(1, int(np.ceil(line.length / longest - 1e-9)))
+    for number, wire in enumerate(wires):
+        n = max(1, int(np.ceil(wire.length / longest - 1e-9)))
         t = np.linspace(0.0, 1.0, n + 1)[:, None]
-        axis, step = (line.end - line.start) / line.length, line.length / n
-        points.append(line.start * (1.0 - t) + line.end * t)
+        axis, step = (wire.end - wire.start) / wire.length, wire.length / n
+        points.append(wire.start * (1.0 - t) + wire.end * t)
         probe = np.zeros((n + 1, 3))
         probe[0], probe[-1] = PROBE * step * axis, -PROBE * step * axis
         inward.append(probe)
@@ -106,7 +106,7 @@ def cut(lines: Sequence[LineTarget], longest: float) -> WireNodes:
 
 
 class WireScatterers(Scatterers):
-    r"""Rods as scatterers with the closed form of the infinite cylinder's current.
+    r"""Wires as scatterers with the closed form of the infinite cylinder's current.
 
     .. math:: q \cdot S e = \frac{2}{\sqrt\pi} h F \left[T_{mm} (q \cdot \hat t_s)(\hat t_i \cdot e)
         + T_{ee} (q \cdot \hat p_s)(\hat p_i \cdot e)
@@ -116,39 +116,39 @@ class WireScatterers(Scatterers):
 
     .. math:: F = \int_{-1}^{1} w(t) (1 - |t|) e^{-j k h (\hat d - \hat s) \cdot \hat a\, t} dt
 
-    whose w is 0 beyond an end of the line, else 1. Hats of neighbours sum to one: at the carrier the sum over a line is
-    its whole integral, however it is cut, and what of a slanting line is not cancelled stands at its ends.
+    whose w is 0 beyond an end of the wire, else 1. Hats of neighbours sum to one: at the carrier the sum over a wire is
+    its whole integral, however it is cut, and what of a slanting wire is not cancelled stands at its ends.
 
-    The phase of the way to the front of the cylinder and back is in the range (`nearer`), not in T: it turns with the
+    The phase of the leg to the front of the cylinder and back is in the range (`nearer`), not in T: it turns with the
     frequency.
 
     Parameters
     ----------
-    nodes : of the lines
-    lines : that they belong to
+    nodes : of the wires
+    wires : that they belong to
     wavelength : m
 
     Notes
     -----
-    The cylinder's series is that of the tilt whose cosine is the geometric mean of both ways' (reciprocal; exact on the
+    The cylinder's series is that of the tilt whose cosine is the geometric mean of both legs' (reciprocal; exact on the
     cone of mirror directions and, but for the TE current's part along the axis, in backscatter). Ignores what ends do:
-    reflected currents, resonances of rods below some wavelengths, caps; and shadows: rods hide nothing.
+    reflected currents, resonances of wires below some wavelengths, caps; and shadows: wires hide nothing.
 
     References
     ----------
     Ruck et al., Radar Cross Section Handbook (1970), chapter 4; Knott, Shaeffer and Tuley, Radar Cross Section (2004).
     """
 
-    def __init__(self, nodes: WireNodes, lines: Sequence[LineTarget], wavelength: float) -> None:
+    def __init__(self, nodes: WireNodes, wires: Sequence[WireTarget], wavelength: float) -> None:
         self.n = len(nodes.point)
         self.places = vector_rows(nodes.point)
         self.inward = device_array(mi.Float, nodes.inward.astype(np.float32))
-        keys = [(line.radius, line.permittivity) for line in lines]
+        keys = [(wire.radius, wire.permittivity) for wire in wires]
         kinds = self.kinds = list(dict.fromkeys(keys))
-        kind = np.array([kinds.index(key) for key in keys])[nodes.line]
+        kind = np.array([kinds.index(key) for key in keys])[nodes.wire]
         self.inside = any(eps is not None for _, eps in kinds)
         rows = np.concatenate([nodes.axis, nodes.step[:, None]], axis=1).astype(np.float32)
-        self.rods = device_array(mi.Float, rows)
+        self.wires = device_array(mi.Float, rows)
         self.sides = device_array(
             mi.Float,
             np.stack([nodes.sides.sum(axis=1), nodes.sides @ [1.0, -1.0]], axis=1).astype(np.float32),
@@ -158,7 +158,7 @@ class WireScatterers(Scatterers):
         self._tabulate(wavelength)
 
     def at(self, wavelength: float) -> WireScatterers:
-        """The same rods at another wavelength, m."""
+        """The same wires at another wavelength, m."""
         other = copy(self)
         other._tabulate(wavelength)
         return other
@@ -193,13 +193,13 @@ class WireScatterers(Scatterers):
         q: field.ComplexVector,
     ) -> mi.Complex2f:
         """See :class:`Scatterers`."""
-        rod = dr.gather(mi.Vector4f, self.rods, index)
-        axis, step = mi.Vector3f(rod.x, rod.y, rod.z), rod.w
+        wire = dr.gather(mi.Vector4f, self.wires, index)
+        axis, step = mi.Vector3f(wire.x, wire.y, wire.z), wire.w
         d, s = -incident.to_antenna, scattered.to_antenna
-        ways = [_WireLeg.of(axis, v) for v in (d, s)]
-        mm, ee, me = self._series(index, axis, ways)
+        legs = [_WireLeg.of(axis, v) for v in (d, s)]
+        mm, ee, me = self._series(index, axis, legs)
         filled = self._spline(index, (dr.dot(d, axis) - dr.dot(s, axis)) * step * kernel.constants.wavenumber)
-        (t_i, p_i), (t_s, p_s) = ((way.along, way.across) for way in ways)
+        (t_i, p_i), (t_s, p_s) = ((leg.along, leg.across) for leg in legs)
         tm_in, te_in, tm_out, te_out = (
             field.dot(e, t_i),
             field.dot(e, p_i),
@@ -212,7 +212,7 @@ class WireScatterers(Scatterers):
         return value * filled * (step * (2.0 / float(np.sqrt(np.pi))))
 
     def _spline(self, index: mi.UInt32, y: mi.Float) -> mi.Complex2f:
-        """F of a node for the phase y over its half hat: of both sides, or of the one that the line has."""
+        """F of a node for the phase y over its half hat: of both sides, or of the one that the wire has."""
         sides = dr.gather(mi.Vector2f, self.sides, index)
         half = 0.5 * y
         ratio = dr.select(dr.abs(half) > 1e-3, dr.sin(half) / half, 1.0 - dr.square(half) / 6.0)
@@ -224,13 +224,13 @@ class WireScatterers(Scatterers):
         return mi.Complex2f(0.5 * dr.square(ratio) * sides.x, -odd * sides.y)
 
     def _series(
-        self, index: mi.UInt32, axis: mi.Vector3f, ways: Sequence[_WireLeg]
+        self, index: mi.UInt32, axis: mi.Vector3f, legs: Sequence[_WireLeg]
     ) -> tuple[mi.Complex2f, mi.Complex2f, mi.Complex2f | None]:
         """TM, TE and TE to TM (over the sine of the tilt), from four nodes of azimuth and two of tilt."""
         kind = dr.gather(mi.UInt32, self.kind, index)
         shape = dr.gather(mi.Vector4u, self.shapes, kind)
-        cosine = dr.sqrt(ways[0].cosine * ways[1].cosine)
-        azimuth = _azimuth(axis, ways)
+        cosine = dr.sqrt(legs[0].cosine * legs[1].cosine)
+        azimuth = _azimuth(axis, legs)
         x = dr.abs(azimuth) / dr.pi * mi.Float(shape.z - 1)
         y = dr.acos(dr.clip(cosine, 0.0, 1.0)) * (2.0 / dr.pi) * mi.Float(shape.y - 1)
         column, row = dr.minimum(mi.UInt32(x), shape.z - 2), dr.minimum(mi.UInt32(y), shape.y - 2)
@@ -258,18 +258,18 @@ class WireScatterers(Scatterers):
         return mm, ee, mi.Complex2f(sums[1].x, sums[1].y) * odd
 
     def nearer(self, index: mi.UInt32, incident: Leg, scattered: Leg) -> mi.Float:
-        """The wave turns round at the front of the rod, a radius before its axis where it is met at right angles."""
-        rod = dr.gather(mi.Vector4f, self.rods, index)
-        axis = mi.Vector3f(rod.x, rod.y, rod.z)
-        ways = [_WireLeg.of(axis, v) for v in (-incident.to_antenna, scattered.to_antenna)]
-        azimuth = _azimuth(axis, ways)
+        """The wave turns round at the front of the wire, a radius before its axis where it is met at right angles."""
+        wire = dr.gather(mi.Vector4f, self.wires, index)
+        axis = mi.Vector3f(wire.x, wire.y, wire.z)
+        legs = [_WireLeg.of(axis, v) for v in (-incident.to_antenna, scattered.to_antenna)]
+        azimuth = _azimuth(axis, legs)
         radius = dr.gather(mi.Float, self.radius, dr.gather(mi.UInt32, self.kind, index))
-        return radius * dr.sqrt(ways[0].cosine * ways[1].cosine) * dr.abs(dr.sin(0.5 * azimuth))
+        return radius * dr.sqrt(legs[0].cosine * legs[1].cosine) * dr.abs(dr.sin(0.5 * azimuth))
 
 
 @dataclass(frozen=True, eq=False)
 class _WireLeg:
-    """A way at a rod: field vectors in the plane of axis and ray and across it, and the cosine of its tilt."""
+    """A leg at a wire: field vectors in the plane of axis and ray and across it, and the cosine of its tilt."""
 
     along: mi.Vector3f
     across: mi.Vector3f
@@ -284,10 +284,10 @@ class _WireLeg:
         return _WireLeg(dr.cross(direction, across), across, cosine)
 
 
-def _azimuth(axis: mi.Vector3f, ways: Sequence[_WireLeg]) -> mi.Float:
+def _azimuth(axis: mi.Vector3f, legs: Sequence[_WireLeg]) -> mi.Float:
     """Angle about the axis from the incident to the scattered direction, rad."""
-    turn = dr.dot(ways[0].across, ways[1].across)
-    side = dr.dot(dr.cross(ways[0].across, ways[1].across), axis)
+    turn = dr.dot(legs[0].across, legs[1].across)
+    side = dr.dot(dr.cross(legs[0].across, legs[1].across), axis)
     return dr.atan2(side, turn)
 
 

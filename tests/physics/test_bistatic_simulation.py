@@ -283,7 +283,7 @@ def test_lengths_behind_a_mirror() -> None:
         ("diffuse", 1, 0, (False, False)),
         ("diffuse", 2, 1, (True, False)),
         ("reversed", 2, 0, (False, True)),
-        ("retro", 3, 1, (True, True)),
+        ("reciprocal", 3, 1, (True, True)),
     ):
         rows = paths[(names == name) & (paths.order == order)]
         found += len(rows)

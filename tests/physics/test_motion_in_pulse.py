@@ -149,7 +149,7 @@ def test_every_path_of_a_mesh(kind: str, method: str) -> None:
         value = value * np.exp(-4j * np.pi * CARRIER / LIGHT * (way - r))
         samples = radar.window.start_range[pulse] + np.arange(exact.shape[1]) * radar.window.sample_spacing
         exact[row] = np.sinc((samples[:, None] - place) / wave.range_cell) @ value
-    # tol: spreading kernels four cells wide
+    # tol: gridding kernels four cells wide
     assert error_db(raw.data[0, pulses], exact) < -48.0
 
 

@@ -97,8 +97,8 @@ def test_needles_without_loss_take_what_they_scatter() -> None:
     rod = thin_rod(radius, length, k, eps)
     cosine, weight = np.polynomial.legendre.leggauss(60)
     for angle in (0.6, 1.2, 0.5 * np.pi):
-        came = np.full(cosine.size, np.cos(angle))
-        along, across = (k**2 * volume * (eps - 1.0) * q for q in rod.response(came, cosine))
+        incident = np.full(cosine.size, np.cos(angle))
+        along, across = (k**2 * volume * (eps - 1.0) * q for q in rod.response(incident, cosine))
         # dipoles along the axis and across it, in the plane of axis and wave; their cross term has no mean
         lost = np.sum(
             weight

@@ -90,7 +90,7 @@ class Viewpoint:
         )
 
     def distance(self, points: F64) -> F64:
-        """(...,) m: slant range of points (..., 3), half the way there and back."""
+        """(...,) m: slant range of points (..., 3), half the path there and back."""
         return self.look(points).distance(points)
 
 
@@ -115,8 +115,8 @@ class FixedAntennas:
 
     def distance(self, points: F64) -> F64:
         """(...,) m: slant range."""
-        ways = [np.linalg.norm(points - place, axis=-1) for place in (self.transmitter, self.receiver)]
-        return np.asarray(0.5 * (ways[0] + ways[1]))
+        legs = [np.linalg.norm(points - place, axis=-1) for place in (self.transmitter, self.receiver)]
+        return np.asarray(0.5 * (legs[0] + legs[1]))
 
     def gradient(self, points: F64) -> F64:
         """(..., 3): change of the slant range per metre; the line of sight, or the mean of both."""

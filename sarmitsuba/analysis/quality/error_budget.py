@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.image.sar_image import SarImage
 
 MEASURED, AT_MOST, UNKNOWN = "measured", "at most", "not measured"
@@ -143,7 +143,7 @@ def _gridding(data: _Read) -> ErrorPart:
     if not 1.0 <= width <= 8.0:
         return ErrorPart("gridding", math.nan, UNKNOWN)
     # range, and range rate or azimuth
-    kernel = 2.0 * 10.0 ** (0.1 * spreading_kernel(int(width)).error_db)
+    kernel = 2.0 * 10.0 ** (0.1 * gridding_kernel(int(width)).error_db)
     error = 10.0 * math.log10(kernel + 10.0 ** (0.1 * _ROUNDING_DB))
     why = f"kernel of {width:g} cells, echoes at all frequencies used"
     return _of_image(data, ErrorPart("gridding", error, AT_MOST, why))

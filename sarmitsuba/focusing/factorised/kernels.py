@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import device_array, dr
-from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.echo.gridding import GriddingKernel
 from sarmitsuba.focusing.backprojection_kernel import (
     AXES_STRIDE,
     Weighting,
@@ -172,7 +172,7 @@ def form(
     n_lanes: int,
     centers: dr.ArrayBase,
     pulses: GroupPulses,
-    kernel: SpreadingKernel,
+    kernel: GriddingKernel,
     n_layers: int,
     weighting: Weighting,
     out: list[dr.ArrayBase],

@@ -7,7 +7,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr
-from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.echo.gridding import GriddingKernel
 from sarmitsuba.focusing.device_complex import cis, scaled
 from sarmitsuba.focusing.factorised.kernels import PolarAxes, unpacked
 
@@ -41,7 +41,7 @@ def resample(
     pixels: Pixels,
     n_lanes: int,
     turns_per_metre: dr.ArrayBase,
-    kernel: SpreadingKernel,
+    kernel: GriddingKernel,
     images: list[dr.ArrayBase],
     state: list[dr.ArrayBase],
 ) -> list[dr.ArrayBase]:

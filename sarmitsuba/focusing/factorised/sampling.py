@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.echo.gridding import gridding_kernel
 
 F64 = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def _error_db(sampling: SubimageSampling, merges: int) -> float:
     power = 10.0 ** (0.1 * _PROFILE_ERROR_DB[sampling.width]) + 10.0 ** (0.1 * _ROUNDING_DB)
     power += merges * refinement_error(sampling.upsampling) ** 2
     nu = np.linspace(0.0, 0.5 / sampling.upsampling, _NODES)
-    power += 2.0 * float(np.mean(spreading_kernel(sampling.width).aliasing(nu) ** 2))
+    power += 2.0 * float(np.mean(gridding_kernel(sampling.width).aliasing(nu) ** 2))
     return float(10.0 * np.log10(power))
 
 
@@ -115,7 +115,7 @@ def correction(sampling: SubimageSampling, n: int) -> NDArray[np.float32]:
     """
     order = np.arange(CORRECTION + 1)
     nu = np.linspace(0.0, 0.5 / sampling.upsampling, 8 * _NODES)
-    transform = spreading_kernel(sampling.width).transform(nu)
+    transform = gridding_kernel(sampling.width).transform(nu)
     terms = np.cos(2.0 * np.pi * np.outer(nu, order)) * transform[:, None]
     taps = np.linalg.lstsq(terms, np.ones_like(nu), rcond=None)[0]
     cosines = np.cos(2.0 * np.pi * np.outer(np.fft.fftfreq(n), order))

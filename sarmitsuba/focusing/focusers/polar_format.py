@@ -8,7 +8,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import (
     aperture_weights,
@@ -28,7 +28,7 @@ C64 = NDArray[np.complex64]
 C128 = NDArray[np.complex128]
 
 # taps of both kernels, polar samples onto the wavenumber grid and image onto the pixels; rms error of each, dB, is
-# spreading_kernel(6).error_db
+# gridding_kernel(6).error_db
 _WIDTH = 6
 # largest phase, rad, that the wavefront's curvature may leave at the end of the aperture
 LARGEST_PHASE = 0.3
@@ -67,16 +67,16 @@ class _PlaneWaves:
     def of(radar: Radar, grid: ImageGrid) -> "_PlaneWaves":
         rows, columns = grid.shape
         center = grid.positions_on_line(rows // 2)[columns // 2]
-        way = center - radar.track.position
-        distance = np.linalg.norm(way, axis=1)
+        leg = center - radar.track.position
+        distance = np.linalg.norm(leg, axis=1)
         axes = np.array([grid.along, grid.across])
         nodes = np.unique(np.linspace(0, distance.size - 1, _NODES).round().astype(np.int64))
-        return _PlaneWaves(center, axes, distance, way @ axes.T / distance[:, None], nodes)
+        return _PlaneWaves(center, axes, distance, leg @ axes.T / distance[:, None], nodes)
 
     def differences(self, radar: Radar, points: F64) -> F64:
         """Ranges of points (n, 3) less that of the centre at the nodes, (n, n_nodes), m."""
-        way = np.linalg.norm(points[:, None] - radar.track.position[self.nodes], axis=-1)
-        return np.asarray(way - self.distance[self.nodes])
+        leg = np.linalg.norm(points[:, None] - radar.track.position[self.nodes], axis=-1)
+        return np.asarray(leg - self.distance[self.nodes])
 
     def places(self, differences: F64) -> F64:
         """(n, 2) m: where plane waves put points, by least squares over the aperture."""
@@ -134,7 +134,7 @@ def polar_format(task: FocusTask) -> C64:
     .. math:: I(p) = \frac{1}{K N \sum_t w_t g_t} \sum_{t, k} w_t R_t^2 S_t(k) e^{j k R_t} e^{j k \mathbf u_t \cdot
               \mathbf q(p)}
 
-    It is resampled onto a Cartesian raster (type-1 non-uniform FFT, spreading kernel of width 6), transformed, and the
+    It is resampled onto a Cartesian raster (type-1 non-uniform FFT, gridding kernel of width 6), transformed, and the
     image resampled to the places :math:`\mathbf q(p)` at which plane waves put the pixels: the least squares over the
     aperture of :math:`|p - A_t| - R_t = \mathbf u_t \cdot \mathbf q`. That undoes the distortion by curved
     wavefronts and leaves their defocusing,
@@ -212,8 +212,8 @@ def _scale_and_places(
         places[row] = polar.places(differences)
         left = (differences - places[row] @ polar.slope[polar.nodes].T) @ weight
         spread = (1.0 + differences / polar.distance[polar.nodes]) ** -2 @ weight
-        way = np.linalg.norm(points - radar.track.position[middle], axis=1)
-        held = (way >= start) & (way <= start + radar.window.extent)
+        leg = np.linalg.norm(points - radar.track.position[middle], axis=1)
+        held = (leg >= start) & (leg <= start + radar.window.extent)
         scale[row] = held / spread * np.exp(1j * wavenumber * left)
     lit = total > 1e-6 * total.max()
     scale *= np.divide(1.0, total, out=np.zeros(grid.shape), where=lit) / radar.amplitude_constant
@@ -244,7 +244,7 @@ class _WavenumberRaster:
     @staticmethod
     def of(wavenumber: F64, places: F64) -> "_WavenumberRaster":
         """Raster for wavenumbers (n_pulses, 2, n_frequencies), rad/m, and places (n_pixels, 2), m."""
-        kernel = spreading_kernel(_WIDTH)
+        kernel = gridding_kernel(_WIDTH)
         k = np.moveaxis(wavenumber, 1, 0).reshape(2, -1)
         low, high = k.min(axis=1), k.max(axis=1)
         middle = 0.5 * (low + high)
@@ -286,7 +286,7 @@ class _WavenumberRaster:
         return self._read(np.ascontiguousarray(field)) * self.carrier
 
     def _taps(self, cells: F64) -> tuple[list[NDArray[np.int64]], list[list[F64]]]:
-        kernel = spreading_kernel(_WIDTH)
+        kernel = gridding_kernel(_WIDTH)
         base = np.floor(cells)
         first = [(b.astype(np.int64) - kernel.lead) for b in base]
         return first, [kernel.taps(cell - b) for cell, b in zip(cells, base, strict=True)]

@@ -8,13 +8,13 @@ import scipy.fft
 import scipy.sparse
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.echo.phasor import unit_phasor
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
-# taps of the kernel; at twofold oversampling its rms error is -103 dB (`spreading_kernel(6).error_db`)
+# taps of the kernel; at twofold oversampling its rms error is -103 dB (`gridding_kernel(6).error_db`)
 WIDTH = 6
 # bandwidth of a chirp-scaled line over that of the line before: room for the chirps' shifts in frequency
 _ROOM = 1.5
@@ -75,7 +75,7 @@ class ChirpZ:
 
 
 def kernel_matrix(position: F64, n: int) -> scipy.sparse.csr_array:
-    """Matrix that interpolates lines with the spreading kernel; its transpose spreads onto them.
+    """Matrix that interpolates lines with the gridding kernel; its transpose spreads onto them.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def kernel_matrix(position: F64, n: int) -> scipy.sparse.csr_array:
     -------
     (rows * m, rows * (n + WIDTH)) float32
     """
-    kernel = spreading_kernel(WIDTH)
+    kernel = gridding_kernel(WIDTH)
     base = np.floor(position)
     taps = kernel.taps(np.asarray(position - base))
     base -= kernel.lead
@@ -128,7 +128,7 @@ def interpolate(lines: C64, position: F64) -> C64:
 
 def kernel_transform(cycles: F64) -> F64:
     """Fourier transform of the kernel at cycles per cell."""
-    return spreading_kernel(WIDTH).transform(cycles)
+    return gridding_kernel(WIDTH).transform(cycles)
 
 
 @dataclass(frozen=True)

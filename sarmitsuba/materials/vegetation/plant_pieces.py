@@ -42,7 +42,7 @@ class OverGround:
     Parameters
     ----------
     cosine : between the wave and the vertical; it comes downwards along i and goes downwards along s, turned about
-    x, y, z : components of the axes' unit vectors: x in the plane of both ways, z upwards
+    x, y, z : components of the axes' unit vectors: x in the plane of both legs, z upwards
     """
 
     cosine: float
@@ -67,7 +67,7 @@ class OverGround:
 
     @property
     def axis_on_field(self) -> tuple[F64, F64, F64]:
-        """Parts of the axes along H, which is the same on both ways, V of the way in and V of the way out."""
+        """Parts of the axes along H, which is the same on both legs, V of the incident and V of the scattered leg."""
         return -self.y, self.cosine * self.x + self.sine * self.z, -self.cosine * self.x + self.sine * self.z
 
     def dyad(self, across: C128, along: C128) -> "Channels":
@@ -166,11 +166,11 @@ class Leaf(Piece):
     def over_ground(self, view: OverGround, wavelength: float, permittivity: complex) -> Channels:
         """See the class; the sheet's current is that of the mean of both angles."""
         k = 2.0 * np.pi / wavelength
-        came, goes = view.along
+        incident, scattered = view.along
         tangential, across, normal = self._response(
-            np.arccos(0.5 * (np.abs(came) + np.abs(goes))), k, permittivity
+            np.arccos(0.5 * (np.abs(incident) + np.abs(scattered))), k, permittivity
         )
-        q = k * self.radius * np.sqrt(np.maximum(2.0 - 2.0 * view.turned - (came - goes) ** 2, 0.0))
+        q = k * self.radius * np.sqrt(np.maximum(2.0 - 2.0 * view.turned - (incident - scattered) ** 2, 0.0))
         gain = k**2 / np.sqrt(4.0 * np.pi) * np.where(q > 1e-6, 2.0 * j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
         return view.dyad(gain * 0.5 * (tangential + across), gain * normal)
 
@@ -269,23 +269,23 @@ class Stick(Piece):
         ``THIN`` and half of it both are mixed.
         """
         k = 2.0 * np.pi / wavelength
-        came, goes = view.along
+        incident, scattered = view.along
         size = self._thickness(k, permittivity)
         share = float(np.clip(2.0 * size / THIN - 1.0, 0.0, 1.0))  # of the series
-        along, across = self._ends(k, permittivity, came, goes)
+        along, across = self._ends(k, permittivity, incident, scattered)
         if share < 1.0:
-            endless = self._cut(k, permittivity, came, goes)
+            endless = self._cut(k, permittivity, incident, scattered)
             along, across = along + (1.0 - share) * endless[0], across + (1.0 - share) * endless[1]
         if share == 0.0:
             return view.dyad(across, along)
-        form = np.sinc(0.5 * k * self.length * (came - goes) / np.pi)
-        s_in, s_out = (np.sqrt(np.maximum(1.0 - c**2, _END_ON**2)) for c in (came, goes))
-        turn = np.arccos(np.clip((view.turned - came * goes) / (s_in * s_out), -1.0, 1.0))
+        form = np.sinc(0.5 * k * self.length * (incident - scattered) / np.pi)
+        s_in, s_out = (np.sqrt(np.maximum(1.0 - c**2, _END_ON**2)) for c in (incident, scattered))
+        turn = np.arccos(np.clip((view.turned - incident * scattered) / (s_in * s_out), -1.0, 1.0))
         cone = np.arcsin(np.minimum(np.sqrt(s_in * s_out), 1.0))
         parallel, perpendicular = _series(cone, k * self.radius, permittivity, turn)
         gain = share * 2.0 * self.length / np.sqrt(np.pi) * form / (s_in * s_out)
         h, v, out = view.axis_on_field
-        # unit vectors in the plane of axis and wave, and across it, on H and V of both ways
+        # unit vectors in the plane of axis and wave, and across it, on H and V of both legs
         series = (
             gain * (parallel * h * h - perpendicular * v * out),
             gain * (parallel * v * out - perpendicular * h * h),
@@ -320,28 +320,28 @@ class Stick(Piece):
         share = float(np.clip(2.0 - self._thickness(k, permittivity), 0.0, 1.0))
         return complex(share * k**2 / np.sqrt(4.0 * np.pi) * self.volume * (permittivity - 1.0))
 
-    def _cut(self, k: float, permittivity: complex, came: F64, goes: F64) -> Pair:
+    def _cut(self, k: float, permittivity: complex, incident: F64, scattered: F64) -> Pair:
         """S of a thin endless rod cut to the length, along and across the axis, m."""
         gain = self._gain(k, permittivity)
         if gain == 0.0:
-            none = np.zeros(np.shape(came), dtype=np.complex128)
+            none = np.zeros(np.shape(incident), dtype=np.complex128)
             return none, none
-        along, across = self._rod(k, permittivity).of_endless(came, goes)
+        along, across = self._rod(k, permittivity).of_endless(incident, scattered)
         return gain * along, gain * across
 
-    def _ends(self, k: float, permittivity: complex, came: F64, goes: F64) -> Pair:
+    def _ends(self, k: float, permittivity: complex, incident: F64, scattered: F64) -> Pair:
         """What the ends change of it."""
-        endless, gain = self._cut(k, permittivity, came, goes), self._gain(k, permittivity)
+        endless, gain = self._cut(k, permittivity, incident, scattered), self._gain(k, permittivity)
         share = float(np.clip(3.0 - 3.0 * k * self.length / LONGEST, 0.0, 1.0))
         if gain == 0.0 or share == 0.0:
             return 0.0 * endless[0], 0.0 * endless[1]
-        whole = self._rod(k, permittivity).response(came, goes)
+        whole = self._rod(k, permittivity).response(incident, scattered)
         return share * (gain * whole[0] - endless[0]), share * (gain * whole[1] - endless[1])
 
 
-def _disc_form(size: float, way: F64) -> F64:
-    """Form factor of a disc; ``way`` (3, ...): difference of both directions' unit vectors, axis last."""
-    q = size * np.hypot(way[0], way[1])
+def _disc_form(size: float, change: F64) -> F64:
+    """Form factor of a disc; ``change`` (3, ...): difference of both directions' unit vectors, axis last."""
+    q = size * np.hypot(change[0], change[1])
     return np.where(q > 1e-6, 2.0 * j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
 
 
@@ -363,8 +363,8 @@ def _scattered(
         [sine * np.cos(turn), sine * np.sin(turn), np.broadcast_to(cosine[:, None], (_TILTS, _TURNS))]
     )
     c, s, none = np.cos(angle), np.sin(angle), np.zeros(angle.shape)
-    came = np.stack([s, none, c])
-    shape = np.square(form(came[:, :, None, None] - out[:, None]))
+    incident = np.stack([s, none, c])
+    shape = np.square(form(incident[:, :, None, None] - out[:, None]))
     found = []
     for x, y, z in ((across * c, none, -along * s), (none, across * np.ones(angle.shape), none)):
         moment = np.stack([x, y, z])

@@ -45,28 +45,28 @@ class ThinRod:
     across: C128
     endless: tuple[float, float, complex]
 
-    def response(self, came: F64, goes: F64) -> tuple[C128, C128]:
+    def response(self, incident: F64, scattered: F64) -> tuple[C128, C128]:
         """Along and across, (...,) complex, of waves that come and go at these cosines between direction and axis."""
         if not self.along.size:
-            return self.of_endless(came, goes)
-        came, goes = np.broadcast_arrays(came, goes)
+            return self.of_endless(incident, scattered)
+        incident, scattered = np.broadcast_arrays(incident, scattered)
         places = np.stack(
-            [(came / self._step + self._side).ravel(), (goes / self._step + self._side).ravel()]
+            [(incident / self._step + self._side).ravel(), (scattered / self._step + self._side).ravel()]
         )
         along, across = (
             (
                 map_coordinates(table.real, places, mode="nearest", prefilter=False)
                 + 1j * map_coordinates(table.imag, places, mode="nearest", prefilter=False)
-            ).reshape(came.shape)
+            ).reshape(incident.shape)
             for table in self._tables
         )
         return along, across
 
-    def of_endless(self, came: F64, goes: F64) -> tuple[C128, C128]:
+    def of_endless(self, incident: F64, scattered: F64) -> tuple[C128, C128]:
         """The same with the field of an endless rod, cut to the length."""
         radius, k, permittivity = self.endless
-        form = np.sinc(self.half * (came - goes) / np.pi)
-        along, across = symbols(k * came, k, radius)
+        form = np.sinc(self.half * (incident - scattered) / np.pi)
+        along, across = symbols(k * incident, k, radius)
         chi = permittivity - 1.0
         return form / (1.0 - chi * along), form / (1.0 - chi * across)
 

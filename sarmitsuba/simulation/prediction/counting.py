@@ -162,7 +162,7 @@ class _TracingCost:
             scatterers=traced * scatterers_met(self.sampling),
         )
         trace = USUAL_CORE.stages(work)["trace"]
-        more = USUAL_CORE.pane_ray * flags.transmission + USUAL_CORE.water_ray * flags.water_motion
+        more = USUAL_CORE.slab_ray * flags.transmission + USUAL_CORE.water_ray * flags.water_motion
         more += USUAL_CORE.wide_ray * (self.sub_bands > 1)
         trace += self.sub_bands * keys * (USUAL_CORE.finer_ray * sum(self.finer) + more * rays)
         trace *= deep_tree(self.sampling.scene.geometry.n_faces)

@@ -15,7 +15,7 @@ from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.batches import Crew
+from sarmitsuba.simulation.batches import Workers
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.raw import echoes
@@ -75,7 +75,7 @@ def refine(
     progress: Progress | None = None,
     ready: Ready | None = None,
     clock: Clock = time.perf_counter,
-    crew: Crew | None = None,
+    workers: Workers | None = None,
 ) -> Refinement:
     """Add passes of rays until the estimated sampling error meets the target or the time is up.
 
@@ -97,7 +97,7 @@ def refine(
     progress : called after every pass with the error and, where there is one, the limit
     ready : called once the first pass is planned and fits, before it is traced
     clock : that ``time_limit`` is measured with
-    crew : workers that share the tracing of every pass
+    workers : workers that share the tracing of every pass
 
     Returns
     -------
@@ -128,12 +128,12 @@ def refine(
     quiet = {**scene.settings.effects, "noise": "off"}
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True, effects=quiet))
     file = Path(state) if state is not None else None
-    mark = fingerprint(scene)
+    run_hash = fingerprint(scene)
     # noise is added to the sum of all passes
     noiseless = replace(scene, radar=replace(scene.radar, noise_temperature=0.0))
-    whole = Run(noiseless, clock=clock, crew=crew)
+    whole = Run(noiseless, clock=clock, workers=workers)
     layout = PassLayout.of(whole.scene, whole.layers.layers)
-    passes = Passes.load(file, mark, layout) if file else Passes(mark)
+    passes = Passes.load(file, run_hash, layout) if file else Passes(run_hash)
     focuser = _PassImage(
         scene,
         passes,
@@ -159,7 +159,7 @@ def refine(
         run.needs().of_passes.check()
         if file:
             part = f"pass {passes.count}, level {level}"
-            run.finished = FinishedBlocks(blocks_of(file), mark, run.plan, part)
+            run.finished = FinishedBlocks(blocks_of(file), run_hash, run.plan, part)
         try:
             if ready:
                 ready(run)

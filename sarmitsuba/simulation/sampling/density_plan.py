@@ -279,7 +279,7 @@ class SamplingPlan:
             key_pulses=self.expected_key_pulses,
         )
 
-    def lattices(self, *, draw: int = 0, subset: int = 0) -> tuple[LaunchGrid, ...]:
+    def lattices(self, *, realisation: int = 0, subset: int = 0) -> tuple[LaunchGrid, ...]:
         """Lattices that together sample every pulse, for each sector of the track.
 
         They are one for all returns, or a coarser one of its own for the diffuse: diffuse returns depend on their cells
@@ -287,14 +287,14 @@ class SamplingPlan:
 
         Parameters
         ----------
-        draw : number of the independent lattice (ray subsets, passes)
+        realisation : number of the independent lattice (ray subsets, passes)
         subset : 1 and 2 share out the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because
             footprints wider than a cell would blur the rims of shadows
         """
         return tuple(
             grid
             for purpose, spacing in self.purposes(subset)
-            for grid in self._lattices(spacing, purpose, draw)
+            for grid in self._lattices(spacing, purpose, realisation)
         )
 
     def purposes(self, subset: int = 0) -> tuple[tuple[Purpose, float], ...]:
@@ -321,7 +321,7 @@ class SamplingPlan:
         antennas = bounding_antennas(self.scene.radar.track, window.pulses)
         return expected_finer_rays(grid, int(window.area / spacing**2), scene, window.frame, antennas)
 
-    def _lattices(self, spacing: float, purpose: Purpose, draw: int) -> tuple[LaunchGrid, ...]:
+    def _lattices(self, spacing: float, purpose: Purpose, realisation: int) -> tuple[LaunchGrid, ...]:
         """One lattice in the launch plane of every sector."""
         plain = (
             lattice(
@@ -330,7 +330,7 @@ class SamplingPlan:
                 spacing,
                 taper=window.taper,
                 seed=self.scene.settings.seed,
-                draw=draw,
+                realisation=realisation,
                 purpose=purpose,
                 edges=self._edges(window) if purpose != "diffuse" else None,
             )

@@ -130,9 +130,9 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     away = axes @ across_sector(sector, look)
     found = np.zeros((0, 3))
     if len(scene.segments):
-        rods = (scene.segments.reshape(-1, 3) - middle) @ axes.T
-        footprint = SectorFootprint.of(image, away, incidence, rods)
-        found = clipped(rods.reshape(-1, 2, 3), footprint.low, footprint.high)
+        wires = (scene.segments.reshape(-1, 3) - middle) @ axes.T
+        footprint = SectorFootprint.of(image, away, incidence, wires)
+        found = clipped(wires.reshape(-1, 2, 3), footprint.low, footprint.high)
     bounds, cut = _lit_mesh(scene, pulses, axes, away, incidence)
     if bounds is None:
         if not found.size:
@@ -177,8 +177,8 @@ def _lit_mesh(
     image = scene.image
     middle = np.array([image.center_x, image.center_y, image.height])
     moving = [(corners.reshape(-1, 3) - middle) @ axes.T for corners in swept(scene, pulses)]
-    bodies = [(volume.vertices - middle) @ axes.T for volume in scene.volumes]
-    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving, *bodies])
+    volumes = [(volume.vertices - middle) @ axes.T for volume in scene.volumes]
+    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving, *volumes])
     if not local.size:
         return None, False
     footprint = SectorFootprint.of(image, away, incidence, local)

@@ -58,7 +58,7 @@ class PairEstimate:
 
 
 def run_pairs(site: Site, pilot: PairEstimate) -> SurfacePairs:
-    """Pairs of a run, as many as the error of their draw wants."""
+    """Pairs of a run, as many as the error of their realisation wants."""
     return scene_pairs(site, _cell_of_run(site, pilot))
 
 
@@ -74,7 +74,13 @@ def pair_level(site: Site) -> PairLevel:
     count = int((pilot.power > 0.0).sum())
     if not total or not pilot.pairs.clutter:
         return PairLevel(
-            share=0.0, error=0.0, strongest=0.0, square=0.0, pairs=count, draw_error=0.0, cell=pilot.cell
+            share=0.0,
+            error=0.0,
+            strongest=0.0,
+            square=0.0,
+            pairs=count,
+            realisation_error=0.0,
+            cell=pilot.cell,
         )
     strongest, square = _strongest(site, pilot)
     cell = _cell_of_run(site, pilot)
@@ -86,7 +92,7 @@ def pair_level(site: Site) -> PairLevel:
         strongest=strongest,
         square=square,
         pairs=count,
-        draw_error=min(share, _draw_error(site, pilot) * finer**2),
+        realisation_error=min(share, _realisation_error(site, pilot) * finer**2),
         cell=cell,
         cross=_over(pilot.cross, pilot.pairs.cross),
     )
@@ -169,8 +175,8 @@ def _pair_areas(site: Site) -> tuple[float, float]:
     return float(area.sum()), spanned_area(triangles, site.box) / MOST_CELLS
 
 
-def _draw_error(site: Site, found: PairEstimate) -> float:
-    r"""Error of the image by the draw of some pairs, over the power of the clutter.
+def _realisation_error(site: Site, found: PairEstimate) -> float:
+    r"""Error of the image by the realisation of some pairs, over the power of the clutter.
 
     A resolution cell in which pairs of powers w return is :math:`\delta` off in its mean power,
     :math:`\langle \delta^2 \rangle = \sum w^2 / (\sum w)^2`, and :math:`\delta / 2` in its field: a quarter of that
@@ -187,8 +193,8 @@ def _draw_error(site: Site, found: PairEstimate) -> float:
 
 
 def _cell_of_run(site: Site, pilot: PairEstimate) -> float:
-    """Edge of the cells of a run, m: the error of the draw is the tolerance, or the cells are as fine as allowed."""
-    error = _draw_error(site, pilot)
+    """Edge of the cells of a run, m: the realisation's error is the tolerance, or the cells are as fine as allowed."""
+    error = _realisation_error(site, pilot)
     if error == 0.0:
         return pilot.cell
     tolerance = 10.0 ** (site.scene.settings.tolerance_db / 10.0)

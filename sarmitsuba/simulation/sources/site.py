@@ -50,7 +50,7 @@ class Site(ABC):
 
     @property
     @abstractmethod
-    def line_step(self) -> float:
+    def wire_step(self) -> float:
         """Largest distance between the nodes of wires, m."""
 
     @property
@@ -118,7 +118,7 @@ class RunSite(Site):
         self.sampling = sampling
 
     @property
-    def line_step(self) -> float:
+    def wire_step(self) -> float:
         """See :class:`Site`."""
         sampling, radar = self.sampling, self.scene.radar
         distance = min(

@@ -12,14 +12,15 @@ from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.trace.source import Source
 
-# seconds of a usual core: a point that pairs are drawn from, laid out, a pair traced, and a draw that tells their level
+# seconds of a usual core: a point that pairs are drawn from, laid out, a pair traced, and a realisation that tells
+# their level
 POINT_LAID, PAIR_TRACED, LEVEL = 1e-6, 2.5e-7, 0.25
 # bytes of a point while it is laid out, and about as many pairs as points
 POINT_BYTES, PAIRS_OF_POINTS = 280, 0.1
 
 
 class PairKind(SourceKind):
-    """Pairs, as many as the error of their draw wants."""
+    """Pairs, as many as the error of their realisation wants."""
 
     name, rank = "pairs", 40
 

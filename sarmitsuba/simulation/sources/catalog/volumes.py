@@ -1,4 +1,4 @@
-"""Scatterers within bodies that waves go through, such as crowns of trees, straight and over the ground."""
+"""Scatterers within volumes that waves go through, such as crowns of trees, straight and over the ground."""
 
 import numpy as np
 
@@ -27,7 +27,7 @@ class VolumeKind(SourceKind):
         return PointSource(scatterers, most_bounces(scene)) if scatterers.n else None
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
-        """The cells of the boxes about the bodies are walked, and those in a body kept."""
+        """The cells of the boxes about the volumes are walked, and those in a volume kept."""
         volumes, area = site.scene.volumes, site.cell_area
         if not volumes:
             return None

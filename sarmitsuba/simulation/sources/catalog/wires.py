@@ -1,4 +1,4 @@
-"""Thin straight wires (rods, rails, masts), straight and over the ground."""
+"""Thin straight wires (cables, rails, masts), straight and over the ground."""
 
 import numpy as np
 
@@ -22,24 +22,24 @@ class WireKind(SourceKind):
     def made(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
         scene = site.scene
-        if not scene.lines:
+        if not scene.wires:
             return None
-        nodes = cut(scene.lines, site.line_step)
+        nodes = cut(scene.wires, site.wire_step)
         nodes = nodes.weighted(site.shares(nodes.point))
         if not len(nodes.point):
             return None
-        return PointSource(WireScatterers(nodes, scene.lines, site.wavelength), most_bounces(scene))
+        return PointSource(WireScatterers(nodes, scene.wires, site.wavelength), most_bounces(scene))
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
         """Their nodes, and a table for each thickness and material at each frequency."""
-        lines = site.scene.lines
-        if not lines:
+        wires = site.scene.wires
+        if not wires:
             return None
-        step, wavenumber = site.line_step, 2.0 * np.pi / site.wavelength
-        nodes = sum(line.length / step + 2.0 for line in lines)
+        step, wavenumber = site.wire_step, 2.0 * np.pi / site.wavelength
+        nodes = sum(wire.length / step + 2.0 for wire in wires)
         tables = [
             table_size(wavenumber * radius, eps)
-            for radius, eps in {(line.radius, line.permittivity) for line in lines}
+            for radius, eps in {(wire.radius, wire.permittivity) for wire in wires}
         ]
         terms = sum(tilts * azimuths * orders for tilts, azimuths, orders in tables)
         numbers = max(tilts * azimuths for tilts, azimuths, _ in tables)

@@ -1,7 +1,7 @@
 """Make the polylines of the shipped scene ``railing`` again: rows ``x y z radius``, a blank row between curves.
 
-python scenes/rods.py            write scenes/meshes/*.txt
-python scenes/rods.py --check    compare with the files that are there, write nothing
+python scenes/wires.py            write scenes/meshes/*.txt
+python scenes/wires.py --check    compare with the files that are there, write nothing
 """
 
 import sys
