@@ -1,7 +1,7 @@
 """What the effects plan saves and costs: kernels, planned against everything on, predicted against measured.
 
 Run ``python benchmarks/effects.py [SCENE ...] [--quick] [--out FOLDER] [--docs]``. Prints Markdown tables; with
-``--out`` writes ``effects.json`` and ``effects.md``, with ``--docs`` those tables of ``docs/effects.md`` that it makes.
+``--out`` writes ``effects.json`` and ``effects.md``, with ``--docs`` those of ``docs/effects_measured.md``.
 
 Every time is the least of interleaved rounds with compiled kernels: the machine may be busy with other things, and
 what disturbs a run only makes it longer. Ratios and shares are of processor seconds, summed over all threads, which
@@ -57,7 +57,7 @@ SHORT, SHORT_ROUNDS = 0.1, 6  # s; so short a first run of a process varies more
 COST_SPACING = 0.4  # m between rays of the kernel table: a quarter of a million, 0.1 s of one thread
 COST_ROUNDS = 8  # so short a time is disturbed often, and the least of many is not
 MARK = "<!-- generated: benchmarks/effects.py --docs -->"
-DOCS = Path(__file__).parents[1] / "docs" / "effects.md"
+DOCS = Path(__file__).parents[1] / "docs" / "effects_measured.md"
 
 # kernel switches, and the effect of the plan that each belongs to
 SWITCHES = {
@@ -450,7 +450,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, metavar="FOLDER", help="write effects.json and effects.md, adding to those there"
     )
-    parser.add_argument("--docs", action="store_true", help="put the tables into docs/effects.md")
+    parser.add_argument("--docs", action="store_true", help="put the tables into docs/effects_measured.md")
     parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--predict", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
