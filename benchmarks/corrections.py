@@ -21,6 +21,8 @@ from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.source import launches
+from sarmitsuba.trace.surfaces import Surfaces
 from sarmitsuba.tubes.polygon import Bounds
 
 BLOCK = 64  # pulses
@@ -41,7 +43,8 @@ def one_batch(job: Tracer, block: BlockPlan, grid: LaunchGrid) -> float:
     accumulator = BlockAccumulator(block, 1, len(radar.channels), 0, radar.waveform.wavelength)
     job.timer = StageTimer(time.process_time)
     pick = slice(block.key, block.key + 1)
-    job.launch(grid, block.state.position, block.state.velocity, pick, accumulator, block.n_pulses)
+    (launch,) = launches([Surfaces()], [grid], 1)
+    job.launch(launch, block.state.position, block.state.velocity, pick, accumulator, block.n_pulses)
     return job.timer.seconds["trace"]
 
 

@@ -70,12 +70,9 @@ def measured(name: str) -> dict[str, Any]:
         tracer.timer = StageTimer(time.process_time)
         accumulator = BlockAccumulator(block, 1, len(radar.channels), 0, radar.waveform.wavelength)
         state = (block.state.position[:1], block.state.velocity[:1], pick, accumulator, block.n_pulses)
-        if rays:
-            for grid in grids:
-                tracer.launch(grid, *state)
-        else:
-            for part, record in tracer.parts(grids, 1):
-                tracer.launch(part.grid, *state, record)
+        for launch in tracer.launches(grids, 1):
+            if bool(launch.part.rays) == rays:
+                tracer.launch(launch, *state)
         return tracer.timer.seconds["trace"]
 
     jobs = {

@@ -233,6 +233,7 @@ def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     from sarmitsuba.trace.geometry import build_trace_scene
     from sarmitsuba.trace.kernel import trace
     from sarmitsuba.trace.launch import PulseBatch, lattice
+    from sarmitsuba.trace.state import Kernel
 
     radar = scene.radar
     plan = plan_scene(scene)
@@ -249,7 +250,8 @@ def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     block = plan_block(radar, start, min(n, start + 128), window.center, sampling.phase_box, 4)
 
     def run(accumulator: Any) -> None:
-        counts, state = trace(geometry, grid, batch, flags, tracer.kernel, radar.antenna, accumulator)
+        kernel = Kernel.of(geometry, grid, batch, flags, tracer.kernel)
+        counts, state = trace(kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, getattr(accumulator, "memory", None))
         dr.sync_thread()
 

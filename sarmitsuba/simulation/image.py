@@ -222,11 +222,8 @@ class Imager:
                 tracer.pose(time[pick])
                 accumulator.serve(pick.start, pick.stop)
                 state = (grid.position[pick], grid.velocity[pick])
-                for lattice in rays:
-                    stats = stats.plus(tracer.launch(lattice, *state, slice(0, 1), accumulator, 1))
-                for part, record in tracer.parts(rays, len(state[0])):
-                    batch = tracer.launch(part.grid, *state, slice(0, 1), accumulator, 1, record)
-                    stats = stats.plus(batch)
+                for launch in tracer.launches(rays, len(state[0])):
+                    stats = stats.plus(tracer.launch(launch, *state, slice(0, 1), accumulator, 1))
             return grid.filtered(np.asarray(accumulator.grid()), share, wavelength), stats
 
         cells, stats = self._tracer.over_band(traced)

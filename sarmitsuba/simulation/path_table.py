@@ -23,9 +23,7 @@ from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer, receiver_state
-from sarmitsuba.trace.kernel import trace
-from sarmitsuba.trace.launch import LaunchGrid
-from sarmitsuba.trace.source import Part, Recorder
+from sarmitsuba.trace.source import Launch
 from sarmitsuba.trace.state import RETRO, REVERSED
 
 F64 = NDArray[np.float64]
@@ -240,10 +238,9 @@ class PathTracer:
             for pulse in wanted:
                 self._tracer.pose(radar.track.time[pulse : pulse + 1])
                 serving = [grid for grid in self._rays.at(pulse)[0] if grid.serves(pulse)]
-                parts += [_of_grid(run, self._tracer, grid, pulse, gate) for grid in serving]
                 parts += [
-                    _of_part(run, self._tracer, part, record, pulse, gate)
-                    for part, record in self._tracer.parts(serving, 1)
+                    _of_launch(run, self._tracer, launch, pulse, gate)
+                    for launch in self._tracer.launches(serving, 1)
                 ]
         table = joined(parts)
         lost = ~(np.isfinite(table.power) & np.isfinite(table.length) & np.isfinite(table.range_rate))
@@ -278,43 +275,33 @@ def _gate(scene: Scene, point: F64, cells: float) -> Gate:
     return Gate(distance, rate, np.full(distance.shape, cells * scene.radar.waveform.range_cell), half_rate)
 
 
-def _of_grid(run: Run, tracer: Tracer, grid: LaunchGrid, pulse: int, gate: Gate | None) -> PathTable:
-    """Paths of one lattice from one pulse."""
-    radar = run.scene.radar
+def _of_launch(run: Run, tracer: Tracer, launch: Launch, pulse: int, gate: Gate | None) -> PathTable:
+    """Paths of one launch from one pulse."""
+    radar, part = run.scene.radar, launch.part
     pick = slice(pulse, pulse + 1)
-    position, velocity = radar.track.position[pick], radar.track.velocity[pick]
-    batch, flags = tracer.prepared(grid, position, velocity, pick, receiver=receiver_state(radar, pick))
     one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
-    hits = max(LEAST_ROOM, ROOM_PER_RAY * grid.n_rays)
-    room = (LEAST_ROOM if gate is not None else hits, hits)
+    most = max(LEAST_ROOM, ROOM_PER_RAY * part.count)
+    room = (LEAST_ROOM if gate is not None and part.rays else most, most if part.rays else 0)
     while True:
-        recording = Recording(grid.n_rays, len(radar.channels), room, one)
-        counts, state = trace(tracer.trace_scene, grid, batch, flags, tracer.kernel, radar.antenna, recording)
+        recording = Recording(max(1, part.rays), len(radar.channels), room, one)
+        kernel = tracer.kernel_of(
+            part.grid,
+            radar.track.position[pick],
+            radar.track.velocity[pick],
+            pick,
+            recording,
+            receiver=receiver_state(radar, pick),
+        )
+        counts, state = launch.record(kernel, radar.antenna, recording)
         dr.eval(counts.hits, state, recording.memory)
         if recording.whole:
-            return _table(run, tracer, recording.rows(), pulse)
+            rows = recording.rows()
+            return _table(run, tracer, rows, pulse) if part.rays else _of_places(run.scene, rows, pulse)
         room = recording.found()
 
 
-def _of_part(
-    run: Run, tracer: Tracer, part: Part, record: Recorder, pulse: int, gate: Gate | None
-) -> PathTable:
-    """Paths of one launch of a source, at one pulse."""
-    scene, pick = run.scene, slice(pulse, pulse + 1)
-    radar = scene.radar
-    position, velocity = radar.track.position[pick], radar.track.velocity[pick]
-    batch, _ = tracer.prepared(part.grid, position, velocity, pick, receiver=receiver_state(radar, pick))
-    kernel = tracer.kernel_of(part.grid, batch)
-    one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
-    room = (max(LEAST_ROOM, ROOM_PER_RAY * part.count), 0)
-    while True:
-        recording = Recording(1, len(radar.channels), room, one)
-        _, state = record(kernel, radar.antenna, recording)
-        dr.eval(state, recording.memory)
-        if recording.whole:
-            break
-        room = recording.found()
-    rows = recording.rows()
+def _of_places(scene: Scene, rows: Rows, pulse: int) -> PathTable:
+    """Rows of scatterers at known positions, which no ray has hit; amplitudes still without the phase of the length."""
     order = rows.labels[:, 2].astype(np.int32)
     there = np.arange(1, int(order.max(initial=1)) + 1) <= order[:, None]
     nothing = np.full(there.shape, -1, dtype=np.int32)

@@ -15,7 +15,7 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
-from sarmitsuba.trace.state import Contribution
+from sarmitsuba.trace.state import Contribution, Kernel
 
 F64 = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ def record_paths(
     antenna = np.asarray(position, dtype=np.float64).reshape(1, 3)
     batch = PulseBatch(antenna, np.zeros((1, 3)), frame)
     accumulator = RecordAccumulator(max_depth, grid.n_rays)
-    counts, state = trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
+    counts, state = trace(Kernel.of(scene, grid, batch, flags, settings), Antenna(), accumulator)
     dr.eval(counts.hits, state, accumulator.slant_range, accumulator.amplitude)
     lengths = accumulator.slant_range.numpy().reshape(max_depth, grid.n_rays)
     amplitude = accumulator.amplitude.numpy().view(np.complex64).reshape(max_depth, grid.n_rays)

@@ -35,7 +35,7 @@ from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
-from sarmitsuba.trace.state import Contribution, Hit, RayState
+from sarmitsuba.trace.state import Contribution, Hit, Kernel, RayState
 
 F64 = NDArray[np.float64]
 
@@ -396,7 +396,8 @@ def _trace(
     )
     n = patches.n_random + patches.n_features
     accumulator = _PatchAccumulator(n, orders, radar.waveform.wavelength, reference)
-    _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, accumulator)
+    kernel = Kernel.of(trace_scene, patches.grid, batch, flags, settings)
+    _, state = trace(kernel, radar.antenna, accumulator)
     dr.eval(state, accumulator.memory, accumulator.going_on)
     sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), orders, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)

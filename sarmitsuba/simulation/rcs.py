@@ -30,8 +30,9 @@ from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch, frame_towards, lattice, project
 from sarmitsuba.trace.passage import Passage
-from sarmitsuba.trace.source import Source
-from sarmitsuba.trace.state import Constants, Kernel
+from sarmitsuba.trace.source import Source, launches
+from sarmitsuba.trace.state import Kernel
+from sarmitsuba.trace.surfaces import Surfaces
 
 # lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing
 MAX_LANES = 4_000_000
@@ -295,13 +296,11 @@ def monostatic_rcs(
             accumulator = SumAccumulator(
                 batch.n_pulses, len(channels), depth if apart else 0, wavelength, far
             )
-            counts, _ = trace(scene, grid, batch, flags, deep, Antenna(), accumulator)
-            if flags.multi_bounce:
-                alive[here] = np.asarray(counts.hits).reshape(batch.n_pulses, -1).max(axis=1) >= depth
-            for source in sources:
-                for part in source.parts([grid], batch.n_pulses):
-                    kernel = Kernel(scene, part.grid, batch, flags, Constants.of(deep, scene, part.grid))
-                    source.record(part, kernel, Antenna(), accumulator)
+            for launch in launches((Surfaces(), *sources), [grid], batch.n_pulses):
+                kernel = Kernel.of(scene, launch.part.grid, batch, flags, deep)
+                counts, _ = launch.record(kernel, Antenna(), accumulator)
+                if launch.part.rays and flags.multi_bounce:
+                    alive[here] = np.asarray(counts.hits).reshape(batch.n_pulses, -1).max(axis=1) >= depth
             sums = accumulator.grid().reshape(n_orders, len(channels), batch.n_pulses)
             if not all_finite(sums):
                 _stop(scene, grid, batch, flags, deep, geometry, materials)
@@ -334,7 +333,7 @@ def _stop(
     """Raise the error about a launch whose echoes are not numbers; see `check_traced`."""
 
     def again(recording: Recording) -> None:
-        _, state = trace(scene, grid, batch, flags, settings, Antenna(), recording)
+        _, state = trace(Kernel.of(scene, grid, batch, flags, settings), Antenna(), recording)
         dr.eval(state, recording.memory)
 
     look = batch.position - batch.frame.center

@@ -25,10 +25,11 @@ from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
 from sarmitsuba.trace.geometry import TraceScene
-from sarmitsuba.trace.kernel import KernelSettings, trace
+from sarmitsuba.trace.kernel import Accumulator, KernelSettings
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
-from sarmitsuba.trace.source import Part, Recorder
-from sarmitsuba.trace.state import Constants, Kernel
+from sarmitsuba.trace.source import Launch, Source, launches
+from sarmitsuba.trace.state import Kernel
+from sarmitsuba.trace.surfaces import Surfaces
 from sarmitsuba.tubes.polygon import INNER_UP_TO
 
 F64 = NDArray[np.float64]
@@ -75,7 +76,11 @@ class Tracer:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
         self.times: F64 | None = None
-        self.sources = sources_of(RunSite(sampling, flags, trace_scene))
+        # surfaces first, then scatterers at known positions
+        self.sources: tuple[Source, ...] = (
+            Surfaces(),
+            *sources_of(RunSite(sampling, flags, trace_scene)),
+        )
         timer.lap("launch grid")
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
@@ -226,101 +231,104 @@ class Tracer:
         *,
         receiver: State | None = None,
     ) -> TraceStatistics:
-        """Run one kernel for each lattice that serves the first of the pulses, all into the same grid."""
+        """Run every launch of some pulses into the same grid, by the lattices that serve the first of them."""
         serving = [grid for grid in rays if grid.serves(pick.start)]
         each = [
-            self.launch(grid, position, velocity, pick, accumulator, pulses_each, receiver=receiver)
-            for grid in serving
-        ]
-        each += [
-            self.launch(
-                part.grid, position, velocity, pick, accumulator, pulses_each, record, receiver=receiver
-            )
-            for part, record in self.parts(serving, len(position))
+            self.launch(one, position, velocity, pick, accumulator, pulses_each, receiver=receiver)
+            for one in self.launches(serving, len(position))
         ]
         total = each[0]
         for more in each[1:]:
             total = total.plus(replace(more, key_pulses=0))
         return total
 
-    def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> list[tuple[Part, Recorder]]:
-        """Launches of the scene's sources beside those of the lattices, and what records each."""
-        return [
-            (part, partial(source.record, part))
-            for source in self.sources
-            for part in source.parts(rays, n_pulses)
-        ]
+    def launches(self, rays: Sequence[LaunchGrid], n_pulses: int) -> list[Launch]:
+        """Every launch of a batch of pulses that has these lattices: surfaces, then scatterers at known positions."""
+        return launches(self.sources, rays, n_pulses)
 
-    def kernel_of(self, grid: LaunchGrid, batch: PulseBatch) -> Kernel:
-        """What the launches of sources share, with every effect that the run has."""
-        constants = Constants.of(self.kernel, self.trace_scene, grid)
-        return Kernel(self.trace_scene, grid, batch, self.flags, constants)
-
-    def launch(
+    def kernel_of(
         self,
         grid: LaunchGrid,
         position: NDArray[np.float64],
         velocity: NDArray[np.float64],
         pick: slice,
-        accumulator: GridAccumulator,
-        pulses_each: int,
-        record: Recorder | None = None,
+        accumulator: Accumulator,
         *,
         receiver: State | None = None,
-    ) -> TraceStatistics:
-        """Record and run one kernel, of the grid's rays or of a source.
-
-        Parameters
-        ----------
-        record : of a source, None: the rays
-        receiver : position and velocity of an antenna apart that receives
-        """
-        radar = self.sampling.scene.radar
-        batch, flags = self.prepared(grid, position, velocity, pick, receiver=receiver)
+    ) -> Kernel:
+        """What a launch is recorded with; parameters as for :meth:`launch`."""
+        flags, settings = self.flags, self.kernel
+        batch = pulse_batch(
+            self.sampling.scene.radar,
+            pick,
+            position,
+            velocity,
+            grid.frame or self.sampling.window.frame,
+            patterned=flags.antenna_pattern,
+            receiver=receiver,
+        )
+        if flags.water_motion:
+            batch = replace(batch, time=self.times)
         if isinstance(accumulator, BlockAccumulator) and self.sampling.azimuth_later:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
             batch = batch.with_azimuth_later
-        if record is None:
-            settings = self.kernel
-            if settings.kept_up_to is not None and isinstance(accumulator, DirectAccumulator):
-                settings = replace(
-                    settings, kept_up_to=settings.kept_up_to * (EVERY_PULSE_UP_TO / INNER_UP_TO)
-                )
-            counts, state = trace(self.trace_scene, grid, batch, flags, settings, radar.antenna, accumulator)
-        else:
-            counts, state = record(self.kernel_of(grid, batch), radar.antenna, accumulator)
+        if settings.kept_up_to is not None and isinstance(accumulator, DirectAccumulator):
+            settings = replace(settings, kept_up_to=settings.kept_up_to * (EVERY_PULSE_UP_TO / INNER_UP_TO))
+        return Kernel.of(self.trace_scene, grid, batch, flags, settings)
+
+    def launch(
+        self,
+        launch: Launch,
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        pick: slice,
+        accumulator: GridAccumulator,
+        pulses_each: int,
+        *,
+        receiver: State | None = None,
+    ) -> TraceStatistics:
+        """Record and run one kernel.
+
+        Parameters
+        ----------
+        launch : which
+        position, velocity : (n, 3) m and m/s, of the antenna that transmits, scene frame
+        pick : pulses whose pointing holds
+        accumulator : what echoes are added to
+        pulses_each : pulses that a path goes to
+        receiver : position and velocity of an antenna apart that receives
+        """
+        antenna = self.sampling.scene.radar.antenna
+        kernel = self.kernel_of(launch.part.grid, position, velocity, pick, accumulator, receiver=receiver)
+        counts, state = launch.record(kernel, antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])
         self.timer.lap("trace")
         if not np.isfinite(power):
-            self._stop(grid, batch, flags, pick, record)
+            self._stop(launch, kernel, pick)
+        n_pulses = kernel.pulses.n_pulses
         return TraceStatistics(
-            rays=grid.n_rays * batch.n_pulses if record is None else 0,
+            rays=launch.part.rays * n_pulses,
             hits=totals[0],
             contributions=totals[1],
             outside=totals[2],
-            key_pulses=batch.n_pulses,
+            key_pulses=n_pulses,
             path_pulses=totals[1] * pulses_each,
             power=power * pulses_each,
             power_outside=lost_power * pulses_each,
         )
 
-    def _stop(
-        self, grid: LaunchGrid, batch: PulseBatch, flags: KernelFlags, pick: slice, record: Recorder | None
-    ) -> None:
+    def _stop(self, launch: Launch, kernel: Kernel, pick: slice) -> None:
         """Raise the error about a launch whose echoes are not numbers; see :func:`check_traced`."""
-        scene, antenna = self.sampling.scene, self.sampling.scene.radar.antenna
+        scene = self.sampling.scene
 
         def again(recording: Recording) -> None:
-            if record is None:
-                _, state = trace(self.trace_scene, grid, batch, flags, self.kernel, antenna, recording)
-            else:
-                _, state = record(self.kernel_of(grid, batch), antenna, recording)
+            _, state = launch.record(kernel, scene.radar.antenna, recording)
             dr.eval(state, recording.memory)
 
         def culprit() -> str:
-            lanes = grid.n_rays * batch.n_pulses if record is None else 1
+            lanes = max(1, launch.part.rays * kernel.pulses.n_pulses)
             n_channels, depth = len(scene.radar.channels), self.kernel.max_depth
             bodies = self.trace_scene, scene.geometry, scene.materials
             look = scene.settings.method == "image"
@@ -331,35 +339,6 @@ class Tracer:
             return blamed(again, lanes, depth, n_channels, *bodies, label)
 
         check_traced(np.zeros(0, np.complex64), np.nan, scene.name, culprit)
-
-    def prepared(
-        self,
-        grid: LaunchGrid,
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        pick: slice,
-        *,
-        receiver: State | None = None,
-    ) -> tuple[PulseBatch, KernelFlags]:
-        """Antenna state of a launch and the effects of the returns that the grid's rays are for."""
-        flags = self.flags
-        frame = grid.frame or self.sampling.window.frame
-        batch = pulse_batch(
-            self.sampling.scene.radar,
-            pick,
-            position,
-            velocity,
-            frame,
-            patterned=flags.antenna_pattern,
-            receiver=receiver,
-        )
-        if flags.water_motion:
-            batch = replace(batch, time=self.times)
-        if grid.purpose == "coherent":
-            flags = replace(flags, diffuse=False)
-        elif grid.purpose == "diffuse":
-            flags = replace(flags, coherent=False)
-        return batch, flags
 
 
 def _reference_range(radar: Radar, center: NDArray[np.float64]) -> float:

@@ -29,7 +29,6 @@ from sarmitsuba.trace.rays import (
 )
 from sarmitsuba.trace.state import (
     NO_HIT,
-    Constants,
     Contribution,
     Hit,
     Kernel,
@@ -39,10 +38,7 @@ from sarmitsuba.trace.state import (
 )
 
 if TYPE_CHECKING:
-    from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.radar.antenna import Antenna
-    from sarmitsuba.trace.geometry import TraceScene
-    from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
 
     LaneArrays = tuple[mi.UInt32, ...]  # what an accumulator keeps per lane: Dr.Jit arrays, often none
 
@@ -81,16 +77,8 @@ class TraceCounts:
     contributions: mi.UInt32
 
 
-def trace(
-    scene: TraceScene,
-    grid: LaunchGrid,
-    pulses: PulseBatch,
-    flags: KernelFlags,
-    settings: KernelSettings,
-    antenna: Antenna,
-    accumulator: Accumulator,
-) -> tuple[TraceCounts, LaneArrays]:
-    """Trace every ray of the grid from every pulse of the batch and hand all contributions to the accumulator.
+def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[TraceCounts, LaneArrays]:
+    """Trace every ray of the kernel's grid from every pulse and hand all contributions to the accumulator.
 
     Nothing is evaluated here: the caller's ``dr.eval`` launches the one kernel that this records.
 
@@ -99,7 +87,6 @@ def trace(
     counts : per-lane hits and contributions
     state : the accumulator's loop state after the last bounce
     """
-    kernel = Kernel(scene, grid, pulses, flags, Constants.of(settings, scene, grid))
     lane, ray = launch(kernel, antenna)
     if isinstance(accumulator, Follower):
         ray = replace(ray, trail=mi.UInt32(NO_HIT))

@@ -1,6 +1,7 @@
-"""Returns that no ray of a lattice finds: of scatterers whose places are known, each traced to the antenna itself.
+"""Sources of echoes: each records launches of its own into the accumulator of a batch.
 
-A source records a launch of its own, into the accumulator of the batch. The common one, :class:`PointSource`, has
+Surfaces are one (:mod:`sarmitsuba.trace.surfaces`), whose rays are traced from hit to hit. The others are scatterers at
+known positions, traced directly to the antenna. The common one of these, :class:`PointSource`, has
 scatterers with a closed form of their scattering amplitude; it sees each of them from the antenna straight and, where
 wanted, in the ground below.
 """
@@ -39,16 +40,18 @@ class Part:
     Parameters
     ----------
     grid : lattice that gives the kernel's constants, and its rays where the source has any
-    first, count : of the scatterers
+    first, count : of the scatterers; of rays: all
+    rays : that are traced from hit to hit, for each pulse; 0 where scatterers are traced directly to the antenna
     """
 
     grid: LaunchGrid
     first: int
     count: int
+    rays: int = 0
 
 
 class Source(Protocol):
-    """Something that returns echoes beside the lattices' rays."""
+    """Something that returns echoes."""
 
     def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
         """Launches for a batch of pulses that has these lattices."""
@@ -62,13 +65,23 @@ class Source(Protocol):
         """The same scatterers at another wavelength, m."""
 
 
-class Recorder(Protocol):
-    """:meth:`Source.record` of one part."""
+@dataclass(frozen=True, eq=False)
+class Launch:
+    """One kernel launch: a source, and which part of it."""
 
-    def __call__(
+    source: Source
+    part: Part
+
+    def record(
         self, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
     ) -> tuple[TraceCounts, LaneArrays]:
-        """Record the launch."""
+        """:meth:`Source.record` of the part."""
+        return self.source.record(self.part, kernel, antenna, accumulator)
+
+
+def launches(sources: Sequence[Source], rays: Sequence[LaunchGrid], n_pulses: int) -> list[Launch]:
+    """Every launch of a batch of pulses that has these lattices, source by source."""
+    return [Launch(source, part) for source in sources for part in source.parts(rays, n_pulses)]
 
 
 class Scatterers(ABC):
@@ -368,9 +381,10 @@ def _added(
 
 __all__ = [
     "MAX_LANES",
+    "Launch",
     "Part",
     "PointSource",
-    "Recorder",
     "Scatterers",
     "Source",
+    "launches",
 ]

@@ -118,6 +118,18 @@ class Kernel:
     flags: KernelFlags
     constants: Constants
 
+    @classmethod
+    def of(
+        cls,
+        scene: TraceScene,
+        grid: LaunchGrid,
+        pulses: PulseBatch,
+        flags: KernelFlags,
+        settings: KernelSettings,
+    ) -> Kernel:
+        """Kernel of a launch with these settings."""
+        return cls(scene, grid, pulses, flags, Constants.of(settings, scene, grid))
+
     def __post_init__(self) -> None:
         if self.flags.slabs and self.scene.slabs is not None:
             self.scene.slabs.prepare()  # before anything is recorded

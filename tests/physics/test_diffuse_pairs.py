@@ -24,7 +24,8 @@ from sarmitsuba.trace.kernel import KernelSettings
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.pair_search import Pairs, find_pairs
-from sarmitsuba.trace.state import Constants, Kernel
+from sarmitsuba.trace.source import launches
+from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation import targets
 
 F64 = NDArray[np.float64]
@@ -192,11 +193,10 @@ def test_another_antenna_at_the_same_place_hears_the_same() -> None:
     flags = KernelFlags(channels=("HH", "RV"), antenna_pattern=False)
     sums = []
     for both in (batch, replace(batch, receiver=batch)):
-        kernel = Kernel(scene, grid, both, flags, Constants.of(settings, scene, grid))
+        kernel = Kernel.of(scene, grid, both, flags, settings)
         accumulator = SumAccumulator(1, 2, 0, WAVELENGTH, FAR)
-        source = DiffusePairs(pairs)
-        for part in source.parts([grid], 1):
-            _, state = source.record(part, kernel, Antenna(), accumulator)
+        for launch in launches([DiffusePairs(pairs)], [grid], 1):
+            _, state = launch.record(kernel, Antenna(), accumulator)
             dr.eval(state, accumulator.memory)
         sums.append(accumulator.grid().ravel())
     assert np.abs(sums[0]).min() > 0.0

@@ -18,7 +18,9 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION
+from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Contribution
+from sarmitsuba.trace.surfaces import Surfaces
 
 F64 = NDArray[np.float64]
 LEVEL_DB = -10.0
@@ -98,8 +100,8 @@ def returned_rcs(scene: Scene, seed: int = 0) -> float:
     power = _Power()
     tracer = run.tracer(run.sampling, antenna_pattern=False)
     tracer.flags = replace(tracer.flags, speckle=False)
-    for grid in run.lattices(run.sampling, 0)[0]:
-        tracer.launch(grid, track.position[pick], track.velocity[pick], pick, power, 1)  # type: ignore[arg-type]
+    for launch in launches([Surfaces()], run.lattices(run.sampling, 0)[0], 1):
+        tracer.launch(launch, track.position[pick], track.velocity[pick], pick, power, 1)  # type: ignore[arg-type]
     distance = float(np.linalg.norm(track.position[middle]))
     return float(power.memory[0]) * (distance**2 / tracer.kernel.amplitude) ** 2
 

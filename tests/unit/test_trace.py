@@ -19,7 +19,7 @@ from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice
-from sarmitsuba.trace.state import COHERENT, DIFFUSE, RETRO, Contribution
+from sarmitsuba.trace.state import COHERENT, DIFFUSE, RETRO, Contribution, Kernel
 
 
 class Tally:
@@ -63,9 +63,8 @@ def test_every_contribution_arrives_once(changes: dict[str, bool]) -> None:
     wavelength = radar.waveform.wavelength
     settings = KernelSettings(wavelength, 3, cell=0.7, seed=1, amplitude=1.0, reference_range=1e4)
     built = build_trace_scene(scene.geometry, scene.materials, wavelength)
-    counts, state = trace(
-        built, rays, PulseBatch(position, velocity, frame), flags, settings, Antenna(), Tally()
-    )
+    kernel = Kernel.of(built, rays, PulseBatch(position, velocity, frame), flags, settings)
+    counts, state = trace(kernel, Antenna(), Tally())
     dr.eval(counts, state)
     coherent, diffuse, retro, wrong_order = (int(np.sum(s.numpy())) for s in state)
     assert coherent + diffuse + retro == int(np.sum(counts.contributions.numpy())) > rays.n_rays // 2

@@ -20,7 +20,8 @@ from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, frame_towards
 from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.pair_search import Pairs, find_pairs
-from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings
+from sarmitsuba.trace.source import launches
+from sarmitsuba.trace.state import Contribution, Kernel, KernelSettings
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.kernel import LaneArrays
@@ -296,14 +297,13 @@ def pair_echo(
     )
     flags = replace(flags, antenna_pattern=False, spreading=False, taper=False)
     batch = PulseBatch(position[None], np.zeros((1, 3)), frame)
-    kernel = Kernel(trace_scene, grid, batch, flags, Constants.of(settings, trace_scene, grid))
-    source = DiffusePairs(pairs)
+    kernel = Kernel.of(trace_scene, grid, batch, flags, settings)
     echoes = []
-    for part in source.parts([grid], 1):
-        kept = _Kept(part.count, len(flags.channels))
-        _, state = source.record(part, kernel, Antenna(), kept)
+    for launch in launches([DiffusePairs(pairs)], [grid], 1):
+        kept = _Kept(launch.part.count, len(flags.channels))
+        _, state = launch.record(kernel, Antenna(), kept)
         dr.eval(state, kept.memory, kept.slant_range)
-        amplitude = kept.memory.numpy().astype(np.float64).reshape(part.count, -1, 2)
+        amplitude = kept.memory.numpy().astype(np.float64).reshape(launch.part.count, -1, 2)
         echoes.append((amplitude[..., 0] + 1j * amplitude[..., 1], kept.slant_range.numpy()))
     return PairEcho(*(np.concatenate(column) for column in zip(*echoes, strict=True)))
 

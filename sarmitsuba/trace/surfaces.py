@@ -1,0 +1,42 @@
+"""Echoes of surfaces: the rays of a batch's lattices, each a tube that closes to the antenna at every hit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sarmitsuba.trace.kernel import trace
+from sarmitsuba.trace.source import Part
+
+if TYPE_CHECKING:
+    from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.trace.kernel import Accumulator, LaneArrays, TraceCounts
+    from sarmitsuba.trace.launch import LaunchGrid
+    from sarmitsuba.trace.state import Kernel
+
+
+class Surfaces:
+    """Source of the echoes of surfaces; see :class:`sarmitsuba.trace.source.Source`."""
+
+    def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
+        """One launch for each lattice."""
+        return [Part(grid, 0, grid.n_rays, rays=grid.n_rays) for grid in rays]
+
+    def record(
+        self, part: Part, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
+    ) -> tuple[TraceCounts, LaneArrays]:
+        """Record one launch, of those returns alone that the lattice is for."""
+        purpose, flags = part.grid.purpose, kernel.flags
+        if purpose == "coherent":
+            flags = replace(flags, diffuse=False)
+        elif purpose == "diffuse":
+            flags = replace(flags, coherent=False)
+        return trace(replace(kernel, flags=flags), antenna, accumulator)
+
+    def at(self, wavelength: float) -> Surfaces:
+        """The same: the kernel's wavenumber is all that changes."""
+        return self
+
+
+__all__ = ["Surfaces"]
