@@ -34,7 +34,7 @@ GROWTH = 0.5
 # next, dB
 SEAM_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
 # one seam tells the mean over all blocks to within so much, n of them to that over the root of n; added to what is
-# stated, dB (benchmarks/stated_errors.py)
+# stated, dB (benchmarks/suite/stated_errors.py)
 SEAM_SCATTER_DB = 2.5
 # blocks are to be so much below a wanted error of the whole run, dB
 BELOW_TARGET_DB = 3.0

@@ -45,7 +45,7 @@ STEEP = 1e-3
 # directions that are traced a second time, with other rays, for the error of the sampling
 CHECKED = 24
 # distance of those rays over the first ones', and energy of the first ones' error over that of the difference: both
-# have a part of it in common (benchmarks/stated_errors.py --kind rcs)
+# have a part of it in common (benchmarks/suite/stated_errors.py --kind rcs)
 OTHER_SPACING, ERROR_SHARE = 2.0**-0.5, 2.0
 # resolution cells over the target's diameter, and bandwidth over frequency, where no bandwidth is given
 CELLS_ACROSS, WIDEST_BAND = 48.0, 0.4
