@@ -17,6 +17,7 @@ from effects import load
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sources.kind import SOURCES
 from sarmitsuba.simulation.sources.pairs import PILOT_POINTS, estimate_pairs, pair_level, pilot_cell
@@ -70,10 +71,10 @@ def measured(name: str) -> dict[str, Any]:
         radar = scene.radar
         tracer.timer = StageTimer(time.process_time)
         accumulator = BlockAccumulator(block, 1, len(radar.channels), 0, radar.waveform.wavelength)
-        state = (block.state.position[:1], block.state.velocity[:1], pick, accumulator, block.n_pulses)
+        states = AntennaStates(block.state.position[:1], block.state.velocity[:1], pick)
         for launch in tracer.launches(grids, 1):
             if bool(launch.part.rays) == rays:
-                tracer.launch(launch, *state)
+                tracer.launch(launch, states, accumulator, block.n_pulses)
         return tracer.timer.seconds["trace"]
 
     jobs = {

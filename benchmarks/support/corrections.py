@@ -15,6 +15,7 @@ import numpy as np
 from sarmitsuba.backend import mi
 from sarmitsuba.echo.block import BlockPlan, plan_block
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import Tracer
@@ -44,7 +45,9 @@ def one_batch(job: Tracer, block: BlockPlan, grid: LaunchGrid) -> float:
     job.timer = StageTimer(time.process_time)
     pick = slice(block.key, block.key + 1)
     (launch,) = launches([Surfaces()], [grid], 1)
-    job.launch(launch, block.state.position, block.state.velocity, pick, accumulator, block.n_pulses)
+    job.launch(
+        launch, AntennaStates(block.state.position, block.state.velocity, pick), accumulator, block.n_pulses
+    )
     return job.timer.seconds["trace"]
 
 

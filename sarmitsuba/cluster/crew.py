@@ -12,7 +12,7 @@ from uuid import uuid4
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.cluster.address import ClusterAddress
 from sarmitsuba.errors import ClusterError
-from sarmitsuba.simulation.batches import Batch, Bench, Traced, TraceJob
+from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced, TraceJob
 
 try:
     import dask
@@ -75,7 +75,7 @@ class DaskCrew:
         ClusterError
             Workers die of a batch again and again, or the scheduler is gone.
         """
-        return self.spread(job.bench, Bench.trace, batches)
+        return self.spread(job.tracer, BatchTracer.trace, batches)
 
     def spread(
         self, make: Callable[[], Tool], use: Callable[[Tool, Task], Result], tasks: Sequence[Task]

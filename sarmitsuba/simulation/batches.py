@@ -7,10 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.block import plan_block
 from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
+from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.sources.kind import passages_of
@@ -42,7 +42,7 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Traced:
-    """What a batch came to.
+    """Result of one batch.
 
     Parameters
     ----------
@@ -58,8 +58,8 @@ class Traced:
     grid_bytes: int
 
 
-class Bench:
-    """Where batches of a run are traced.
+class BatchTracer:
+    """Tracing of batches of a run.
 
     Parameters
     ----------
@@ -72,33 +72,37 @@ class Bench:
     def __init__(self, tracer: Tracer, rays: Rays, n_layers: int, max_order: int) -> None:
         self.tracer, self.rays, self.n_layers, self.max_order = tracer, rays, n_layers, max_order
 
-    def trace(self, batch: Batch) -> Traced:
-        """Trace one batch."""
-        start, stop = batch.start, batch.stop
-        if batch.together:
-            lattices = self.rays.at(start + (stop - start) // 2)[batch.subset]
-            profiles, stats = self.block(lattices, start, stop)
-        else:
-            lattices = self.rays.at(start)[batch.subset]
-            profiles, stats = self.tracer.direct(lattices, start, stop, self.n_layers, self.max_order)
-        if batch.subset:  # the pulses of the first subset again
-            stats = replace(stats, key_pulses=0)
-        return Traced(batch, profiles, stats, self.tracer.largest_grid)
-
-    def block(self, rays: Sequence[LaunchGrid], start: int, stop: int) -> tuple[C64, TraceStatistics]:
-        """Trace the pulses ``start:stop`` from their key pulse, with any rays."""
-        sampling = self.tracer.sampling
-        plan = plan_block(
-            sampling.scene.radar,
-            start,
-            stop,
-            sampling.window.center,
-            sampling.phase_box,
-            sampling.scene.settings.gridding_width,
-            extra_slant_range=sampling.extra_slant_range,
-            extra_range_rate=sampling.extra_range_rate,
+    def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
+        """Trace one batch, with the lattices of its ray subset or with others."""
+        tracer, radar = self.tracer, self.tracer.sampling.scene.radar
+        pulses: Pulses = (KeyPulse if batch.together else EveryPulse)(
+            tracer.sampling, batch.start, batch.stop
         )
-        return self.tracer.block(rays, plan, self.n_layers, self.max_order)
+        states = pulses.states
+        if lattices is None:
+            middle = batch.start + (batch.stop - batch.start) // 2
+            lattices = self.rays.at(middle if batch.together else batch.start)[batch.subset]
+        serving = [grid for grid in lattices if grid.serves(states.pick.start)]
+        tracer.pose(radar.track.time[states.pick])
+        channels, wavelength = len(radar.channels), radar.waveform.wavelength
+        profiles: C64 | None = None
+        statistics = TraceStatistics()
+        for at_frequency, share in tracer.over_band():
+            accumulator = pulses.accumulator(
+                self.n_layers // channels, channels, self.max_order, wavelength, tracer.largest_grid
+            )
+            tracer.largest_grid = max(tracer.largest_grid, accumulator.n_bytes)
+            accumulator.watch(radar.window.start_range[states.pick], radar.window.extent)
+            for launch in at_frequency.launches(serving, states.n_pulses):
+                done = at_frequency.launch(launch, states, accumulator, pulses.each)
+                statistics = statistics.plus(replace(done, key_pulses=0))
+            part = pulses.profiles(accumulator.grid(), share)
+            profiles = part if profiles is None else profiles + part
+            tracer.timer.lap("synthesise")
+        assert profiles is not None
+        # the subsets after the first have the same pulses
+        statistics = replace(statistics, key_pulses=0 if batch.subset else states.n_pulses)
+        return Traced(batch, profiles, statistics, tracer.largest_grid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,13 +128,13 @@ class TraceJob:
     pass_index: int
     sub_bands: int = 1
 
-    def bench(self) -> Bench:
+    def tracer(self) -> BatchTracer:
         """Build the geometry on this process's device; the back end must be there."""
         trace_scene = built(self.scene)
         flags, timer = self.sampling.flags, StageTimer()
         tracer = Tracer(self.sampling, flags, trace_scene, self.max_depth, timer, self.sub_bands)
         rays = Rays(self.sampling, trace_scene, self.layers.subsets, self.pass_index)
-        return Bench(tracer, rays, self.layers.per_subset, self.layers.max_order)
+        return BatchTracer(tracer, rays, self.layers.per_subset, self.layers.max_order)
 
 
 class Crew(Protocol):
@@ -155,4 +159,4 @@ def built(scene: Scene) -> TraceScene:
     return replace(made, passages=passages_of(scene))
 
 
-__all__ = ["Batch", "Bench", "Crew", "TraceJob", "Traced", "built"]
+__all__ = ["Batch", "BatchTracer", "Crew", "TraceJob", "Traced", "built"]

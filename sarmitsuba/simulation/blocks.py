@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
-from sarmitsuba.simulation.batches import Batch, Bench, Traced
+from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.sampling.rays import Rays
@@ -95,7 +95,7 @@ class Blocks:
     ) -> None:
         self.finished = finished
         self.tracer, self.rays, self.layers, self.data = tracer, rays, tuple(layers), data
-        self.bench = Bench(tracer, rays, len(self.layers) // rays.n_subsets, max_order)
+        self.batches = BatchTracer(tracer, rays, len(self.layers) // rays.n_subsets, max_order)
         self.spread = spread or self._here
         settings = tracer.sampling.scene.settings
         self.automatic = settings.key_pulse_interval == 0 and settings.method != "raw"
@@ -156,7 +156,7 @@ class Blocks:
             if self.finished is None or not found:
                 todo.append(batch)
                 continue
-            shape = (self.bench.n_layers, batch.stop - batch.start, self.data.shape[2])
+            shape = (self.batches.n_layers, batch.stop - batch.start, self.data.shape[2])
             yield Traced(batch, found[0].reshape(shape), found[1], self.finished.grid_bytes)
         for traced in spread(todo) if todo else ():
             if self.finished is not None:
@@ -178,7 +178,7 @@ class Blocks:
         return traced.statistics
 
     def _here(self, batches: Sequence[Batch]) -> Iterator[Traced]:
-        return map(self.bench.trace, batches)
+        return map(self.batches.trace, batches)
 
     def _keep(self, traced: Traced) -> None:
         """Put a batch in its place; what a block has beyond its end is for the seam."""
@@ -273,7 +273,7 @@ class Blocks:
 
     def _every_pulse(self) -> list[Batch]:
         sampling, tracer = self.tracer.sampling, self.tracer
-        row = self.bench.n_layers * 2 * sampling.scene.radar.window.n_samples * 2 * 16
+        row = self.batches.n_layers * 2 * sampling.scene.radar.window.n_samples * 2 * 16
         batches = []
         for i in range(self.rays.n_subsets):
             for window in sampling.windows:
@@ -384,8 +384,7 @@ class Blocks:
 
     def _at(self, rays: Sequence[LaunchGrid], pulse: int) -> C64:
         """Profiles (n_layers, n_samples) of one pulse with other rays."""
-        profiles, _ = self.bench.block(rays, pulse, pulse + 1)
-        return profiles[:, 0]
+        return self.batches.trace(Batch(0, pulse, pulse + 1, together=True), rays).profiles[:, 0]
 
 
 def _strip(grid: LaunchGrid) -> LaunchGrid:

@@ -1,6 +1,7 @@
 """Images without raw data: the coherent multi-bounce paths of one look, or one bounce by projection."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_generator, noise_power
 from sarmitsuba.echo.raw import Layer
-from sarmitsuba.echo.sub_bands import RangeFilter, SubBands
+from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
@@ -24,6 +25,7 @@ from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.point_legs import PointLegs, over_band, takes_part
 from sarmitsuba.simulation.points import PointEcho
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_small_parts
@@ -211,23 +213,22 @@ class Imager:
         wavelength = run.scene.radar.waveform.wavelength
         most = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
         together = min(most, grid.n_looks, self._tracer.most_pulses or grid.n_looks)
-
-        def traced(tracer: Tracer, share: RangeFilter | None) -> tuple[C64, TraceStatistics]:
+        cells: C64 | None = None
+        for i, (tracer, share) in enumerate(self._tracer.over_band()):
             accumulator = ImageAccumulator(
                 grid, len(run.layers.orders), len(run.layers.channels), run.layers.max_order, wavelength
             )
-            stats = TraceStatistics()
             for first in range(0, grid.n_looks, together):
                 pick = slice(first, min(first + together, grid.n_looks))
                 tracer.pose(time[pick])
                 accumulator.serve(pick.start, pick.stop)
-                state = (grid.position[pick], grid.velocity[pick])
-                for launch in tracer.launches(rays, len(state[0])):
-                    stats = stats.plus(tracer.launch(launch, *state, slice(0, 1), accumulator, 1))
-            return grid.filtered(np.asarray(accumulator.grid()), share, wavelength), stats
-
-        cells, stats = self._tracer.over_band(traced)
-        run.statistics = run.statistics.plus(stats)
+                states = AntennaStates(grid.position[pick], grid.velocity[pick], slice(0, 1))
+                for launch in tracer.launches(rays, states.n_pulses):
+                    done = tracer.launch(launch, states, accumulator)
+                    run.statistics = run.statistics.plus(done if i == 0 else replace(done, key_pulses=0))
+            part = grid.filtered(np.asarray(accumulator.grid()), share, wavelength)
+            cells = part if cells is None else cells + part
+        assert cells is not None
         return cells
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:

@@ -18,11 +18,12 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.points import point_echo, point_history
 from sarmitsuba.simulation.prediction.counting import check_rays
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.recording import Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
 from sarmitsuba.simulation.sampling.rays import Rays
-from sarmitsuba.simulation.tracing import Tracer, receiver_state
+from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.source import Launch
 from sarmitsuba.trace.state import RETRO, REVERSED
 
@@ -284,14 +285,7 @@ def _of_launch(run: Run, tracer: Tracer, launch: Launch, pulse: int, gate: Gate 
     room = (LEAST_ROOM if gate is not None and part.rays else most, most if part.rays else 0)
     while True:
         recording = Recording(max(1, part.rays), len(radar.channels), room, one)
-        kernel = tracer.kernel_of(
-            part.grid,
-            radar.track.position[pick],
-            radar.track.velocity[pick],
-            pick,
-            recording,
-            receiver=receiver_state(radar, pick),
-        )
+        kernel = tracer.kernel_of(part.grid, AntennaStates.on_tracks(radar, pick), recording)
         counts, state = launch.record(kernel, radar.antenna, recording)
         dr.eval(counts.hits, state, recording.memory)
         if recording.whole:

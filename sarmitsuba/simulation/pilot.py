@@ -25,6 +25,7 @@ from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.radar.polarisation import linear_letters
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import run_seconds
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sources.pairs import pair_level
 from sarmitsuba.simulation.sources.site import RunSite
@@ -383,7 +384,8 @@ def _trace(
     radar, window = sampling.scene.radar, sampling.window_at(pulse)
     pick = slice(pulse, pulse + 1)
     position, velocity = radar.track.position[pick], radar.track.velocity[pick]
-    batch = pulse_batch(radar, pick, position, velocity, window.frame, patterned=flags.antenna_pattern)
+    states = AntennaStates(position, velocity, pick)
+    batch = pulse_batch(radar, states, window.frame, patterned=flags.antenna_pattern)
     reference = float(np.linalg.norm(window.center - position[0]))
     settings = KernelSettings(
         wavelength=radar.waveform.wavelength,

@@ -1,22 +1,20 @@
 """Tracing of one scene: key pulse by key pulse, and the synthesis of the pulses around each."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.block import BlockPlan, synthesise
-from sarmitsuba.echo.direct import finish, plan_direct
 from sarmitsuba.echo.sub_bands import RangeFilter, SubBands
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.blame import blamed, check_traced
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sources.kind import sources_of
@@ -33,8 +31,6 @@ from sarmitsuba.trace.surfaces import Surfaces
 from sarmitsuba.tubes.polygon import INNER_UP_TO
 
 F64 = NDArray[np.float64]
-# position and velocity of an antenna, each (n_pulses, 3) float64, m and m/s, scene frame
-State = tuple[NDArray[np.float64], NDArray[np.float64]]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
 # phase from ray to ray at the carrier up to which tubes on a facet keep their common sides, rad, where the band is
@@ -127,146 +123,20 @@ class Tracer:
             if self.flags.motion:
                 tracer.trace_scene = tracer.trace_scene.at(float(time[0]))
 
-    def block(
-        self, rays: Sequence[LaunchGrid], plan: BlockPlan, n_layers: int, max_order: int
-    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-        """Trace one key pulse and synthesise its block: profiles (n_layers, n_pulses, n_samples) and figures."""
-        radar = self.sampling.scene.radar
-        self.pose(radar.track.time[plan.key : plan.key + 1])
-        position, velocity = plan.state.position, plan.state.velocity
-        receiver = (position[1:], velocity[1:]) if len(position) > 1 else None
-        pick = slice(plan.key, plan.key + 1)
-        # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
-        beam = self.flags.antenna_pattern and self.sampling.azimuth_later
-
-        def launched(tracer: Tracer, accumulator: GridAccumulator) -> TraceStatistics:
-            return tracer.launch_all(
-                rays, position[:1], velocity[:1], pick, accumulator, plan.n_pulses, receiver=receiver
-            )
-
-        made = partial(BlockAccumulator, plan)
-        formed = partial(synthesise, plan=plan, radar=radar, beam=beam)
-        return self._profiles(made, launched, formed, pick, n_layers, max_order)
-
-    def direct(
-        self, rays: Sequence[LaunchGrid], start: int, stop: int, n_layers: int, max_order: int
-    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-        """Trace every pulse of ``start:stop``, of one sector of the track and no more than allowed, in one launch.
-
-        Profiles (n_layers, n_pulses, n_samples) and figures.
-        """
-        sampling = self.sampling
-        radar, width = sampling.scene.radar, sampling.scene.settings.gridding_width
-        self.pose(radar.track.time[start:stop])
-        plan = plan_direct(radar, start, stop, sampling.phase_box, width, sampling.extra_slant_range)
-        pick = slice(start, stop)
-        position, velocity = radar.track.position[pick], radar.track.velocity[pick]
-
-        def launched(tracer: Tracer, accumulator: GridAccumulator) -> TraceStatistics:
-            return tracer.launch_all(
-                rays, position, velocity, pick, accumulator, 1, receiver=receiver_state(radar, pick)
-            )
-
-        made, formed = partial(DirectAccumulator, plan), partial(finish, plan=plan, radar=radar)
-        return self._profiles(made, launched, formed, pick, n_layers, max_order)
-
-    def _profiles(
-        self,
-        made: Callable[..., GridAccumulator],
-        launched: Callable[["Tracer", GridAccumulator], TraceStatistics],
-        formed: Callable[..., NDArray[np.complex64]],
-        pick: slice,
-        n_layers: int,
-        max_order: int,
-    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-        """Profiles of some pulses, (n_layers, n_pulses, n_samples), and figures.
-
-        Parameters
-        ----------
-        made, launched, formed : makes an empty grid; runs the kernels into it; its profiles, by their share of the band
-        pick : pulses that the receive window is that of
-        n_layers, max_order : of the profiles
-        """
-        radar = self.sampling.scene.radar
-
-        def traced(
-            tracer: Tracer, share: RangeFilter | None
-        ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-            accumulator = made(
-                n_layers // len(radar.channels),
-                len(radar.channels),
-                max_order,
-                radar.waveform.wavelength,
-                self.largest_grid,
-            )
-            self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
-            accumulator.watch(radar.window.start_range[pick], radar.window.extent)
-            stats = launched(tracer, accumulator)
-            profiles = formed(accumulator.grid(), share=share)
-            self.timer.lap("synthesise")
-            return profiles, stats
-
-        return self.over_band(traced)
-
-    def over_band(
-        self,
-        traced: Callable[["Tracer", RangeFilter | None], tuple[NDArray[np.complex64], TraceStatistics]],
-    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-        """Sum over the frequencies of the band, of what each returns with its share of the spectrum."""
-        profiles, stats = traced(self.by_frequency[0], self.bands.range_filter(0))
-        for i, tracer in enumerate(self.by_frequency[1:], 1):
-            more, figures = traced(tracer, self.bands.range_filter(i))
-            profiles = profiles + more
-            stats = stats.plus(replace(figures, key_pulses=0))
-        return profiles, stats
-
-    def launch_all(
-        self,
-        rays: Sequence[LaunchGrid],
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        pick: slice,
-        accumulator: GridAccumulator,
-        pulses_each: int,
-        *,
-        receiver: State | None = None,
-    ) -> TraceStatistics:
-        """Run every launch of some pulses into the same grid, by the lattices that serve the first of them."""
-        serving = [grid for grid in rays if grid.serves(pick.start)]
-        each = [
-            self.launch(one, position, velocity, pick, accumulator, pulses_each, receiver=receiver)
-            for one in self.launches(serving, len(position))
-        ]
-        total = each[0]
-        for more in each[1:]:
-            total = total.plus(replace(more, key_pulses=0))
-        return total
+    def over_band(self) -> Iterator[tuple["Tracer", RangeFilter | None]]:
+        """The tracer at every frequency of the band, with its share of the spectrum."""
+        for i, tracer in enumerate(self.by_frequency):
+            yield tracer, self.bands.range_filter(i)
 
     def launches(self, rays: Sequence[LaunchGrid], n_pulses: int) -> list[Launch]:
         """Every launch of a batch of pulses that has these lattices: surfaces, then scatterers at known positions."""
         return launches(self.sources, rays, n_pulses)
 
-    def kernel_of(
-        self,
-        grid: LaunchGrid,
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        pick: slice,
-        accumulator: Accumulator,
-        *,
-        receiver: State | None = None,
-    ) -> Kernel:
+    def kernel_of(self, grid: LaunchGrid, states: AntennaStates, accumulator: Accumulator) -> Kernel:
         """What a launch is recorded with; parameters as for :meth:`launch`."""
         flags, settings = self.flags, self.kernel
-        batch = pulse_batch(
-            self.sampling.scene.radar,
-            pick,
-            position,
-            velocity,
-            grid.frame or self.sampling.window.frame,
-            patterned=flags.antenna_pattern,
-            receiver=receiver,
-        )
+        frame = grid.frame or self.sampling.window.frame
+        batch = pulse_batch(self.sampling.scene.radar, states, frame, patterned=flags.antenna_pattern)
         if flags.water_motion:
             batch = replace(batch, time=self.times)
         if isinstance(accumulator, BlockAccumulator) and self.sampling.azimuth_later:
@@ -277,36 +147,26 @@ class Tracer:
         return Kernel.of(self.trace_scene, grid, batch, flags, settings)
 
     def launch(
-        self,
-        launch: Launch,
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        pick: slice,
-        accumulator: GridAccumulator,
-        pulses_each: int,
-        *,
-        receiver: State | None = None,
+        self, launch: Launch, states: AntennaStates, accumulator: GridAccumulator, each: int = 1
     ) -> TraceStatistics:
         """Record and run one kernel.
 
         Parameters
         ----------
         launch : which
-        position, velocity : (n, 3) m and m/s, of the antenna that transmits, scene frame
-        pick : pulses whose pointing holds
+        states : of the antennas, at its pulses
         accumulator : what echoes are added to
-        pulses_each : pulses that a path goes to
-        receiver : position and velocity of an antenna apart that receives
+        each : pulses that a path goes to
         """
         antenna = self.sampling.scene.radar.antenna
-        kernel = self.kernel_of(launch.part.grid, position, velocity, pick, accumulator, receiver=receiver)
+        kernel = self.kernel_of(launch.part.grid, states, accumulator)
         counts, state = launch.record(kernel, antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])
         self.timer.lap("trace")
         if not np.isfinite(power):
-            self._stop(launch, kernel, pick)
+            self._stop(launch, kernel, states.pick)
         n_pulses = kernel.pulses.n_pulses
         return TraceStatistics(
             rays=launch.part.rays * n_pulses,
@@ -314,9 +174,9 @@ class Tracer:
             contributions=totals[1],
             outside=totals[2],
             key_pulses=n_pulses,
-            path_pulses=totals[1] * pulses_each,
-            power=power * pulses_each,
-            power_outside=lost_power * pulses_each,
+            path_pulses=totals[1] * each,
+            power=power * each,
+            power_outside=lost_power * each,
         )
 
     def _stop(self, launch: Launch, kernel: Kernel, pick: slice) -> None:
@@ -347,36 +207,24 @@ def _reference_range(radar: Radar, center: NDArray[np.float64]) -> float:
     return legs[0] if len(legs) == 1 else float(np.sqrt(legs[0] * legs[1]))
 
 
-def pulse_batch(
-    radar: Radar,
-    pick: slice,
-    position: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    frame: LaunchFrame,
-    *,
-    patterned: bool,
-    receiver: State | None = None,
-) -> PulseBatch:
-    """Antenna state of a launch; ``pick``: pulses whose pointing holds, where the antenna is ``patterned``."""
+def pulse_batch(radar: Radar, states: AntennaStates, frame: LaunchFrame, *, patterned: bool) -> PulseBatch:
+    """Antenna state of a launch; ``patterned``: with the pointing of the beams."""
+    pick = states.pick
 
-    def of(state: State, pointing: Pointing) -> PulseBatch:
+    def of(position: F64, velocity: F64, pointing: Pointing) -> PulseBatch:
         return PulseBatch(
-            position=state[0],
-            velocity=state[1],
+            position=position,
+            velocity=velocity,
             frame=frame,
             boresight=pointing.boresight[pick] if patterned else None,
             azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
             elevation_axis=pointing.elevation_axis[pick] if patterned else None,
         )
 
-    batch = of((position, velocity), radar.pointing)
-    return batch if receiver is None else replace(batch, receiver=of(receiver, radar.pointings[-1]))
-
-
-def receiver_state(radar: Radar, pick: slice) -> State | None:
-    """Position and velocity of a receiver apart in these pulses; None where there is none."""
-    receiver = radar.receiver
-    return None if receiver is None else (receiver.position[pick], receiver.velocity[pick])
+    batch = of(states.position, states.velocity, radar.pointing)
+    if states.receiver is None:
+        return batch
+    return replace(batch, receiver=of(*states.receiver, radar.pointings[-1]))
 
 
 def polarisation_up(
@@ -394,9 +242,7 @@ def polarisation_up(
 __all__ = [
     "MAX_GRID_BYTES",
     "MAX_LANES",
-    "State",
     "Tracer",
     "polarisation_up",
     "pulse_batch",
-    "receiver_state",
 ]

@@ -15,6 +15,7 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION
@@ -101,7 +102,7 @@ def returned_rcs(scene: Scene, seed: int = 0) -> float:
     tracer = run.tracer(run.sampling, antenna_pattern=False)
     tracer.flags = replace(tracer.flags, speckle=False)
     for launch in launches([Surfaces()], run.lattices(run.sampling, 0)[0], 1):
-        tracer.launch(launch, track.position[pick], track.velocity[pick], pick, power, 1)  # type: ignore[arg-type]
+        tracer.launch(launch, AntennaStates.on_tracks(run.scene.radar, pick), power)  # type: ignore[arg-type]
     distance = float(np.linalg.norm(track.position[middle]))
     return float(power.memory[0]) * (distance**2 / tracer.kernel.amplitude) ** 2
 

@@ -49,10 +49,10 @@ class Scattered:
         self.batches: list[Batch] = []
 
     def trace(self, job: TraceJob, batches: Sequence[Batch]) -> Iterator[Traced]:
-        benches = [pickle.loads(pickle.dumps(job)).bench() for _ in range(self.n_workers)]
+        tracers = [pickle.loads(pickle.dumps(job)).tracer() for _ in range(self.n_workers)]
         self.batches = self.draw.sample(batches, len(batches))
         for batch in self.batches:
-            yield pickle.loads(pickle.dumps(self.draw.choice(benches).trace(batch)))
+            yield pickle.loads(pickle.dumps(self.draw.choice(tracers).trace(batch)))
 
 
 def assert_same(shared: RawData, alone: RawData) -> None:

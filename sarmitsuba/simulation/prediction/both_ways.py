@@ -24,7 +24,7 @@ from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.batches import Batch, Bench
+from sarmitsuba.simulation.batches import Batch, BatchTracer
 from sarmitsuba.simulation.blocks import partition
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.raw import simulate
@@ -71,12 +71,12 @@ class _Way:
 
     def __init__(self, run: Run, loaded: Scene, blocks: Sequence[tuple[int, int]], together: bool) -> None:
         self.run, self.loaded, self.blocks, self.together = run, loaded, tuple(blocks), together
-        self.bench, self.subsets = _bench(run)
+        self.batches, self.subsets = _batches(run)
         self.rays = self._rays()
 
     def _rays(self) -> int:
         first, stop = self.blocks[0]
-        lattices = self.bench.rays.at(first)
+        lattices = self.batches.rays.at(first)
         launched = sum(grid.n_rays for grids in lattices for grid in grids) * self.run.plan.sub_bands
         return launched * (1 if self.together else stop - first)
 
@@ -88,7 +88,7 @@ class _Way:
         for place in places:
             start, stop = self.blocks[place]
             for subset, share in enumerate(self.subsets):
-                found = _traced(self.bench, subset, start, stop, n, self.together)
+                found = _traced(self.batches, subset, start, stop, n, self.together)
                 parts = found.reshape(-1, len(channels), *found.shape[1:]).sum(axis=0)
                 out[:, start:stop] += np.float32(share) * parts[:, : stop - start]
         self._points(out)
@@ -122,7 +122,7 @@ class _Way:
         """Of laying out, tracing and synthesising the whole run, from its blocks in the middle."""
         start = clock()
         run = Run(self.loaded, plan=self.run.plan, clock=clock, geometry=self.run.trace_scene)
-        bench, subsets = _bench(run)
+        batches, subsets = _batches(run)
         setup = clock() - start
         middle = max(0, (len(self.blocks) - TIMED) // 2)
         timed = self.blocks[middle : middle + TIMED]
@@ -130,24 +130,24 @@ class _Way:
         start = clock()
         for first, stop in timed:
             for subset in range(len(subsets)):
-                _traced(bench, subset, first, stop, n, self.together)
+                _traced(batches, subset, first, stop, n, self.together)
         traced = clock() - start
         if self.together:
             return setup + traced * len(self.blocks) / len(timed)
         return setup + traced * n / sum(stop - first for first, stop in timed)
 
 
-def _bench(run: Run) -> tuple[Bench, tuple[float, ...]]:
+def _batches(run: Run) -> tuple[BatchTracer, tuple[float, ...]]:
     """Where blocks of a run are traced, and the share of each ray subset."""
     assert run.sampling is not None
     rays, tracer = run.rays(run.sampling, 0), run.tracer(run.sampling)
     subsets = tuple(SUBSET_SHARES[subset] for subset in run.layers.subsets)
-    return Bench(tracer, rays, run.layers.per_subset, run.layers.max_order), subsets
+    return BatchTracer(tracer, rays, run.layers.per_subset, run.layers.max_order), subsets
 
 
-def _traced(bench: Bench, subset: int, start: int, stop: int, n: int, together: bool) -> C64:
+def _traced(batches: BatchTracer, subset: int, start: int, stop: int, n: int, together: bool) -> C64:
     """Profiles (layers of the subset, pulses, samples) of a block, up to the first pulse of the next as in a run."""
-    return bench.trace(Batch(subset, start, stop + int(together and stop < n), together)).profiles
+    return batches.trace(Batch(subset, start, stop + int(together and stop < n), together)).profiles
 
 
 def measured_both_ways(

@@ -1,0 +1,142 @@
+"""Pulses of one batch: the antennas at those that are traced, the grid of their echoes, and the profiles made of it."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise
+from sarmitsuba.echo.direct import DirectPlan, finish, plan_direct
+from sarmitsuba.echo.sub_bands import RangeFilter
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
+
+C64 = NDArray[np.complex64]
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class AntennaStates:
+    """Positions and velocities of the antennas at the pulses of a launch.
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s, scene frame, of the antenna that transmits
+    pick : pulses whose pointing holds
+    receiver : position and velocity of an antenna apart that receives; None: the one that transmits does
+    """
+
+    position: F64
+    velocity: F64
+    pick: slice
+    receiver: tuple[F64, F64] | None = None
+
+    @classmethod
+    def on_tracks(cls, radar: Radar, pick: slice) -> "AntennaStates":
+        """As flown, at some pulses."""
+        apart = radar.receiver
+        receiver = None if apart is None else (apart.position[pick], apart.velocity[pick])
+        return cls(radar.track.position[pick], radar.track.velocity[pick], pick, receiver)
+
+    @property
+    def n_pulses(self) -> int:
+        """Pulses of the launch."""
+        return len(self.position)
+
+
+class Pulses(ABC):
+    """Pulses of one batch.
+
+    Attributes
+    ----------
+    states : of the antennas, at the pulses that are traced
+    each : pulses that a traced path goes to
+    """
+
+    states: AntennaStates
+    each: int
+
+    @abstractmethod
+    def accumulator(
+        self, n_orders: int, n_channels: int, max_order: int, wavelength: float, least_bytes: int
+    ) -> GridAccumulator:
+        """An empty grid for the echoes; see :class:`GridAccumulator`."""
+
+    @abstractmethod
+    def profiles(self, grid: NDArray[np.complexfloating], share: RangeFilter | None) -> C64:
+        """Range-compressed profiles (n_layers, n_pulses, n_samples) of a filled grid, by its share of the band."""
+
+
+class KeyPulse(Pulses):
+    """A block of pulses that share the tracing of one of them.
+
+    Parameters
+    ----------
+    sampling : of the run
+    start, stop : pulses of the block
+    """
+
+    def __init__(self, sampling: SamplingPlan, start: int, stop: int) -> None:
+        scene = sampling.scene
+        self.radar = scene.radar
+        self.plan: BlockPlan = plan_block(
+            self.radar,
+            start,
+            stop,
+            sampling.window.center,
+            sampling.phase_box,
+            scene.settings.gridding_width,
+            extra_slant_range=sampling.extra_slant_range,
+            extra_range_rate=sampling.extra_range_rate,
+        )
+        position, velocity = self.plan.state.position, self.plan.state.velocity
+        receiver = (position[1:], velocity[1:]) if len(position) > 1 else None
+        pick = slice(self.plan.key, self.plan.key + 1)
+        self.states = AntennaStates(position[:1], velocity[:1], pick, receiver)
+        self.each = self.plan.n_pulses
+        # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
+        self.beam = sampling.flags.antenna_pattern and sampling.azimuth_later
+
+    def accumulator(
+        self, n_orders: int, n_channels: int, max_order: int, wavelength: float, least_bytes: int
+    ) -> BlockAccumulator:
+        """See :class:`Pulses`."""
+        return BlockAccumulator(self.plan, n_orders, n_channels, max_order, wavelength, least_bytes)
+
+    def profiles(self, grid: NDArray[np.complexfloating], share: RangeFilter | None) -> C64:
+        """See :class:`Pulses`."""
+        return synthesise(grid, self.plan, self.radar, beam=self.beam, share=share)
+
+
+class EveryPulse(Pulses):
+    """Pulses of one sector of the track, each traced, all in one launch.
+
+    Parameters
+    ----------
+    sampling : of the run
+    start, stop : pulses, no more than memory allows
+    """
+
+    def __init__(self, sampling: SamplingPlan, start: int, stop: int) -> None:
+        self.radar = sampling.scene.radar
+        width = sampling.scene.settings.gridding_width
+        self.plan: DirectPlan = plan_direct(
+            self.radar, start, stop, sampling.phase_box, width, sampling.extra_slant_range
+        )
+        self.states = AntennaStates.on_tracks(self.radar, slice(start, stop))
+        self.each = 1
+
+    def accumulator(
+        self, n_orders: int, n_channels: int, max_order: int, wavelength: float, least_bytes: int
+    ) -> DirectAccumulator:
+        """See :class:`Pulses`."""
+        return DirectAccumulator(self.plan, n_orders, n_channels, max_order, wavelength, least_bytes)
+
+    def profiles(self, grid: NDArray[np.complexfloating], share: RangeFilter | None) -> C64:
+        """See :class:`Pulses`."""
+        return finish(grid, self.plan, self.radar, share=share)
+
+
+__all__ = ["AntennaStates", "EveryPulse", "KeyPulse", "Pulses"]
