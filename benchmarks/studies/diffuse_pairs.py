@@ -1,7 +1,7 @@
 """What two diffuse scatterers in a row return in shipped scenes, and what they cost.
 
-Run ``python benchmarks/studies/diffuse_pairs.py [SCENE ...]``; prints Markdown tables. Times are processor seconds,
-the least of some rounds with compiled kernels.
+Run ``python benchmarks/studies/diffuse_pairs.py [SCENE ...] [--docs]``; prints Markdown tables, with ``--docs`` onto
+``docs/effects_measured.md``. Times are processor seconds, the least of some rounds with compiled kernels.
 """
 
 import argparse
@@ -12,6 +12,7 @@ from typing import Any
 
 import _support
 import numpy as np
+import stored
 from corrections import block_of
 from effects import load
 
@@ -24,6 +25,7 @@ from sarmitsuba.simulation.sources.pairs import PILOT_POINTS, estimate_pairs, pa
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator
+from sarmitsuba.units import db_from_power
 
 SCENES = ("courtyard", "urban_block", "buildings16", "tower", "bridge")
 ROUNDS = 5
@@ -88,9 +90,13 @@ def measured(name: str) -> dict[str, Any]:
     found, stated = spread(run)
     return {
         "scene": name,
-        "on": decision.on,
-        "level": level,
-        "n": source.n,  # type: ignore[attr-defined]
+        "on": bool(decision.on),
+        "share_db": float(db_from_power(level.share)),
+        "share_error": float(level.error / level.share),
+        "strongest_db": float(db_from_power(level.strongest)),
+        "square": float(level.square),
+        "draw_db": float(db_from_power(level.draw_error)),
+        "n": int(source.n),  # type: ignore[attr-defined]
         "found": found,
         "stated": stated,
         "times": times,
@@ -98,22 +104,19 @@ def measured(name: str) -> dict[str, Any]:
     }
 
 
-def lines(rows: list[dict[str, Any]]) -> list[str]:
+def markdown(results: dict[str, Any]) -> str:
     """Both tables."""
+    rows = results["scenes"]
     out = [
         "| scene | pairs over clutter | strongest square | `auto` | pairs of a run | error of the draw | spread of "
         f"{DRAWS} draws of the pilot, stated |",
         "|---|---|---|---|---|---|---|",
     ]
     for r in rows:
-        level = r["level"]
-        share, strongest, draw = (
-            10.0 * np.log10(x) for x in (level.share, level.strongest, level.draw_error)
-        )
         out.append(
-            f"| {r['scene']} | {share:.1f} dB ± {100 * level.error / level.share:.0f} % | {strongest:.0f} dB in "
-            f"{level.square:.0f} m | {'on' if r['on'] else 'off'} | {r['n']} | {draw:.0f} dB | {100 * r['found']:.1f} "
-            f"%, {100 * r['stated']:.1f} % |"
+            f"| {r['scene']} | {r['share_db']:.1f} dB ± {100 * r['share_error']:.0f} % | {r['strongest_db']:.0f} dB in "
+            f"{r['square']:.0f} m | {'on' if r['on'] else 'off'} | {r['n']} | {r['draw_db']:.0f} dB | "
+            f"{100 * r['found']:.1f} %, {100 * r['stated']:.1f} % |"
         )
     out += [
         "",
@@ -127,7 +130,7 @@ def lines(rows: list[dict[str, Any]]) -> list[str]:
             f"| {r['scene']} | {t['pilot']:.2f} s | {t['draw']:.2f} s | {t['rays']:.2f} s | {t['pairs']:.2f} s | "
             f"{r['keys']} | {100 * pairs / (pairs + rays):.0f} % |"
         )
-    return out
+    return "\n".join(out) + "\n"
 
 
 def main() -> None:
@@ -136,8 +139,17 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("scenes", nargs="*", default=SCENES, metavar="SCENE")
+    parser.add_argument("--docs", action="store_true", help="store in docs/measured, and show on the page")
+    args = parser.parse_args()
     ensure_backend()
-    print("\n".join(lines([measured(name) for name in parser.parse_args().scenes])))
+    made = {name: measured(name) for name in args.scenes}
+    if not args.docs:
+        print(markdown({"scenes": list(made.values())}))
+        return
+    kept = {row["scene"]: row for row in stored.read("diffuse_pairs").get("scenes", ())}
+    results = {"scenes": list((kept | made).values())}
+    stored.write("diffuse_pairs", results)
+    stored.show("diffuse_pairs", markdown(results))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """What the effects plan saves and costs: kernels, planned against everything on, predicted against measured.
 
 Run ``python benchmarks/studies/effects.py [SCENE ...] [--quick] [--out FOLDER] [--docs]``. Prints Markdown tables; with
-``--out`` writes ``effects.json`` and ``effects.md``, with ``--docs`` those of ``docs/effects_measured.md``.
+``--out`` writes ``effects.json``; with ``--docs`` it goes to ``docs/measured``, and its tables onto the page
+``docs/effects_measured.md``. Scenes and parts that are not run keep their results.
 
 Every time is the least of interleaved rounds with compiled kernels: the machine may be busy with other things, and
 what disturbs a run only makes it longer. Ratios and shares are of processor seconds, summed over all threads, which
@@ -24,6 +25,7 @@ from typing import Any
 
 import _support
 import numpy as np
+import stored
 from corrections import block_of, correction_lines, correction_table, one_batch
 from effect_pairs import pair_lines, pair_table
 
@@ -57,8 +59,6 @@ RUN_AT_MOST = 60.0
 SHORT, SHORT_ROUNDS = 0.1, 6  # s; so short a first run of a process varies more
 COST_SPACING = 0.4  # m between rays of the kernel table: a quarter of a million, 0.1 s of one thread
 COST_ROUNDS = 8  # so short a time is disturbed often, and the least of many is not
-MARK = "<!-- generated: benchmarks/studies/effects.py --docs -->"
-DOCS = Path(__file__).parents[2] / "docs" / "effects_measured.md"
 
 # kernel switches, and the effect of the plan that each belongs to
 SWITCHES = {
@@ -416,29 +416,13 @@ def markdown(results: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def renewed(before: str, text: str) -> str:
-    """Tables of the page with those that were made now; the others stay as they are."""
-    kept, made = (dict(_sections(part)) for part in (before, text))
-    order = [*kept, *(heading for heading in made if heading not in kept)]
-    return "\n\n".join((made | {h: t for h, t in kept.items() if h not in made})[h] for h in order) + "\n"
-
-
-def _sections(text: str) -> list[tuple[str, str]]:
-    """Headings and the text under each, what comes before the first under none."""
-    parts = re.split(r"^(?=### )", text.strip(), flags=re.MULTILINE)
-    return [
-        (part.partition("\n")[0] if part.startswith("### ") else "", part.strip())
-        for part in parts
-        if part.strip()
-    ]
-
-
-def store(results: dict[str, Any], folder: Path | None) -> None:
-    """Write what there is so far."""
+def store(results: dict[str, Any], docs: bool, folder: Path | None) -> None:
+    """Keep what there is so far."""
+    if docs:
+        stored.write("effects", results)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "effects.json").write_text(json.dumps(results, indent=2), encoding="utf-8")
-        (folder / "effects.md").write_text(markdown(results), encoding="utf-8")
+        (folder / "effects.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
 
 
 def main() -> None:
@@ -449,9 +433,13 @@ def main() -> None:
         "--only", choices=("kernels", "corrections", "pairs", "plans", "predictions"), help="one of the parts"
     )
     parser.add_argument(
-        "--out", type=Path, metavar="FOLDER", help="write effects.json and effects.md, adding to those there"
+        "--out", type=Path, metavar="FOLDER", help="write effects.json, adding to the one there"
     )
-    parser.add_argument("--docs", action="store_true", help="put the tables into docs/effects_measured.md")
+    parser.add_argument(
+        "--docs",
+        action="store_true",
+        help="store in docs/measured, and show on the page",
+    )
     parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--predict", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
@@ -468,22 +456,28 @@ def main() -> None:
         else ["kernels", "corrections", "pairs", "plans", "predictions"]
     )
     results: dict[str, Any] = {"kernels": [], "corrections": [], "pairs": [], "plans": [], "predictions": []}
-    if args.out and (args.out / "effects.json").exists():  # parts and scenes not run now stay
+    if args.docs:  # parts and scenes not run now stay
+        results |= stored.read("effects")
+    elif args.out and (args.out / "effects.json").exists():
         results |= json.loads((args.out / "effects.json").read_text(encoding="utf-8"))
+
+    def keep() -> None:
+        store(results, args.docs, args.out)
+
     results["machine"] = (
         f"{platform.machine()}, {os.cpu_count()} cores, {backend.variant}, Python {platform.python_version()}"
     )
     if "kernels" in parts:
         results["kernels"] = kernel_table(COST_ROUNDS)
-        store(results, args.out)
+        keep()
     if "corrections" in parts:
         results["corrections"] = correction_table(load("munich" if munich() else "urban_block"), ROUNDS)
-        store(results, args.out)
+        keep()
     if "pairs" in parts:
         made = pair_table(SWITCHES, args.scenes)
         rest = [row for row in results["pairs"] if row["effect"] not in {new["effect"] for new in made}]
         results["pairs"] = sorted([*rest, *made], key=lambda row: str(row["effect"]))
-        store(results, args.out)
+        keep()
     measures: dict[str, Callable[[str], dict[str, Any]]] = {
         "plans": lambda name: planned_row(name, args.quick),
         "predictions": lambda name: prediction_row(name, QUICK_ROUNDS if args.quick else ROUNDS),
@@ -494,12 +488,11 @@ def main() -> None:
                 row = measure(name)
                 kept = [r for r in results[part] if r["scene"] != name]
                 results[part] = sorted([*kept, row], key=lambda r: (r["scene"] == "munich", r["scene"]))
-                store(results, args.out)
+                keep()
     text = markdown(results)
     print(text)
     if args.docs:
-        head, _, before = DOCS.read_text(encoding="utf-8").partition(MARK)
-        DOCS.write_text(f"{head}{MARK}\n\n{renewed(before, text)}", encoding="utf-8")
+        stored.show("effects", text)
 
 
 if __name__ == "__main__":
