@@ -42,6 +42,8 @@ PULSES, COARSE = 3, 6.0
 ATTEMPTS = 100
 # directions of a sweep, and most rays of each
 ASPECTS, RCS_RAYS = 12, 100_000
+# rays of the reference over those of a sweep, along each axis
+RCS_DENSER = 2.6, 3.0, 3.4
 
 
 def draw(seed: int, most_rays: float, *, every: bool = False) -> tuple[Scene, str]:
@@ -281,7 +283,11 @@ def gridding(seed: int) -> Iterator[Row]:
 
 
 def rcs(seed: int) -> Iterator[Row]:
-    """Sampling error of a sweep over aspects of a drawn metal body, against rays three times as dense in both axes."""
+    """Sampling error of a sweep over aspects of a drawn metal body, against rays about three times as dense.
+
+    Of three lattices so dense the one in the middle counts: a ray beside a sharp corner may have a part of a tube too
+    much, which in a side lobe is up to -35 dB of the return.
+    """
     with tempfile.TemporaryDirectory() as folder:
         body = random_scenes.draw_metal(seed)
         scene = load_scene(body.write(Path(folder)))
@@ -290,8 +296,9 @@ def rcs(seed: int) -> Iterator[Row]:
     azimuth = float(np.arctan2(sight[1], sight[0])) + np.linspace(-0.05, 0.05, ASPECTS)
     aspects = Aspects(azimuth, np.full(ASPECTS, float(np.arcsin(sight[2]))))
     found = rcs_sweep(scene, aspects, most_rays=RCS_RAYS)
-    dense = harness.with_settings(scene, ray_spacing=found.result.ray_spacing / 3.0)
-    exact = rcs_sweep(dense, aspects, checked=0).result.amplitude.sum(axis=1)[:, 0]
+    dense = [harness.with_settings(scene, ray_spacing=found.result.ray_spacing / times) for times in RCS_DENSER]
+    each = np.array([rcs_sweep(one, aspects, checked=0).result.amplitude.sum(axis=1)[:, 0] for one in dense])
+    exact = np.median(each.real, axis=0) + 1j * np.median(each.imag, axis=0)
     true = image_error_db(found.result.amplitude.sum(axis=1)[:, 0], exact)
     yield Row("rcs", "sweep", seed, f"{body.bodies[0].kind} {body.radar.band}", found.error_db[0], true)
 

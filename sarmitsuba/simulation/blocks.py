@@ -136,8 +136,7 @@ class Blocks:
         """Have batches traced, ``before`` were; figures are told in their order, so that sums have the same bits."""
         waiting: dict[Batch, TraceStatistics] = {}
         told = 0
-        for n, traced in enumerate(self._made(todo, self.spread), before + 1):
-            self._keep(traced)
+        for n, traced in enumerate(self._traced(todo, self.spread), before + 1):
             waiting[traced.batch] = traced.statistics
             share = n / (before + len(todo))
             if todo[told] not in waiting:
@@ -146,36 +145,28 @@ class Blocks:
                 yield share, waiting.pop(todo[told])
                 told += 1
 
-    def _made(
+    def _traced(
         self, batches: Sequence[Batch], spread: Callable[[Sequence[Batch]], Iterator[Traced]]
     ) -> Iterator[Traced]:
-        """What an interrupted run has left of some batches, then all others, traced and kept."""
-        todo = []
+        """Batches, in their place when they are yielded: those an interrupted run has left, then all others, traced."""
+        todo, finished = [], self.finished
         for batch in batches:
-            found = self.finished and self.finished.take(batch.subset, batch.start, batch.stop)
-            if self.finished is None or not found:
+            found = finished and finished.take(batch.subset, batch.start, batch.stop)
+            if finished is None or not found:
                 todo.append(batch)
                 continue
             shape = (self.batches.n_layers, batch.stop - batch.start, self.data.shape[2])
-            yield Traced(batch, found[0].reshape(shape), found[1], self.finished.grid_bytes)
-        for traced in spread(todo) if todo else ():
-            if self.finished is not None:
-                batch = traced.batch
-                self.finished.put(
-                    batch.subset,
-                    batch.start,
-                    batch.stop,
-                    traced.profiles,
-                    traced.statistics,
-                    traced.grid_bytes,
-                )
+            traced = Traced(batch, found[0].reshape(shape), found[1], finished.grid_bytes)
+            self._keep(traced)
             yield traced
-
-    def _one(self, batch: Batch) -> TraceStatistics:
-        """A batch made here, in its place."""
-        (traced,) = self._made([batch], self._here)
-        self._keep(traced)
-        return traced.statistics
+        for traced in spread(todo) if todo else ():
+            if finished is not None:
+                batch, profiles = traced.batch, traced.profiles
+                finished.put(
+                    batch.subset, batch.start, batch.stop, profiles, traced.statistics, traced.grid_bytes
+                )
+            self._keep(traced)
+            yield traced
 
     def _here(self, batches: Sequence[Batch]) -> Iterator[Traced]:
         return map(self.batches.trace, batches)
@@ -243,8 +234,8 @@ class Blocks:
         """Trace one batch of the first ray subset as the run does: the share of its pulses, and figures."""
         if self.interval == 1:
             first = self._every_pulse()[0]
-            return first.stop / self.data.shape[1], self._one(first)
-        return 1.0 / len(self.blocks), self.block_of_subset(self._middle, 0)
+            return first.stop / self.data.shape[1], self._here_alone([first])
+        return 1.0 / len(self.blocks), self._here_alone([self._batch(self._middle, 0)])
 
     @property
     def _middle(self) -> int:
@@ -252,16 +243,17 @@ class Blocks:
         return max(0, len(self.blocks) // 2 - 1)
 
     def block(self, index: int) -> TraceStatistics:
-        """Trace one block with all ray subsets."""
-        stats = self.block_of_subset(index, 0)
-        for subset in range(1, self.rays.n_subsets):
-            stats = stats.plus(self.block_of_subset(index, subset))
+        """Trace one block with all ray subsets, up to the first pulse of the next block."""
+        stats = self._here_alone([self._batch(index, subset) for subset in range(self.rays.n_subsets)])
         self.done.add(index)
         return stats
 
-    def block_of_subset(self, index: int, subset: int) -> TraceStatistics:
-        """Trace one block with one ray subset, up to the first pulse of the next block."""
-        return self._one(self._batch(index, subset))
+    def _here_alone(self, batches: Sequence[Batch]) -> TraceStatistics:
+        """Trace batches in this process; what was done."""
+        total = TraceStatistics()
+        for traced in self._traced(batches, self._here):
+            total = total.plus(traced.statistics)
+        return total
 
     def _batch(self, index: int, subset: int) -> Batch:
         start, stop = self.blocks[index]

@@ -47,6 +47,8 @@ CHECKED = 24
 # distance of those rays over the first ones', and energy of the first ones' error over that of the difference: both
 # have a part of it in common (benchmarks/suite/stated_errors.py --kind rcs)
 OTHER_SPACING, ERROR_SHARE = 2.0**-0.5, 2.0
+# energy of the error of phases over that of the returns: rays' sums in float32, and the bend of the waves
+ROUNDING = 10.0**-9.5
 # resolution cells over the target's diameter, and bandwidth over frequency, where no bandwidth is given
 CELLS_ACROSS, WIDEST_BAND = 48.0, 0.4
 # aspects of an image over those that the target's width needs, and the most there are
@@ -220,8 +222,8 @@ class _Tracing:
         wider = dataclasses.replace(self.scene.settings, ray_spacing=OTHER_SPACING * found.ray_spacing)
         again = dataclasses.replace(self, scene=dataclasses.replace(self.scene, settings=wider))
         other = again.amplitudes(some, 1).amplitude.sum(axis=1)
-        error = ERROR_SHARE * np.square(np.abs(other - total[pick])).sum(axis=0)
         energy = np.square(np.abs(total[pick])).sum(axis=0)
+        error = ERROR_SHARE * np.square(np.abs(other - total[pick])).sum(axis=0) + ROUNDING * energy
         with np.errstate(divide="ignore", invalid="ignore"):
             return tuple(float(v) for v in 10.0 * np.log10(error / energy))
 

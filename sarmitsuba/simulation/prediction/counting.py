@@ -19,7 +19,7 @@ from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.prediction.needs import Needs
-from sarmitsuba.simulation.prediction.speed import USUAL_CORE, Machine, Work, scatterers_met
+from sarmitsuba.simulation.prediction.speed import USUAL_CORE, Machine, Work, deep_tree, scatterers_met
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sources.kind import Expected, expected_sources
 from sarmitsuba.simulation.sources.site import RunSite
@@ -165,6 +165,7 @@ class _Tracing:
         more = USUAL_CORE.pane_ray * flags.transmission + USUAL_CORE.water_ray * flags.water_motion
         more += USUAL_CORE.wide_ray * (self.sub_bands > 1)
         trace += self.sub_bands * keys * (USUAL_CORE.finer_ray * sum(self.finer) + more * rays)
+        trace *= deep_tree(self.sampling.scene.geometry.n_faces)
         trace += traced * sum(source.scatterers * source.each for source in self.sources)
         if flags.motion:  # finer lattices over what moves are laid out for every key pulse
             trace += keys * self.laying * any(self.finer)

@@ -117,6 +117,8 @@ USUAL_CORE = SpeedModel(
     synthesis=8e-3,
     counted_sample=2.5e-7,
 )
+# faces whose tree and tables a core's caches hold, and what a ray takes more for each doubling beyond
+CACHED_FACES, PER_DOUBLING = 8192, 0.12
 # stages that all threads share, and about the part of them that one thread does alone
 SHARED, ALONE = frozenset({"trace", "synthesise", "focus", "raster"}), 0.2
 # numbers of the job that a core is timed by, and processor seconds that it takes the usual core
@@ -187,6 +189,11 @@ def glance() -> None:
         _glanced.append(min(pool.map(least, range(cores))))
 
 
+def deep_tree(n_faces: int) -> float:
+    """Factor on the seconds of tracing where the tree of the faces is too large for the caches."""
+    return 1.0 + PER_DOUBLING * float(np.log2(max(n_faces / CACHED_FACES, 1.0)))
+
+
 def expected_work(sampling: SamplingPlan) -> Work:
     """About what simulating and focusing a scene takes, one ray subset and all bounce orders in one layer.
 
@@ -241,6 +248,7 @@ __all__ = [
     "Machine",
     "SpeedModel",
     "Work",
+    "deep_tree",
     "expected_work",
     "glance",
     "run_seconds",
