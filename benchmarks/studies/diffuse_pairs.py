@@ -25,6 +25,7 @@ from sarmitsuba.simulation.sources.pairs import PILOT_POINTS, estimate_pairs, pa
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator
+from sarmitsuba.trace.diffuse_pairs import DiffusePairs
 from sarmitsuba.units import db_from_power
 
 SCENES = ("courtyard", "urban_block", "buildings16", "tower", "bridge")
@@ -86,7 +87,7 @@ def measured(name: str) -> dict[str, Any]:
         "pairs": lambda: key_pulse(rays=False),
     }
     times = {job: min([measure() for _ in range(ROUNDS)][1:]) for job, measure in jobs.items()}
-    (source,) = tracer.sources
+    (source,) = (one for one in tracer.sources if isinstance(one, DiffusePairs))
     found, stated = spread(run)
     return {
         "scene": name,
@@ -96,7 +97,7 @@ def measured(name: str) -> dict[str, Any]:
         "strongest_db": float(db_from_power(level.strongest)),
         "square": float(level.square),
         "draw_db": float(db_from_power(level.draw_error)),
-        "n": int(source.n),  # type: ignore[attr-defined]
+        "n": int(source.n),
         "found": found,
         "stated": stated,
         "times": times,
