@@ -116,7 +116,7 @@ def correction_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
         "|---|---|---|---|",
     ]
     for i, r in enumerate(rows):
-        cost = f"{100 * r['cost']:.0f} %" if i else ""
+        cost = f"{round(100 * r['cost'])} %" if i else ""
         lines.append(f"| {r['correction'] if i else 'none'} | {r['rays']} | {r['seconds']:.2f} s | {cost} |")
     return lines
 
