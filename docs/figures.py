@@ -19,13 +19,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.interferometry import height_map, interferogram
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.interferometry import height_map, interferogram
 from sarmitsuba.io import read_image, read_raw
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor

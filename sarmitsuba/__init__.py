@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 from sarmitsuba.version import __version__
 
 if TYPE_CHECKING:
+    from sarmitsuba.analysis.interferometry import height_map, interferogram
+    from sarmitsuba.analysis.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
+    from sarmitsuba.analysis.quality import error_budget, image_quality, spectral_looks
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.errors import (
         BackendError,
@@ -24,15 +27,12 @@ if TYPE_CHECKING:
     )
     from sarmitsuba.focusing import focus
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
-    from sarmitsuba.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
     from sarmitsuba.link import LinkBudget, link_budget
     from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
-    from sarmitsuba.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
-    from sarmitsuba.quality import error_budget, image_quality, spectral_looks
     from sarmitsuba.radar.description import RadarDescription
     from sarmitsuba.radar.film import FilmDescription
     from sarmitsuba.radar.geodesy import Anchor
@@ -81,26 +81,26 @@ _HOME = {
     "TraceSettings": "sarmitsuba.scene.settings",
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
-    "cloude_pottier": "sarmitsuba.polarimetry",
-    "error_budget": "sarmitsuba.quality",
+    "cloude_pottier": "sarmitsuba.analysis.polarimetry",
+    "error_budget": "sarmitsuba.analysis.quality",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
-    "height_map": "sarmitsuba.interferometry",
-    "image_quality": "sarmitsuba.quality",
-    "interferogram": "sarmitsuba.interferometry",
+    "height_map": "sarmitsuba.analysis.interferometry",
+    "image_quality": "sarmitsuba.analysis.quality",
+    "interferogram": "sarmitsuba.analysis.interferometry",
     "link_budget": "sarmitsuba.link",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
-    "pauli_rgb": "sarmitsuba.polarimetry",
-    "polarimetry_report": "sarmitsuba.polarimetry",
+    "pauli_rgb": "sarmitsuba.analysis.polarimetry",
+    "polarimetry_report": "sarmitsuba.analysis.polarimetry",
     "read_image": "sarmitsuba.io",
     "read_raw": "sarmitsuba.io",
     "refine": "sarmitsuba.simulation.refinement.passes",
     "register_plugins": "sarmitsuba.loader.plugins",
     "render": "sarmitsuba.simulation.render",
     "simulate": "sarmitsuba.simulation.raw",
-    "spectral_looks": "sarmitsuba.quality",
+    "spectral_looks": "sarmitsuba.analysis.quality",
     "trace_paths": "sarmitsuba.simulation.path_table",
     "write_image": "sarmitsuba.io",
     "write_raw": "sarmitsuba.io",

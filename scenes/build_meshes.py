@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from city import city_mesh
 from land_cover import class_map, houses
 from PIL import Image
 from solids import box, check_closed, merged
 from urban_block import urban_block
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.mesh.city import city_mesh
 from sarmitsuba.mesh.cleaning import clean_mesh
 from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.mesh.tessellate import sphere

@@ -129,7 +129,7 @@ def _of_blocks(
 
 def evaluate(out: Path, radar: str, definitions: dict[str, str], lowest: float) -> dict[str, Any]:
     """Statistics of the errors; writes ``munich_heights.json`` and ``munich_heights.png``."""
-    from sarmitsuba.interferometry import height_map, interferogram
+    from sarmitsuba.analysis.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image
 
     scene = load(radar, definitions)

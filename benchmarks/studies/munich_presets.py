@@ -19,9 +19,9 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from sarmitsuba.interferometry import height_map, interferogram
+from sarmitsuba.analysis.interferometry import height_map, interferogram
+from sarmitsuba.analysis.polarimetry import automatic_looks, coherency, pauli_rgb, quad_pol
 from sarmitsuba.io import read_image
-from sarmitsuba.polarimetry import automatic_looks, coherency, pauli_rgb, quad_pol
 
 LEAST_COHERENCE = 0.5
 HEIGHTS = (-5.0, 40.0)  # m, ends of the colours

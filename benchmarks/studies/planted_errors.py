@@ -118,7 +118,7 @@ def missing_cosine() -> AbstractContextManager[None]:
 
 
 def no_tube_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.tubes import polygon
+    from sarmitsuba.trace.tubes import polygon
 
     return _replaced(
         polygon,

@@ -11,8 +11,8 @@ import harness
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.trial import Setting, run_trial
     from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.mesh.city import make_city
     from sarmitsuba.simulation.sampling.piece import crop
+    from tests.support.city import make_city
 
     report = harness.Report(
         "buildings",

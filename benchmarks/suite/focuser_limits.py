@@ -33,7 +33,7 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import ReceiveWindow
 from sarmitsuba.radar.track import Track
-from sarmitsuba.validation.geometries import random_geometry
+from tests.support.geometries import random_geometry
 
 ALGORITHMS = ("omega_k", "omega_k,stolt=phase", "range_doppler", "chirp_scaling")
 SIZE, SIZE_QUICK = 4096, 512  # square that is timed: the size that the limits are promised for

@@ -156,7 +156,7 @@ def literature(quick: bool) -> list[tuple[str, float, float]]:
     """Seconds of hybrid, image and raster for 2 and 16 buildings on the same ground, warm."""
     from sarmitsuba.cost.trial import Setting, run_trial
     from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.mesh.city import make_city
+    from tests.support.city import make_city
 
     out: dict[str, list[float]] = {
         m: [] for m in (("image", "raster") if quick else ("hybrid", "image", "raster"))

@@ -9,11 +9,11 @@ import harness
 
 from sarmitsuba import load_scene
 from sarmitsuba.cluster import ClusterPlan
-from sarmitsuba.mesh.city import make_city
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.prediction import Prediction, predict
 from sarmitsuba.simulation.run import Run
+from tests.support.city import make_city
 
 # m, and buildings on them: one every 20 m on both, so that what a ray meets is alike
 CITY, PIECE, PLOT = 1000.0, 120.0, 20.0

@@ -24,7 +24,7 @@ from sarmitsuba.trace.accumulators import BlockAccumulator
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.surfaces import Surfaces
-from sarmitsuba.tubes.polygon import Bounds
+from sarmitsuba.trace.tubes.polygon import Bounds
 
 BLOCK = 64  # pulses
 

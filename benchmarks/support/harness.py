@@ -21,6 +21,7 @@ from sarmitsuba.errors import ExtensionError
 from sarmitsuba.registry import Registry
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))  # tests.support
 SUITE = ROOT / "benchmarks" / "suite"
 RESULTS = ROOT / "benchmarks" / "results"
 # rounds of the full suite: the median of three survives one disturbance

@@ -12,12 +12,12 @@ from denser_runs import DENSER, DENSER_RUNS, MOST_PASSES, TARGETS, converged
 from numpy.typing import NDArray
 from stated_row import Row
 
+from sarmitsuba.analysis.quality.budget import error_budget
 from sarmitsuba.echo.block import plan_block, spread_reference, synthesise
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.quality.budget import error_budget
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
@@ -296,7 +296,9 @@ def rcs(seed: int) -> Iterator[Row]:
     azimuth = float(np.arctan2(sight[1], sight[0])) + np.linspace(-0.05, 0.05, ASPECTS)
     aspects = Aspects(azimuth, np.full(ASPECTS, float(np.arcsin(sight[2]))))
     found = rcs_sweep(scene, aspects, most_rays=RCS_RAYS)
-    dense = [harness.with_settings(scene, ray_spacing=found.result.ray_spacing / times) for times in RCS_DENSER]
+    dense = [
+        harness.with_settings(scene, ray_spacing=found.result.ray_spacing / times) for times in RCS_DENSER
+    ]
     each = np.array([rcs_sweep(one, aspects, checked=0).result.amplitude.sum(axis=1)[:, 0] for one in dense])
     exact = np.median(each.real, axis=0) + 1j * np.median(each.imag, axis=0)
     true = image_error_db(found.result.amplitude.sum(axis=1)[:, 0], exact)

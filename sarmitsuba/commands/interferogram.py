@@ -14,8 +14,8 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import files_of_run, image_file
 
 if TYPE_CHECKING:
+    from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
     from sarmitsuba.image.sar_image import SarImage
-    from sarmitsuba.interferometry import HeightMap, Interferogram
 
 NAME = "interferogram"
 HELP = "phase, coherence, baselines and heights from two runs of one scene"
@@ -87,8 +87,8 @@ def _evaluate(
     """Print and write what a pair of images on one grid says; ``made``: the second was focused for it, and is kept."""
     import numpy as np
 
+    from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.io import parameters, write_image
     from sarmitsuba.io.atomic import atomic_path
     from sarmitsuba.io.output import output_folder
@@ -134,10 +134,10 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
 
     It is the one that is there, or one channel of its raw data focused with the first's windows.
     """
+    from sarmitsuba.analysis.interferometry.interferogram import same_grid
     from sarmitsuba.echo.raw import Layer
     from sarmitsuba.errors import DataError
     from sarmitsuba.focusing import focus
-    from sarmitsuba.interferometry.interferogram import same_grid
     from sarmitsuba.io import read_image, read_raw
 
     found, raw = files_of_run(given) if os.path.isdir(given) else (given, None)

@@ -51,10 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Decompose."""
-    from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.io import parameters, read_image
-    from sarmitsuba.io.output import OutputFolder, output_folder
-    from sarmitsuba.polarimetry import (
+    from sarmitsuba.analysis.polarimetry import (
         automatic_looks,
         coherency,
         colours,
@@ -64,6 +61,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         polarimetry_report,
         quad_pol,
     )
+    from sarmitsuba.commands.results import draw_into
+    from sarmitsuba.io import parameters, read_image
+    from sarmitsuba.io.output import OutputFolder, output_folder
     from sarmitsuba.view.polarimetry import composite_figure, maps_figure, plane_figure
 
     source = image_file(Path(args.image))

@@ -60,11 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Measure."""
+    from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.errors import DataError
     from sarmitsuba.io import parameters, read_image
     from sarmitsuba.io.output import OutputFolder, output_folder
-    from sarmitsuba.quality import Area, KnownPoint, image_quality
     from sarmitsuba.view.response import quality_figure
 
     source = image_file(Path(args.image))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba import __version__
+from sarmitsuba.analysis.quality.budget import error_budget
 from sarmitsuba.commands.console import Console
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaError
@@ -19,7 +20,6 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, FileFormat, parameters, read_raw, write_image, write_raw
 from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.parameters import one_line
-from sarmitsuba.quality.budget import error_budget
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.timing import StageTimer

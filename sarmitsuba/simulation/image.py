@@ -35,6 +35,7 @@ from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
+from sarmitsuba.trace.stage import stages_of
 
 C64 = NDArray[np.complex64]
 F64 = NDArray[np.float64]
@@ -178,6 +179,12 @@ class Imager:
         left_out = f"{run.scene.name}: method raster draws surfaces alone; rods and volumes are left out"
         if run.scene.has_sources and left_out not in run.notes:
             run.notes.append(left_out)
+        left = [stage.name for stage in stages_of(run.plan.flags) if stage.name in run.plan.flags.extra]
+        if left:
+            raise RadarError(
+                f"{run.scene.name}: method raster traces nothing, so that {', '.join(left)} has no effect; take method "
+                f"image or hybrid, or set {left[0]} off"
+            )
         if self._raster is None:
             self._raster = Raster(
                 run.sampling, run.trace_scene, self.grid, *self.windows, self._passing_antenna()
@@ -274,6 +281,7 @@ class Imager:
         root = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points], dtype=np.complex128)
         amplitude = radar.amplitude_constant * root
         echo = PointEcho.of([legs], amplitude, position, own, [(antenna, velocity)])
+        echo = echo.through_stages(flags, wavelength, position)
         place = (look, echo.slant_range, echo.range_rate)
         for i, layer in enumerate(layers):
             if layer.order in (0, 1):

@@ -1,11 +1,12 @@
 """Ideal point scatterers: analytic echoes, hidden where a mesh stands in the way."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.in_pulse import InPulse, carrier_range
 from sarmitsuba.echo.raw import Layer
@@ -19,6 +20,8 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.point_legs import PointLegs, over_band, takes_part
 from sarmitsuba.simulation.tracing import polarisation_up
 from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.stage import changes_echoes, echoed
+from sarmitsuba.trace.state import SCATTERER, Contribution
 
 F64 = NDArray[np.float64]
 
@@ -35,12 +38,14 @@ class PointEcho:
     slant_range, range_rate : (n,) float64, m and m/s, with the delay in panes
     amplitude : (n,) complex128, sqrt(W), co-polar, as if nothing stood in the way
     legs : to the transmitter and to the receiver
+    changed : (n,) complex128 of each channel, as stages of the kernel change them; None: none does
     """
 
     slant_range: F64
     range_rate: F64
     amplitude: NDArray[np.complex128]
     legs: tuple[PointLegs, PointLegs]
+    changed: Mapping[str, NDArray[np.complex128]] | None = None
 
     @staticmethod
     def of(
@@ -72,7 +77,39 @@ class PointEcho:
 
     def channel(self, name: str) -> NDArray[np.complex128]:
         """(n,) complex128, sqrt(W), of a channel, without the phase of the slant range; 0 where hidden."""
+        if self.changed is not None:
+            return self.changed[name]
         return np.asarray(self.amplitude * self.legs[0].channel(self.legs[1], name))
+
+    def through_stages(self, flags: KernelFlags, wavelength: float, position: F64) -> "PointEcho":
+        """The echoes as stages of the kernel change them; ``position``: (n, 3) m, of the points."""
+        if not changes_echoes(flags):
+            return self
+        n = len(self.slant_range)
+        each = [self.channel(channel) for channel in flags.channels]
+        echo = echoed(
+            flags,
+            mi.Float(2.0 * np.pi / wavelength),
+            Contribution(
+                kind=mi.UInt32(SCATTERER),
+                order=mi.UInt32(1),
+                pulse=dr.arange(mi.UInt32, n),
+                slant_range=mi.Float64(self.slant_range),
+                range_rate=mi.Float64(self.range_rate),
+                amplitudes=tuple(mi.Complex2f(mi.Float(x.real), mi.Float(x.imag)) for x in each),
+                active=dr.full(mi.Bool, True, n),
+                point=mi.Vector3d(*np.ascontiguousarray(position.T)),
+            ),
+        )
+        amplitudes = (
+            np.broadcast_to(np.asarray(x.real) + 1j * np.asarray(x.imag), n) for x in echo.amplitudes
+        )
+        return replace(
+            self,
+            slant_range=np.broadcast_to(np.asarray(echo.slant_range), n),
+            range_rate=np.broadcast_to(np.asarray(echo.range_rate), n),
+            changed={c: x.astype(np.complex128) for c, x in zip(flags.channels, amplitudes, strict=True)},
+        )
 
 
 def point_echo(
@@ -102,7 +139,8 @@ def point_echo(
     )
     if flags.antenna_pattern:
         amplitude *= antennas_gain(radar, pick, [-leg.to_antenna for leg in legs])
-    return PointEcho.of(legs, amplitude, position, point.motion.velocity_at(time), antennas)
+    echo = PointEcho.of(legs, amplitude, position, point.motion.velocity_at(time), antennas)
+    return echo.through_stages(flags, wavelength, position)
 
 
 def add_points(

@@ -28,7 +28,7 @@ from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.source import Launch, Source, launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.surfaces import Surfaces
-from sarmitsuba.tubes.polygon import INNER_UP_TO
+from sarmitsuba.trace.tubes.polygon import INNER_UP_TO
 
 F64 = NDArray[np.float64]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses

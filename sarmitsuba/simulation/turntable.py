@@ -31,11 +31,13 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
 from sarmitsuba.simulation.point_legs import PointLegs
+from sarmitsuba.simulation.points import PointEcho
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
 from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.sources.kind import passages_of, sources_of
 from sarmitsuba.simulation.sources.pairs import pair_level
 from sarmitsuba.trace.source import Source
+from sarmitsuba.trace.stage import STAGES
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -278,8 +280,14 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
     if plan.flags.diffuse_pairs and scene.settings.effects.get("diffuse_pairs") != "on":
         pairs = pair_level(FarSite(scene, plan.flags, aspects))
     plan = plan_effects(turned, pairs=pairs)
+    near = {stage.name for stage in STAGES if not stage.in_far_field}
     flags = dataclasses.replace(
-        plan.flags, channels=channels, taper=False, antenna_pattern=False, spreading=True
+        plan.flags,
+        channels=channels,
+        taper=False,
+        antenna_pattern=False,
+        spreading=True,
+        extra=plan.flags.extra - near,
     )
     left = plan.apply(scene)
     return dataclasses.replace(scene, lines=left.lines, volumes=left.volumes), flags, plan.max_depth
@@ -313,7 +321,10 @@ def _points(scene: Scene, flags: KernelFlags, channels: tuple[str, ...], aspects
             here = np.broadcast_to(point.position, (pick.size, 3))
             legs = PointLegs.of(trace_scene, flags, wavelength, here, center + far * look[pick], up)
             value = np.sqrt(point.rcs) * np.exp(1j * (phase[pick] - 4.0 * np.pi / wavelength * legs.delay))
-            total[pick] += value[:, None] * np.stack([legs.channel(legs, c) for c in channels], axis=1)
+            distance = far - look[pick] @ (point.position - center)
+            echo = PointEcho(distance, np.zeros(pick.size), value, (legs, legs))
+            echo = echo.through_stages(flags, wavelength, here)
+            total[pick] += np.stack([echo.channel(c) for c in channels], axis=1)
     return total
 
 

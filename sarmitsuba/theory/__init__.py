@@ -1,12 +1,7 @@
 """Closed forms that the simulator is assessed against, gathered under one name."""
 
 from sarmitsuba.theory import polarimetry
-from sarmitsuba.theory.ambiguity import (
-    azimuth_ambiguity_ratio,
-    azimuth_ghost,
-    azimuth_ghost_level,
-    range_ambiguity_ratio,
-)
+from sarmitsuba.theory.ambiguity import azimuth_ghost, azimuth_ghost_level
 from sarmitsuba.theory.beam import (
     doppler_centroid,
     gaussian_gain,
@@ -155,7 +150,6 @@ __all__ = [
     "apparent_place",
     "asked_correlation",
     "averaged_shape",
-    "azimuth_ambiguity_ratio",
     "azimuth_displacement",
     "azimuth_ghost",
     "azimuth_ghost_level",
@@ -231,7 +225,6 @@ __all__ = [
     "post_amplitude",
     "quadratic_phase",
     "range_acceleration",
-    "range_ambiguity_ratio",
     "range_walk",
     "received_power",
     "rms_coherence",

@@ -11,6 +11,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.corners import both_chains, corner_share
 from sarmitsuba.trace.leg import Surroundings, antenna_basis
+from sarmitsuba.trace.stage import closed as by_stages
 from sarmitsuba.trace.state import (
     COHERENT,
     Contribution,
@@ -21,7 +22,7 @@ from sarmitsuba.trace.state import (
     RayState,
     Reflection,
 )
-from sarmitsuba.tubes import polygon
+from sarmitsuba.trace.tubes import polygon
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -91,7 +92,7 @@ def close_coherent(
     last facet ends first, see :func:`sarmitsuba.trace.corners.corner_share`.
     """
     flags, constants = kernel.flags, kernel.constants
-    n, s = hit.normal, hit.to_antenna
+    s = hit.to_antenna
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     turned = None
@@ -134,8 +135,7 @@ def close_coherent(
         range_rate = range_rate - mi.Float64(0.5 * (change_out + change_back))
     else:
         filled = tube_here.bounds.area()
-    if flags.roughness:
-        factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.properties.z))
+    factor = by_stages(kernel, hit, factor)
     closed = {}
     for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
         i = flags.tracked.index(channel[0])

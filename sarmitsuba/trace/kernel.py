@@ -27,6 +27,8 @@ from sarmitsuba.trace.rays import (
     reflect,
     through_passages,
 )
+from sarmitsuba.trace.stage import arrived as by_stages
+from sarmitsuba.trace.stage import launched
 from sarmitsuba.trace.state import (
     NO_HIT,
     Contribution,
@@ -88,6 +90,7 @@ def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[T
     state : the accumulator's loop state after the last bounce
     """
     lane, ray = launch(kernel, antenna)
+    ray = launched(kernel, lane, ray)
     if isinstance(accumulator, Follower):
         ray = replace(ray, trail=mi.UInt32(NO_HIT))
 
@@ -140,8 +143,8 @@ def _bounce(
     """
     flags = kernel.flags
     hit = intersect(kernel, lane, ray)
-    arrived = through_passages(kernel, ray, hit)
-    ray = past_foci(arrived, hit)
+    there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
+    ray = past_foci(there, hit)
     tube_here = footprint(kernel, lane, ray, hit)
     if tube_here.lost is not None:
         hit = hit.without(tube_here.lost)
@@ -159,9 +162,9 @@ def _bounce(
     count = ray.contributions + count
     if not flags.multi_bounce:
         last = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
-        return arrived, hit, last, added
+        return there, hit, last, added
     mirrored = replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count, trail=trail)
-    return arrived, hit, mirrored, added
+    return there, hit, mirrored, added
 
 
 def _add(

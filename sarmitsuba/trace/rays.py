@@ -18,8 +18,9 @@ from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.moving import Rim
 from sarmitsuba.trace.panes import slab_factors
 from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.stage import mirrored
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, Mirror, RayState, Reflection, TubeSpread
-from sarmitsuba.tubes import curvature, polygon, tube
+from sarmitsuba.trace.tubes import curvature, polygon, tube
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
@@ -423,10 +424,7 @@ def reflect(
         edge_a, edge_b = (x - d_out * dr.dot(x, d_out) for x in (tube_here.u, tube_here.v))
     else:
         edge_a, edge_b = (x - n * (2.0 * dr.dot(x, n)) for x in (edge_a, edge_b))
-    fields = reflection.fields
-    if kernel.flags.roughness:
-        kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * hit.properties.z * hit.cos_incidence))
-        fields = tuple((re * kept, im * kept) for re, im in fields)
+    fields = mirrored(kernel, hit.properties, hit.cos_incidence, reflection.fields)
     antenna, d64 = ray.virtual_antenna, hit.direction64
     velocity = towards = ray.virtual_velocity
     rim = ray.rim

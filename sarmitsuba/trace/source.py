@@ -20,6 +20,8 @@ from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
 from sarmitsuba.trace.rays import antenna_of, hit_point, reflected
+from sarmitsuba.trace.stage import mirrored
+from sarmitsuba.trace.staged import through_stages
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
 
 if TYPE_CHECKING:
@@ -75,8 +77,8 @@ class Launch:
     def record(
         self, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
     ) -> tuple[TraceCounts, LaneArrays]:
-        """:meth:`Source.record` of the part."""
-        return self.source.record(self.part, kernel, antenna, accumulator)
+        """:meth:`Source.record` of the part, every echo through the stages of the effects that are on."""
+        return self.source.record(self.part, kernel, antenna, through_stages(kernel, accumulator))
 
 
 def launches(sources: Sequence[Source], rays: Sequence[LaunchGrid], n_pulses: int) -> list[Launch]:
@@ -264,11 +266,7 @@ class PointSource:
         reflection = reflected(
             kernel, -to_antenna, n, found.properties, found.slab, dr.dot(found.own, n64) < 0.0, fields
         )
-        fields = reflection.fields
-        if kernel.flags.roughness:
-            cosine = dr.dot(to_antenna, n)
-            kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * found.properties.z * cosine))
-            fields = tuple((re * kept, im * kept) for re, im in fields)
+        fields = mirrored(kernel, found.properties, dr.dot(to_antenna, n), reflection.fields)
         fields, second = around.passed(start, to, mi.Float(length - way), seen, fields)
         for way_to, shift in ((to_antenna, first), (to, second)):
             if shift is not None:  # farther; aside it changes nothing but the range rate

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.backend import dr, mi
 
 if TYPE_CHECKING:
-    from sarmitsuba.tubes.tube import Patch
+    from sarmitsuba.trace.tubes.tube import Patch
 
 TWO_PI = 6.283185307179586
 

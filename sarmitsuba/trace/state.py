@@ -11,7 +11,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
 from sarmitsuba.trace.moving import Rim  # as the next
 from sarmitsuba.trace.slabs import lets_waves_through
-from sarmitsuba.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
+from sarmitsuba.trace.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.geometry import TraceScene
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
     from sarmitsuba.trace.moving import Movement
-    from sarmitsuba.tubes.polygon import Bounds
-    from sarmitsuba.tubes.tube import Patch
+    from sarmitsuba.trace.tubes.polygon import Bounds
+    from sarmitsuba.trace.tubes.tube import Patch
 
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RETRO = range(3)

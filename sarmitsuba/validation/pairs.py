@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.analysis.interferometry import Interferogram, interferogram, second_pass
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.interferometry import Interferogram, interferogram, second_pass
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
@@ -173,7 +173,7 @@ def pair_of(
     meshes : see `Setting.parallelogram`; materials are taken in turn where there are several
     extent : of the image, m
     materials : of the meshes
-    relief, baseline, passes : as for `sarmitsuba.interferometry.second_pass`
+    relief, baseline, passes : as for `sarmitsuba.analysis.interferometry.second_pass`
     window : in azimuth and range
     days : from the first pass to the second
     """

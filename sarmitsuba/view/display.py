@@ -8,13 +8,13 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.quality.looks import spectral_looks
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means
 from sarmitsuba.image.calibration import backscatter
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.parameters import did_you_mean
-from sarmitsuba.quality.looks import spectral_looks
 from sarmitsuba.units import db_from_power
 
 F64 = NDArray[np.float64]
@@ -62,7 +62,7 @@ class PictureOptions:
     looks : pixels in azimuth and range that are averaged into one: power, and for ``phase`` the complex values
     order : bounce number that is shown alone; None adds all
     spectral_looks : parts of the spectrum in azimuth and range whose powers are averaged, see
-        :func:`sarmitsuba.quality.spectral_looks`; they keep more speckle off than ``looks`` of as many pixels
+        :func:`sarmitsuba.analysis.quality.spectral_looks`; they keep more speckle off than ``looks`` of as many pixels
     """
 
     channel: str | None = None

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from sarmitsuba.interferometry import HeightMap, Interferogram
+from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
 from sarmitsuba.units import db_from_power
 
 F64 = NDArray[np.float64]

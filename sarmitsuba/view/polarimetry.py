@@ -6,10 +6,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.polarimetry.cloude_pottier import ALPHA_BOUNDS_DEG, ENTROPY_BOUNDS, CloudePottier
+from sarmitsuba.analysis.polarimetry.colours import SPAN_DB
+from sarmitsuba.analysis.polarimetry.report import PolarimetryReport
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.polarimetry.cloude_pottier import ALPHA_BOUNDS_DEG, ENTROPY_BOUNDS, CloudePottier
-from sarmitsuba.polarimetry.colours import SPAN_DB
-from sarmitsuba.polarimetry.report import PolarimetryReport
 
 F64 = NDArray[np.float64]
 

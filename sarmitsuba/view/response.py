@@ -6,10 +6,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.quality.carrier import Carrier
+from sarmitsuba.analysis.quality.points import PointQuality
+from sarmitsuba.analysis.quality.report import QualityReport
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.quality.carrier import Carrier
-from sarmitsuba.quality.points import PointQuality
-from sarmitsuba.quality.report import QualityReport
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import PictureOptions
 from sarmitsuba.view.quicklook import draw

@@ -25,7 +25,7 @@ ANY = {
     "trace": 20,  # Mitsuba's scene and records
     "loader": 20,  # Mitsuba's properties and shapes
     "io": 16,  # h5py, OpenEXR and the JSON inside
-    "simulation": 10,
+    "simulation": 6,
     "focusing": 5,
     "echo": 1,  # metadata of raw data, JSON
     "image": 2,  # metadata of images, JSON

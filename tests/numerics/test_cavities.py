@@ -6,11 +6,11 @@ import pytest
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.materials.material import Material
-from sarmitsuba.simulation.paths import record_paths, square_grid
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import field
 from sarmitsuba.trace.launch import LaunchFrame
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from tests.support.paths import record_paths, square_grid
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

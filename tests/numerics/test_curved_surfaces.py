@@ -10,12 +10,12 @@ from sarmitsuba.loader.collect import SAGITTA_OVER_WAVELENGTH
 from sarmitsuba.mesh import curvature
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.tessellate import cylinder, sphere
-from sarmitsuba.simulation.paths import record_paths
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.theory.mie import sphere_po
 from sarmitsuba.theory.rcs import cylinder_rcs
 from sarmitsuba.trace.launch import frame_towards, lattice
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from tests.support.paths import record_paths
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

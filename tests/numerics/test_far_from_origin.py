@@ -10,9 +10,9 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing import focus
 from sarmitsuba.mesh.ply import write_ply
-from sarmitsuba.simulation.paths import record_paths
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, frame_towards, lattice
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from tests.support.paths import record_paths
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

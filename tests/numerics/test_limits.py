@@ -15,9 +15,9 @@ from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.library import permittivity_from_conductivity
 from sarmitsuba.materials.material import Material
-from sarmitsuba.simulation.paths import coherent_flags
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.validation.targets import PEC, dihedral
+from tests.support.paths import coherent_flags
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -11,11 +11,11 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.simulation.paths import coherent_flags, record_paths
 from sarmitsuba.trace.accumulators import phase_factor
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import frame_towards, lattice
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from tests.support.paths import coherent_flags, record_paths
 
 BANDS = {"L": 1.27e9, "X": 9.65e9, "W": 94e9}
 RANGES = (1e3, 10e3, 100e3, 800e3, 36_000e3)

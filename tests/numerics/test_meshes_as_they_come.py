@@ -15,9 +15,9 @@ from sarmitsuba.mesh.cleaning import clean_mesh
 from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.paths import aimed_at, record_paths
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from tests.support.paths import aimed_at, record_paths
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.materials.material import Material
-from sarmitsuba.simulation.paths import aimed_at, coherent_flags, record_paths
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import field
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
+from tests.support.paths import aimed_at, coherent_flags, record_paths
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

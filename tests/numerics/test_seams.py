@@ -6,12 +6,12 @@ import pytest
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.paths import aimed_at, record_paths, square_grid
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.theory.rcs import plate_amplitude
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import frame_towards
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
+from tests.support.paths import aimed_at, record_paths, square_grid
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

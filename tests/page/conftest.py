@@ -3,6 +3,7 @@
 import base64
 import json
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -194,3 +195,47 @@ def floats() -> Callable[[str, tuple[int, ...]], Any]:
         return np.frombuffer(base64.b64decode(text), dtype=np.float32).reshape(shape)
 
     return read
+
+
+# values come as JSON, which has neither typed arrays nor infinities
+IN_NODE = """
+import {{ readFileSync }} from "node:fs";
+const {{ {names} }} = JSON.parse(readFileSync(0, "utf8"));
+const value = await (async () => {{ {script} }})();
+process.stdout.write(JSON.stringify({{ value }}, (_, x) =>
+  ArrayBuffer.isView(x) ? Array.from(x) : typeof x === "number" && !Number.isFinite(x) ? String(x) : x));
+"""
+NODE_LEAST = 18
+
+
+@pytest.fixture(scope="session")
+def in_node(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
+    """Value of the body of an async function in Node.js, without a document; keywords are its arguments by name.
+
+    Numbers that are not finite come back as texts.
+    """
+    program = shutil.which("node")
+    if program is None:
+        pytest.skip("no node on the path")
+    version = subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout
+    if int(version.lstrip("v").split(".")[0]) < NODE_LEAST:
+        pytest.skip(f"node {version.strip()} is older than {NODE_LEAST}")
+    folder = tmp_path_factory.mktemp("node")
+    package = folder / "node_modules" / "sarmitsuba"
+    shutil.copytree(WEB, package, ignore=shutil.ignore_patterns("vendor"))
+    (package / "package.json").write_text('{"type": "module"}', encoding="utf-8")
+
+    def call(script: str, **values: Any) -> Any:
+        text = IN_NODE.format(names=", ".join(values), script=script)
+        run = subprocess.run(
+            [program, "--input-type=module", "-e", text],
+            input=json.dumps(values, allow_nan=False),
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            cwd=folder,
+        )
+        assert run.returncode == 0, run.stderr
+        return json.loads(run.stdout).get("value")
+
+    return call

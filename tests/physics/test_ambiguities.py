@@ -5,6 +5,7 @@ import pytest
 
 from sarmitsuba import theory
 from sarmitsuba.focusing import focus
+from sarmitsuba.link.ambiguity import azimuth_ambiguity_ratio
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
@@ -70,7 +71,7 @@ def test_ground_shows_the_level_of_its_ghosts(seed: int) -> None:
         measured = level(order * apart) / level(0.0)
         # tol: speckle of about 800 looks in each, 0.22 dB of their ratio, three sigma
         assert 10.0 * np.log10(measured / sides[-1]) == pytest.approx(0.0, abs=0.66)
-    whole = theory.azimuth_ambiguity_ratio(
+    whole = azimuth_ambiguity_ratio(
         gain, lam, prf, speed, band, weighting="matched", pointing_error=np.radians(error), orders=1
     )
     assert sum(sides) == pytest.approx(whole, rel=1e-3)  # tol: angles for sines

@@ -9,12 +9,12 @@ import pytest
 import scipy.io
 
 from sarmitsuba import cli
+from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focuser import FOCUSERS
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.io import read_raw
-from sarmitsuba.quality import KnownPoint, image_quality
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from sarmitsuba import theory
+from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.materials.material import Material
-from sarmitsuba.quality import KnownPoint, image_quality
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene

@@ -18,7 +18,7 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.link_budget import snr
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.validation.geometries import random_geometry
+from tests.support.geometries import random_geometry
 
 RCS = 3.0
 

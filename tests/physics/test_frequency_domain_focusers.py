@@ -22,7 +22,7 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import PointTargetMetrics, image_error_db, point_target
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.validation.geometries import random_geometry
+from tests.support.geometries import random_geometry
 
 ALGORITHMS = ("omega_k", "omega_k,stolt=phase", "range_doppler", "chirp_scaling")
 REQUEST = {

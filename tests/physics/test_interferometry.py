@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba import theory
-from sarmitsuba.interferometry import interferogram, second_pass
+from sarmitsuba.analysis.interferometry import interferogram, second_pass
 from sarmitsuba.simulation.render import render
 from sarmitsuba.validation.pairs import ROUGH, WAVELENGTH, Setting
 

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from sarmitsuba import theory
+from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.focusing import focus
@@ -18,7 +19,6 @@ from sarmitsuba.io import read_raw
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.page.profiles import page_profiles
-from sarmitsuba.quality import KnownPoint, image_quality
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from sarmitsuba import theory
+from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.mesh.tessellate import cube
-from sarmitsuba.quality import KnownPoint, image_quality
 from sarmitsuba.radar.description import FilmDescription, RadarDescription
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene

@@ -24,6 +24,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.slab import slab_coefficients
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation import tracing
 from sarmitsuba.simulation.rcs import monostatic_rcs
@@ -51,6 +52,27 @@ def test_the_closed_form_knows_half_and_quarter_waves() -> None:
         assert abs(half.r_te) < 1e-12 and abs(half.t_te + 1.0) < 1e-12
         assert quarter.r_te == pytest.approx((1.0 - eps) / (1.0 + eps), abs=1e-12)
         assert quarter.r_tm == pytest.approx(-quarter.r_te, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_coefficients_of_drawn_slabs(seed: int) -> None:
+    """Lines' matrices against sums of reflections: from a film to a wall of many wavelengths, coated or not."""
+    rng = np.random.default_rng([seed, 9])
+    for _ in range(50):
+        eps = complex(1.0 + 10.0 ** rng.uniform(-2.0, 3.0), -(10.0 ** rng.uniform(-6.0, 4.0)))
+        thickness, wavelength = 10.0 ** rng.uniform(-5.0, 0.0), 10.0 ** rng.uniform(-2.0, 0.0)
+        resistance = rng.choice([0.0, 10.0 ** rng.uniform(-1.0, 3.0)])
+        cosine = rng.uniform(0.01, 1.0, 20)
+        material = Material(
+            "drawn", permittivity=eps, thickness=thickness, sheet_resistance=float(resistance)
+        )
+        got = slab_coefficients(material, wavelength, cosine)
+        wanted = theory.slab(cosine, eps, thickness, wavelength, resistance)
+        behind = theory.slab_insertion(cosine, eps, thickness, wavelength, resistance)
+        for a, b in zip(
+            (got.r_te, got.r_tm, got.t_te, got.t_tm), (wanted.r_te, wanted.r_tm, *behind), strict=True
+        ):
+            assert np.abs(a - b).max() < 1e-10  # tol: rounding of phases up to 1e4 rad
 
 
 def test_the_closed_form_of_a_sheet_alone() -> None:

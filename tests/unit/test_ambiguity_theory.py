@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from sarmitsuba import theory
+from sarmitsuba.link.ambiguity import azimuth_ambiguity_ratio, range_ambiguity_ratio
 
 LAM, V = 0.031, 150.0
 
@@ -24,9 +25,9 @@ def test_azimuth_ratio_is_the_textbooks_integral() -> None:
             return float(quad(lambda f: weight(f) * power(f + m * prf), -0.5 * band, 0.5 * band)[0])
 
         want = sum(energy(m) for m in range(-20, 21) if m) / energy(0)
-        got = theory.azimuth_ambiguity_ratio(gain, LAM, prf, V, band, weighting=weighting)  # type: ignore[arg-type]
+        got = azimuth_ambiguity_ratio(gain, LAM, prf, V, band, weighting=weighting)  # type: ignore[arg-type]
         assert got == pytest.approx(want, rel=1e-3)  # tol: the rule of rectangles over 4001 nodes
-    lower = [theory.azimuth_ambiguity_ratio(gain, LAM, p, V, band) for p in (140.0, 180.0, 240.0)]
+    lower = [azimuth_ambiguity_ratio(gain, LAM, p, V, band) for p in (140.0, 180.0, 240.0)]
     assert lower[0] > lower[1] > lower[2]
 
 
@@ -39,7 +40,7 @@ def test_a_beam_off_by_the_wrong_angle_gains_ambiguity_and_loses_level() -> None
     assert theory.mispointed_level(gain, 0.05, error) == pytest.approx(
         want, rel=1e-3
     )  # tol: sines for angles
-    at = [theory.azimuth_ambiguity_ratio(gain, LAM, 200.0, V, 150.0, pointing_error=e) for e in (0.0, 0.004)]
+    at = [azimuth_ambiguity_ratio(gain, LAM, 200.0, V, 150.0, pointing_error=e) for e in (0.0, 0.004)]
     assert at[1] > 2.0 * at[0]
     assert theory.doppler_centroid(V, LAM, 0.01) == pytest.approx(2.0 * V * np.sin(0.01) / LAM)
 
@@ -73,18 +74,16 @@ def test_a_ghost_without_walk_is_the_ratio_of_patterns() -> None:
 def test_range_ratio_of_a_known_case() -> None:
     # Rationale: an isotropic antenna on flat ground: only R^3 sin(theta) of the other ranges counts.
     height, R, prf = 500e3, 700e3, 2000.0
-    got = theory.range_ambiguity_ratio(lambda s: np.ones_like(s), R, height, prf, 0.0, orders=3)
+    got = range_ambiguity_ratio(lambda s: np.ones_like(s), R, height, prf, 0.0, orders=3)
     other = R + np.array([-2, -1, 1, 2, 3]) * 299792458.0 / (2.0 * prf)
     other = other[other > height]
     sine = np.sqrt(1.0 - (height / other) ** 2)
     assert got == pytest.approx(float(np.sum(R**3 * np.sqrt(1.0 - (height / R) ** 2) / (other**3 * sine))))
     # a sphere so large that it is flat, and a real one, whose horizon ends the sum
-    flat = theory.range_ambiguity_ratio(
-        lambda s: np.ones_like(s), R, height, prf, 0.0, orders=3, earth_radius=1e13
-    )
+    flat = range_ambiguity_ratio(lambda s: np.ones_like(s), R, height, prf, 0.0, orders=3, earth_radius=1e13)
     assert flat == pytest.approx(got, rel=1e-5)
     beam = theory.uniform_aperture_gain(0.7, LAM)
-    round_ = theory.range_ambiguity_ratio(beam, R, height, prf, 0.7, earth_radius=6371e3)
+    round_ = range_ambiguity_ratio(beam, R, height, prf, 0.7, earth_radius=6371e3)
     assert 0.0 < round_ < 1.0
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import sarmitsuba
+from sarmitsuba.analysis.quality.budget import AT_MOST, MEASURED, UNKNOWN, error_budget
 from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.quality.budget import AT_MOST, MEASURED, UNKNOWN, error_budget
 
 PILOT = {"energy_from_order_upper_db": [0.0, -12.5, -41.5, None]}
 

@@ -13,6 +13,7 @@ import pytest
 from scipy.special import j1
 
 from sarmitsuba.backend import arrays, device_numbers, dr
+from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import DataError, RadarError, SarmitsubaWarning, SceneError
 from sarmitsuba.focusing import focus
@@ -24,7 +25,10 @@ from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, SENSOR
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.registry import Registry
+from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.units import db_from_power
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
@@ -166,6 +170,34 @@ def check_an_effect(example: Example, folder: Path) -> None:
     assert np.abs(seen.total("VV")).max() > 10.0 * np.abs(hidden.total("VV")).max()
 
 
+def check_an_effect_of_the_trace_kernel(example: Example, folder: Path) -> None:
+    """Every echo is weaker by the closed form, of surfaces and points, in every method; off it keeps the bits."""
+    wet = load_scene(write(folder, shape=POINT))
+    dry = wet.replace(rain="off")
+    distance = float(np.linalg.norm(wet.radar.track.center_position))
+    loss = 10.0 ** (-2e-3 * 0.4 * distance / 20.0)
+    off = pytest.warns(SarmitsubaWarning, match="rain is switched off")
+    for method in ("hybrid", "raw", "image"):
+        one = render(wet.replace(method=method)).total("VV")
+        with off:
+            other = render(dry.replace(method=method)).total("VV")
+        # tol: 16 m of ground at 10 km
+        assert np.linalg.norm(one - loss * other) < 2e-3 * np.linalg.norm(loss * other), method
+    with off:
+        paths, all_paths = trace_paths(wet), trace_paths(dry)
+        aspects = Aspects(np.zeros(1), np.full(1, np.radians(50.0)))
+        assert rcs_sweep(wet, aspects).dbsm("VV") == rcs_sweep(dry, aspects).dbsm("VV")
+        bits = simulate(dry).data
+    # surfaces, their edges, and the point
+    assert len(set(paths.kind)) == 3 and len(paths.length) == len(all_paths.length)
+    # tol: as above
+    assert paths.power.sum() == pytest.approx(all_paths.power.sum() * loss**2, rel=4e-3)
+    with pytest.raises(RadarError, match="method raster traces nothing, so that rain has no effect"):
+        render(wet.replace(method="raster"))
+    del EFFECTS._entries["rain"]
+    np.testing.assert_array_equal(bits, simulate(load_scene(folder / "scene.xml")).data)
+
+
 def check_a_radar_mode(example: Example, folder: Path) -> None:
     """Its beam is the scene's, whose footprint moves as fast as the file says; its parameter is its own."""
     sensor = '<sensor type="sar_antenna">'
@@ -242,6 +274,7 @@ CHECKS: dict[str, Callable[[Example, Path], None]] = {
     "A diffuse law": check_a_diffuse_law,
     "A material": check_a_material,
     "An effect": check_an_effect,
+    "An effect of the trace kernel": check_an_effect_of_the_trace_kernel,
     "A radar mode": check_a_radar_mode,
     "An antenna pattern": check_an_antenna_pattern,
     "A focuser": check_a_focuser,

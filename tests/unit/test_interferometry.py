@@ -7,13 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
+from sarmitsuba.analysis.interferometry.interferogram import independent_looks
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
-from sarmitsuba.interferometry.interferogram import independent_looks
 from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track

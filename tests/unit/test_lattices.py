@@ -9,7 +9,7 @@ from sarmitsuba.mesh import tessellate
 from sarmitsuba.simulation.sampling.small_lattice import Lattice, ManyNodesError, nodes_over
 from sarmitsuba.trace.launch import frame_towards, project
 from sarmitsuba.trace.speckle import TURN_COS, TURN_SIN, ScattererLattice
-from sarmitsuba.tubes.tube import Extent, patch
+from sarmitsuba.trace.tubes.tube import Extent, patch
 
 
 def test_every_node_of_a_patch_is_visited_once() -> None:

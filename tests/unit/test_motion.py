@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene, focus, load_scene, simulate
+from sarmitsuba.analysis.quality.points import scene_points
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.mesh.tessellate import cube
-from sarmitsuba.quality.points import scene_points
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint

@@ -10,11 +10,11 @@ import pytest
 import scipy.io
 
 from sarmitsuba import cli
+from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.io import read_raw
-from sarmitsuba.quality import KnownPoint, image_quality
 
 LIGHT = 299792458.0
 Fields = dict[str, Any]

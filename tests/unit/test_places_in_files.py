@@ -14,14 +14,14 @@ import scipy.io
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.interferometry.interferogram import block_grid
+from sarmitsuba.analysis.polarimetry.averaging import averaged
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.interferometry.interferogram import block_grid
 from sarmitsuba.io import FORMATS, write_image, write_raw
 from sarmitsuba.io.geocoding import north_up
-from sarmitsuba.polarimetry.averaging import averaged
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest

@@ -7,10 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
-from sarmitsuba.echo.raw import Layer
-from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.polarimetry import (
+from sarmitsuba.analysis.polarimetry import (
     QuadPol,
     automatic_looks,
     cloude_pottier,
@@ -29,6 +26,9 @@ from sarmitsuba.polarimetry import (
     span,
     stokes,
 )
+from sarmitsuba.echo.raw import Layer
+from sarmitsuba.errors import DataError, RadarError
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.view.polarimetry import feasible_bounds
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.tubes import polygon
-from sarmitsuba.tubes.tube import limited, patch, unlimited
+from sarmitsuba.trace.tubes import polygon
+from sarmitsuba.trace.tubes.tube import limited, patch, unlimited
 
 SPACING = 0.25  # m
 

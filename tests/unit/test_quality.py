@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
+from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality, spectral_looks
+from sarmitsuba.analysis.quality.areas import contrast, entropy
+from sarmitsuba.analysis.quality.widths import window_irw
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError
@@ -19,9 +22,6 @@ from sarmitsuba.focusing.aperture import incidence_angle
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import point_target
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.quality import Area, KnownPoint, image_quality, spectral_looks
-from sarmitsuba.quality.areas import contrast, entropy
-from sarmitsuba.quality.widths import window_irw
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 

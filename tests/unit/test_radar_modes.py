@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sarmitsuba.analysis.quality import image_quality
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.focusing import focus
-from sarmitsuba.quality import image_quality
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent

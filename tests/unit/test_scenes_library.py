@@ -13,10 +13,11 @@ import trimesh
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.loader.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.mesh.city import city_mesh, make_city
 from sarmitsuba.mesh.cleaning import clean_mesh
 from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.mesh.tessellate import sphere
+from scenes.city import city_mesh
+from tests.support.city import make_city
 
 WANTED = {
     "bridge",

@@ -13,13 +13,13 @@ from sarmitsuba.effects.context import KINDS
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.simulation.paths import coherent_flags
 from sarmitsuba.trace.accumulators import rounded_size
 from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice
 from sarmitsuba.trace.state import COHERENT, DIFFUSE, RETRO, Contribution, Kernel
+from tests.support.paths import coherent_flags
 
 
 class Tally:

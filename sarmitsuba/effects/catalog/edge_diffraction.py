@@ -13,8 +13,8 @@ from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.fresnel import fresnel
+from sarmitsuba.materials.wedge import fringe_backscatter
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
-from sarmitsuba.theory.diffraction import fringe_coefficients
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -130,7 +130,7 @@ def _strongest(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> fl
         across, off = (np.einsum("ni,ni->n", look, x[:, 0]) for x in (edges.inward, edges.normal))
         phi = np.arctan2(off, across) % (2.0 * np.pi)
         seen = phi <= np.pi * edges.angle
-        strength = np.abs(fringe_coefficients(edges.angle, phi, phi)).max(axis=0)
+        strength = np.abs(fringe_backscatter(edges.angle, phi)).max(axis=0)
         size = np.where(seen, strength * np.minimum(longest, 1.0 / np.maximum(lean, 1e-300)), 0.0)
         best = max(best, float(np.square(size).max()))
         if over_ground.any():

@@ -5,13 +5,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba import theory
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length, names
+from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.slab import COSINES
+from sarmitsuba.materials.slab import COSINES, slab_coefficients
 
 
 class Slabs(Effect):
@@ -51,8 +51,8 @@ class Slabs(Effect):
 
 def _error_db(m: Material, wavelength: float) -> float:
     """Largest difference of a slab's reflected field from the half space's over the incident one, dB."""
-    slab = theory.slab(COSINES, m.permittivity, m.thickness, wavelength, m.sheet_resistance)
-    te, tm = theory.fresnel(COSINES, m.permittivity)
+    slab = slab_coefficients(m, wavelength)
+    te, tm = fresnel(COSINES, m.permittivity)
     error = max(float(np.abs(slab.r_te - te).max()), float(np.abs(slab.r_tm - tm).max()))
     return 20.0 * float(np.log10(error)) if error > 0.0 else -np.inf
 

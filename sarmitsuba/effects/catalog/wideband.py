@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba import theory
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.slab import COSINES
+from sarmitsuba.materials.slab import COSINES, slab_coefficients
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -184,12 +184,11 @@ def _reflection(material: Material, frequency: F64, context: SceneContext, *, sl
         return
     at = [material.at_frequency(float(f)) for f in frequency]
     if not thick:
-        waves = [theory.fresnel(_COSINES, m.permittivity) for m in at]
+        waves = [fresnel(_COSINES, m.permittivity) for m in at]
         yield _Law(f"the reflection of {material.name}", np.concatenate(np.moveaxis(np.array(waves), 0, -1)))
         return
     slabs = [
-        theory.slab(_COSINES, m.permittivity, m.thickness, SPEED_OF_LIGHT / f, m.sheet_resistance)
-        for m, f in zip(at, frequency, strict=True)
+        slab_coefficients(m, SPEED_OF_LIGHT / float(f), _COSINES) for m, f in zip(at, frequency, strict=True)
     ]
     reflected = np.array([[s.r_te, s.r_tm] for s in slabs])
     yield _Law(f"the reflection of {material.name}", np.concatenate(np.moveaxis(reflected, 0, -1)))

@@ -143,7 +143,7 @@ class Blocks {
       data.band ? BLOCK_RANGES * range : Infinity,
     );
     const step = places.length > 1 ? Math.abs(places[1] - places[0]) : 0;
-    const size = BLOCK_SIZES.find((size) => 0.5 * size * step <= most) ?? 1;
+    const size = BLOCK_SIZES.find((pixels) => 0.5 * pixels * step <= most) ?? 1;
     const middle = new Float64Array(Math.ceil(places.length / size));
     const offset = new Float32Array(places.length);
     middle.forEach((_, b) => {

@@ -47,7 +47,7 @@ function spread(sum, small, grid) {
 }
 
 class Refocus {
-  constructor(element, { data, grid, start = {}, onImage, onSettings }) {
+  constructor(element, { data, grid, onImage, onSettings }) {
     useStyle();
     Object.assign(this, { data, grid, onImage, onSettings });
     this.settings = plainSettings(data);

@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { OrbitControls } from "three/orbit_controls";
 
 import { Labels } from "sarmitsuba/labels.js";
-import { add, norm, scaled, sub } from "sarmitsuba/localise.js";
+import { norm, scaled, sub } from "sarmitsuba/localise.js";
 import { cleared, loadModel } from "sarmitsuba/models.js";
 
 export const vector = (a) => new THREE.Vector3(a[0], a[1], a[2]);

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.focusing.focusers.backprojection import backproject
+from sarmitsuba.link.ambiguity import azimuth_ambiguity_ratio
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.simulation.raw import simulate
@@ -202,7 +203,7 @@ def ambiguity_ratio(quick: bool = False) -> Case:
             own = seen.energy(np.zeros(2))
             measured.append(sum(seen.energy(seen.ghost(k)) for k in (-2, -1, 1, 2)) / own)
             closed.append(
-                theory.azimuth_ambiguity_ratio(
+                azimuth_ambiguity_ratio(
                     seen.gain,
                     WAVELENGTH,
                     seen.prf,

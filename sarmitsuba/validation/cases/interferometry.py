@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
-from sarmitsuba.interferometry import height_map
+from sarmitsuba.analysis.interferometry import height_map
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.pairs import WAVELENGTH, Pair, Setting, pair_of, phase_law

@@ -6,9 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.analysis.polarimetry import (
+    cloude_pottier,
+    coherency,
+    m_chi,
+    orientation_angle,
+    quad_pol,
+    span,
+    stokes,
+)
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.material import Material
-from sarmitsuba.polarimetry import cloude_pottier, coherency, m_chi, orientation_angle, quad_pol, span, stokes
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation import targets

@@ -3,10 +3,10 @@
 import numpy as np
 
 from sarmitsuba import theory
+from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.quality import KnownPoint, image_quality
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
-from sarmitsuba.interferometry import Interferogram
+from sarmitsuba.analysis.interferometry import Interferogram
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.pairs import ROUGH, WAVELENGTH, Pair, Setting, pair_of, phase_law

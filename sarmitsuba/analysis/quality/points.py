@@ -8,11 +8,11 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.quality.carrier import Carrier
+from sarmitsuba.analysis.quality.widths import grid_cells, predicted_irw
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.metrics import Chip, CutMetrics, PointTargetMetrics, point_target
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.quality.carrier import Carrier
-from sarmitsuba.quality.widths import grid_cells, predicted_irw
 from sarmitsuba.radar.polarisation import isotropic_response
 
 F64 = NDArray[np.float64]

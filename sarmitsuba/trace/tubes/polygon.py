@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import permutations
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.tubes.tube import NOWHERE, Extent
+from sarmitsuba.trace.tubes.tube import NOWHERE, Extent
 
 # rows of the lattice to each side that are looked at for other rays on the facet
 ROWS = 4
@@ -66,7 +66,7 @@ class Polygon:
     ----------
     sides : (alpha, beta) of start and end of each; those that are not there have no length
     edges : of the sides from the fifth on, which lie on edges of the facet
-    rim : point that phases refer to where it is not exact, see :class:`sarmitsuba.tubes.tube.Patch`
+    rim : point that phases refer to where it is not exact, see :class:`sarmitsuba.trace.tubes.tube.Patch`
     weight : of its area
     exact : the parts of all rays tile the facet; its first four sides are those of other rays' parts too
     """
@@ -90,7 +90,7 @@ class Polygon:
 def facet_lines(
     edges: Sequence[mi.Vector4f], inner: Sequence[mi.Bool], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
 ) -> list[Line]:
-    """Boundary edges of the facet in units of the tube that hit it; see :func:`sarmitsuba.tubes.tube.limited`."""
+    """Boundary edges of the facet in units of the tube that hit it; see :func:`sarmitsuba.trace.tubes.tube.limited`."""
     lines = []
     for edge, within in zip(edges, inner, strict=True):
         m = type(point)(edge[0], edge[1], edge[2])

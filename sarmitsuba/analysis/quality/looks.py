@@ -6,11 +6,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.quality.carrier import Carrier
+from sarmitsuba.analysis.quality.widths import grid_cells, windows_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.quality.carrier import Carrier
-from sarmitsuba.quality.widths import grid_cells, windows_of
 from sarmitsuba.units import db_from_power
 
 F64 = NDArray[np.float64]

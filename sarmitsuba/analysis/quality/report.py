@@ -5,11 +5,24 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from sarmitsuba.analysis.quality.areas import (
+    Area,
+    AreaQuality,
+    automatic_areas,
+    contrast,
+    entropy,
+    measure_area,
+)
+from sarmitsuba.analysis.quality.looks import spectral_looks
+from sarmitsuba.analysis.quality.points import (
+    KnownPoint,
+    PointQuality,
+    find_points,
+    measure_known,
+    scene_points,
+)
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.quality.areas import Area, AreaQuality, automatic_areas, contrast, entropy, measure_area
-from sarmitsuba.quality.looks import spectral_looks
-from sarmitsuba.quality.points import KnownPoint, PointQuality, find_points, measure_known, scene_points
 
 
 @dataclass(frozen=True)
@@ -117,7 +130,7 @@ def image_quality(
     areas : rectangles; None takes the evenest and the darkest square
     channel : default the first
     looks : numbers of looks in azimuth and range that areas are measured on, see
-        :func:`sarmitsuba.quality.spectral_looks`
+        :func:`sarmitsuba.analysis.quality.spectral_looks`
     most : points to find
 
     Raises

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.interferometry.interferogram import Interferogram
+from sarmitsuba.analysis.interferometry.viewpoint import Look
 from sarmitsuba.errors import DataError
-from sarmitsuba.interferometry.interferogram import Interferogram
-from sarmitsuba.interferometry.viewpoint import Look
 
 F64 = NDArray[np.float64]
 

@@ -6,13 +6,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.interferometry.baseline import Baseline
+from sarmitsuba.analysis.interferometry.common_band import common_band_pair
+from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
+from sarmitsuba.analysis.quality.widths import grid_cells, windows_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means, block_middles
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.interferometry.baseline import Baseline
-from sarmitsuba.interferometry.common_band import common_band_pair
-from sarmitsuba.interferometry.viewpoint import Viewpoint
-from sarmitsuba.quality.widths import grid_cells, windows_of
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -159,7 +159,7 @@ def interferogram(
         independent samples, about
     channel : default the first
     band : ``full``, or ``common``: only the part of both spectra that shows the same wavenumbers of level ground, see
-        :mod:`sarmitsuba.interferometry.common_band`
+        :mod:`sarmitsuba.analysis.interferometry.common_band`
 
     Raises
     ------

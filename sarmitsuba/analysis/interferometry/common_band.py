@@ -4,11 +4,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.interferometry.baseline import Baseline
+from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
+from sarmitsuba.analysis.quality.widths import grid_cells, windows_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.interferometry.baseline import Baseline
-from sarmitsuba.interferometry.viewpoint import Viewpoint
-from sarmitsuba.quality.widths import grid_cells, windows_of
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.quality.widths import grid_cells
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means
 from sarmitsuba.image.metrics import equivalent_number_of_looks, windows_over
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.quality.widths import grid_cells
 
 F64 = NDArray[np.float64]
 

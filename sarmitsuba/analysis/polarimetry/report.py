@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.polarimetry.averaging import check_looks
+from sarmitsuba.analysis.polarimetry.cloude_pottier import ZONES, CloudePottier, cloude_pottier
+from sarmitsuba.analysis.polarimetry.coherency import coherency, span
+from sarmitsuba.analysis.polarimetry.compact import Stokes, m_chi, stokes
+from sarmitsuba.analysis.polarimetry.quad import quad_pol
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.polarimetry.averaging import check_looks
-from sarmitsuba.polarimetry.cloude_pottier import ZONES, CloudePottier, cloude_pottier
-from sarmitsuba.polarimetry.coherency import coherency, span
-from sarmitsuba.polarimetry.compact import Stokes, m_chi, stokes
-from sarmitsuba.polarimetry.quad import quad_pol
 
 C128 = NDArray[np.complex128]
 F64 = NDArray[np.float64]
@@ -180,7 +180,7 @@ def zone_shares(decomposition: CloudePottier, power: F64) -> dict[int, tuple[str
 
 
 def m_chi_shares(vector: Stokes) -> dict[str, float]:
-    """Shares of the whole power in the three parts of :func:`sarmitsuba.polarimetry.m_chi`; NaN without any."""
+    """Shares of the whole power in :func:`sarmitsuba.analysis.polarimetry.m_chi`'s three parts; NaN without any."""
     powers = m_chi(vector).sum(axis=(0, 1))
     total = float(powers.sum())
     names = ("even_bounce", "unpolarised", "odd_bounce")

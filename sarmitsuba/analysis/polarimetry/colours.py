@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.analysis.polarimetry.coherency import hermitian
 from sarmitsuba.errors import DataError
-from sarmitsuba.polarimetry.coherency import hermitian
 
 # of the brightness, dB from black to white
 SPAN_DB = 50.0

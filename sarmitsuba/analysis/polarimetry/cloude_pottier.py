@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.polarimetry.coherency import hermitian
+from sarmitsuba.analysis.polarimetry.coherency import hermitian
 
 F64 = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.interferometry.viewpoint import Viewpoint
+from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
 
 F64 = NDArray[np.float64]
 

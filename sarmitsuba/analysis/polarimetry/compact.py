@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.analysis.polarimetry.averaging import averaged
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.polarimetry.averaging import averaged
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]

@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 
+from sarmitsuba.analysis.quality.carrier import Lobes
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.quality.carrier import Lobes
 
 _NODES, _FINE = 1024, 64
 

@@ -1,7 +1,12 @@
 """What polarisation says of a scene: coherency matrix, Cloude-Pottier decomposition, compact polarimetry, colours."""
 
-from sarmitsuba.polarimetry.cloude_pottier import ZONES, CloudePottier, cloude_pottier, orientation_angle
-from sarmitsuba.polarimetry.coherency import (
+from sarmitsuba.analysis.polarimetry.cloude_pottier import (
+    ZONES,
+    CloudePottier,
+    cloude_pottier,
+    orientation_angle,
+)
+from sarmitsuba.analysis.polarimetry.coherency import (
     coherency,
     coherency4,
     coherency_of_covariance,
@@ -11,10 +16,10 @@ from sarmitsuba.polarimetry.coherency import (
     pauli_vector,
     span,
 )
-from sarmitsuba.polarimetry.colours import colours, pauli_rgb
-from sarmitsuba.polarimetry.compact import Stokes, m_chi, m_delta, stokes
-from sarmitsuba.polarimetry.quad import QuadPol, quad_pol
-from sarmitsuba.polarimetry.report import PolarimetryReport, automatic_looks, polarimetry_report
+from sarmitsuba.analysis.polarimetry.colours import colours, pauli_rgb
+from sarmitsuba.analysis.polarimetry.compact import Stokes, m_chi, m_delta, stokes
+from sarmitsuba.analysis.polarimetry.quad import QuadPol, quad_pol
+from sarmitsuba.analysis.polarimetry.report import PolarimetryReport, automatic_looks, polarimetry_report
 
 __all__ = [
     "ZONES",

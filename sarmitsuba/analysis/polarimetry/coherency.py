@@ -7,9 +7,9 @@ Pottier, IEEE TGRS 34 (2) 1996, equations 8 to 18; Lee and Pottier, Polarimetric
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.analysis.polarimetry.averaging import averaged
+from sarmitsuba.analysis.polarimetry.quad import QuadPol
 from sarmitsuba.errors import DataError
-from sarmitsuba.polarimetry.averaging import averaged
-from sarmitsuba.polarimetry.quad import QuadPol
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]

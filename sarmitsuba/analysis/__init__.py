@@ -1,0 +1,1 @@
+"""What images tell: their quality, and what polarisations and pairs of passes say of the scene."""

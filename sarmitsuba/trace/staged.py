@@ -1,0 +1,50 @@
+"""Echoes on their way to an accumulator, through the stages of the effects that are on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sarmitsuba.trace.kernel import Accumulator, Follower
+from sarmitsuba.trace.stage import changes_echoes, echoed
+
+if TYPE_CHECKING:
+    from sarmitsuba.backend import mi
+    from sarmitsuba.trace.kernel import LaneArrays
+    from sarmitsuba.trace.state import Contribution, Hit, Kernel, RayState
+
+
+def through_stages(kernel: Kernel, accumulator: Accumulator) -> Accumulator:
+    """The accumulator, behind the stages that change echoes; itself where none does."""
+    if not changes_echoes(kernel.flags):
+        return accumulator
+    if isinstance(accumulator, Follower):
+        return _StagedFollower(kernel, accumulator, accumulator)
+    return _Staged(kernel, accumulator)
+
+
+class _Staged:
+    """An accumulator behind the stages; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+
+    def __init__(self, kernel: Kernel, accumulator: Accumulator) -> None:
+        self.kernel, self.accumulator = kernel, accumulator
+
+    def begin(self) -> LaneArrays:
+        return self.accumulator.begin()
+
+    def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
+        flags, wavenumber = self.kernel.flags, self.kernel.constants.wavenumber
+        return self.accumulator.add(state, echoed(flags, wavenumber, contribution))
+
+
+class _StagedFollower(_Staged):
+    """The same of an accumulator that also follows every ray; see :class:`sarmitsuba.trace.kernel.Follower`."""
+
+    def __init__(self, kernel: Kernel, accumulator: Accumulator, follower: Follower) -> None:
+        super().__init__(kernel, accumulator)
+        self.follower = follower
+
+    def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> tuple[LaneArrays, mi.UInt32 | None]:
+        return self.follower.visit(state, ray, hit)
+
+
+__all__ = ["through_stages"]

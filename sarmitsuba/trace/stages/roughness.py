@@ -1,0 +1,42 @@
+"""Coherent loss of rough surfaces."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.stage import STAGES, Stage
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.state import Hit, Kernel
+
+
+class RoughnessLoss(Stage):
+    r"""Coherent loss to the rms height :math:`s` of a surface of normally distributed heights.
+
+    .. math:: e^{-(\mathbf q \cdot \mathbf n)^2 s^2 / 2}, \quad \mathbf q = k (\hat k_i - \hat k_s),
+
+    at a mirror :math:`e^{-2 (k s \cos \theta)^2}`.
+
+    Notes
+    -----
+    Ignores shadowing among the heights and correlation between the two ends of a path.
+
+    References
+    ----------
+    Ament, "Toward a theory of reflection by a rough surface", Proc. IRE 41 (1953).
+    """
+
+    name: ClassVar[str] = "roughness"
+
+    def at_mirror(self, kernel: Kernel, properties: mi.Vector4f, cosine: mi.Float) -> mi.Float:
+        """See the class."""
+        return dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * properties.z * cosine))
+
+    def at_closing(self, kernel: Kernel, hit: Hit) -> mi.Float:
+        """See the class."""
+        across = dr.dot(hit.direction - hit.to_antenna, hit.normal)
+        return dr.exp(-0.5 * dr.square(kernel.constants.wavenumber * across * hit.properties.z))
+
+
+STAGES.register(RoughnessLoss())

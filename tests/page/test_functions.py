@@ -1,0 +1,378 @@
+"""The page's functions that need no document, one by one in Node.js, against NumPy; and its sources in a linter."""
+
+import html
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sarmitsuba.page
+from sarmitsuba.page.localise import on_plane
+from sarmitsuba.page.write import Packer
+from sarmitsuba.radar.antenna import Antenna
+
+WEB = Path(sarmitsuba.page.__file__).parent / "web"
+Node = Callable[..., Any]
+
+
+def flights(n: int, seed: int) -> dict[str, Any]:
+    """Antennas above a plane, climbing ones too, and a point each."""
+    rng = np.random.default_rng(seed)
+    height = rng.normal(scale=100.0, size=n)
+    position = np.column_stack([rng.normal(scale=1e3, size=(n, 2)), height + rng.uniform(1e3, 1e5, n)])
+    velocity = np.column_stack([rng.normal(scale=100.0, size=(n, 2)), rng.normal(scale=10.0, size=n)])
+    across = np.column_stack([velocity[:, 1], -velocity[:, 0], np.zeros(n)]) * rng.choice([-1, 1], (n, 1))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = np.cross([0.0, 0.0, 1.0], across)
+    beside = (position[:, 2] - height) * rng.uniform(0.5, 2.0, n)
+    point = position + beside[:, None] * across + rng.normal(scale=5e2, size=(n, 1)) * along
+    point[:, 2] = height + rng.uniform(0.0, 30.0, n)
+    names = ("position", "velocity", "point", "height", "across", "along")
+    values = (position, velocity, point, height, across, along)
+    return dict(zip(names, values, strict=True))
+
+
+# ---------------------------------------------------------------- sources
+
+
+def test_sources_pass_the_linter() -> None:
+    """Names that are nowhere, imports and variables without a use, shadows and the like; tests/page/oxlint.json."""
+    program = shutil.which("oxlint", path=str(Path(sys.executable).parent)) or shutil.which("oxlint")
+    if program is None:
+        pytest.skip("oxlint is not installed; in the test extra")
+    config = Path(__file__).parent / "oxlint.json"
+    files = sorted(str(path) for path in WEB.glob("*.js"))
+    run = subprocess.run([program, "-c", str(config), *files], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout
+
+
+# ---------------------------------------------------------------- localise.js
+
+
+def test_range_and_rate_to_a_point_and_back(in_node: Node) -> None:
+    drawn = flights(100, 1)
+    drawn["point"][:, 2] = drawn["height"]
+    script = """
+    const { onPlane, rangeAndRate } = await import("sarmitsuba/localise.js");
+    return position.map((p, i) => {
+      const { range, rate } = rangeAndRate(p, velocity[i], point[i]);
+      return { range, rate, found: onPlane(p, velocity[i], range, rate, height[i], across[i]),
+        nearer: onPlane(p, velocity[i], 0.99 * (p[2] - height[i]), 0, height[i], across[i]) };
+    });
+    """
+    given = {name: value.tolist() for name, value in drawn.items()}
+    for i, got in enumerate(in_node(script, **given)):
+        p, v, x = (drawn[name][i] for name in ("position", "velocity", "point"))
+        assert got["range"] == pytest.approx(np.linalg.norm(p - x), rel=1e-12)
+        assert got["rate"] == pytest.approx((p - x) @ v / np.linalg.norm(p - x), rel=1e-9, abs=1e-9)
+        np.testing.assert_allclose(got["found"], x, rtol=0.0, atol=1e-4)  # tol: float64 over slant and ground
+        ours = on_plane(p, v, np.array([got["range"]]), np.array([got["rate"]]), x[2], drawn["across"][i])
+        np.testing.assert_allclose(got["found"], ours[0], rtol=0.0, atol=1e-6)
+        assert got["nearer"] is None
+
+
+def test_echoes_by_the_ground_land_at_their_range_and_rate(in_node: Node) -> None:
+    drawn = flights(50, 2)
+    script = """
+    const { landings } = await import("sarmitsuba/localise.js");
+    return position.map((p, i) =>
+      landings(p, velocity[i], point[i], height[i] - 2, { height: height[i], across: across[i] }));
+    """
+    given = {name: value.tolist() for name, value in drawn.items()}
+    for i, got in enumerate(in_node(script, **given)):
+        p, v, x, h = (drawn[name][i] for name in ("position", "velocity", "point", "height"))
+        ends = [x, np.array([x[0], x[1], 2.0 * (h - 2.0) - x[2]])]
+        # half of the way there by one of them and back by one of them, and how fast it grows
+        for landing, pair in zip(got, ((0, 0), (0, 1), (1, 1)), strict=True):
+            ways = [p - ends[k] for k in pair]
+            length = 0.5 * sum(np.linalg.norm(way) for way in ways)
+            rate = 0.5 * sum(way @ v / np.linalg.norm(way) for way in ways)
+            assert landing["range"] == pytest.approx(length, rel=1e-12)
+            assert landing["rate"] == pytest.approx(rate, rel=1e-9, abs=1e-9)
+            away = p - np.array(landing["point"])
+            assert landing["point"][2] == h
+            assert np.linalg.norm(away) == pytest.approx(length, rel=1e-9)
+            assert away @ v / np.linalg.norm(away) == pytest.approx(rate, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["slant", "ground"])
+def test_pixels_and_points_of_the_plane(kind: str, in_node: Node) -> None:
+    drawn = flights(20, 3)
+    rng = np.random.default_rng(3)
+    grids = [
+        {
+            "kind": kind,
+            "origin": drawn["position"][i].tolist(),
+            "height": drawn["height"][i],
+            "along": drawn["along"][i].tolist(),
+            "across": drawn["across"][i].tolist(),
+            "azimuth": rng.uniform(0.5, 2.0, 2).tolist(),
+            "range": [float(drawn["position"][i, 2] - drawn["height"][i] + 50.0), 0.7],
+        }
+        for i in range(20)
+    ]
+    at = rng.uniform(0.0, 300.0, (20, 2))
+    script = """
+    const { pixelOf, pointOf } = await import("sarmitsuba/localise.js");
+    return grids.map((grid, i) => [pointOf(grid, at[i]), pixelOf(grid, pointOf(grid, at[i]))]);
+    """
+    for grid, where, (point, back) in zip(
+        grids, at, in_node(script, grids=grids, at=at.tolist()), strict=True
+    ):
+        np.testing.assert_allclose(back, where, rtol=0.0, atol=1e-5)  # tol: float64 over slant and ground
+        away = np.array(point) - grid["origin"]
+        azimuth, reach = (
+            grid[name][0] + k * grid[name][1] for name, k in (("azimuth", where[0]), ("range", where[1]))
+        )
+        assert away @ grid["along"] == pytest.approx(azimuth, abs=1e-6)
+        level = away @ grid["across"]
+        got = np.hypot(level, away[2]) if kind == "slant" else level
+        assert point[2] == grid["height"] and got == pytest.approx(reach, rel=1e-9)
+
+
+def test_a_beams_outline_is_its_half_power_ellipse(in_node: Node) -> None:
+    rng = np.random.default_rng(4)
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    axes[0] *= -np.sign(axes[0, 2])
+    widths, position, most = [0.3, 0.9], [10.0, -20.0, 500.0], 2e3
+    script = """
+    const { footprint } = await import("sarmitsuba/localise.js");
+    return footprint(position, axes, widths, -3, most);
+    """
+    got = np.array(in_node(script, position=position, axes=axes.tolist(), widths=widths, most=most))
+    ray = got - position
+    boresight, azimuth, elevation = (ray @ axis for axis in axes)
+    ellipse = np.hypot(azimuth / np.tan(0.15), elevation / np.tan(0.45))
+    np.testing.assert_allclose(ellipse, boresight, rtol=1e-12)
+    on_ground = np.abs(got[:, 2] + 3.0) < 1e-9
+    assert got.shape == (64, 3) and on_ground.any()
+    np.testing.assert_allclose(np.linalg.norm(ray[~on_ground], axis=1), most, rtol=1e-12)
+
+
+# ---------------------------------------------------------------- image_math.js
+
+
+def test_arithmetic_of_images(in_node: Node) -> None:
+    rng = np.random.default_rng(5)
+    layers = [rng.normal(size=12) + 1j * rng.normal(size=12) for _ in range(3)]
+    area = rng.uniform(0.5, 3.0, 4)
+    script = """
+    const m = await import("sarmitsuba/image_math.js");
+    const [a, b] = layers;
+    const sum = m.sumOf(layers, 12);
+    return { sum, none: m.sumOf([], 3), rcs: m.decibels(sum, 4, null), sigma0: m.decibels(sum, 4, area),
+      empty: m.decibels({ re: [0], im: [0] }, 1, null), difference: m.complexDifference(a, b),
+      likeness: m.likeness(a, b), same: m.likeness(a, a), quantile: m.quantile([NaN, 3, 1, -Infinity, 2, 4], 0.5),
+      nothing: m.quantile([NaN], 0.5), lengths: lengths.map(m.roundLength) };
+    """
+    lengths = 10.0 ** rng.uniform(-3.0, 5.0, 60)
+    given = [{"re": z.real.tolist(), "im": z.imag.tolist()} for z in layers]
+    got = in_node(script, layers=given, area=area.tolist(), lengths=[1.0, 2.0, 5.0, *lengths])
+    total = sum(layers)
+    # tol: float32 of the sums and of decibels
+    np.testing.assert_allclose(
+        np.array(got["sum"]["re"]) + 1j * np.array(got["sum"]["im"]), total, rtol=0, atol=1e-6
+    )
+    assert got["none"] == {"re": [0, 0, 0], "im": [0, 0, 0]}
+    db = 20.0 * np.log10(np.abs(total))
+    np.testing.assert_allclose(got["rcs"], db, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(got["sigma0"], db - 10.0 * np.log10(np.tile(area, 3)), rtol=0, atol=1e-4)
+    assert got["empty"] == ["-Infinity"]
+    a, b = layers[:2]
+    np.testing.assert_allclose(
+        np.array(got["difference"]["re"]) + 1j * np.array(got["difference"]["im"]), a - b
+    )
+    assert got["likeness"]["coherence"] == pytest.approx(
+        abs(np.vdot(b, a)) / (np.linalg.norm(a) * np.linalg.norm(b))
+    )
+    assert got["likeness"]["error"] == pytest.approx(
+        20.0 * np.log10(np.linalg.norm(a - b) / np.linalg.norm(a))
+    )
+    assert got["same"]["coherence"] == pytest.approx(1.0) and got["same"]["error"] == "-Infinity"
+    assert (got["quantile"], got["nothing"]) == (3, 0)
+    assert got["lengths"][:3] == [1, 2, 5]
+    for length, round_ in zip(lengths, got["lengths"][3:], strict=True):
+        step = 10.0 ** (np.log10(round_) % 1.0)
+        assert min(abs(step - s) for s in (1.0, 2.0, 5.0, 10.0)) < 1e-9
+        assert round_ <= length < 2.5 * round_ * (1.0 + 1e-9)
+
+
+# ---------------------------------------------------------------- windows.js, aperture.js, range_profiles.js
+
+
+def test_windows_are_linear_between_their_nodes(in_node: Node) -> None:
+    rng = np.random.default_rng(6)
+    nodes, u = rng.uniform(0.0, 1.0, (2, 17)), rng.uniform(-0.6, 0.6, 100)
+    script = """
+    const { windowNames, windowOf } = await import("sarmitsuba/windows.js");
+    const data = { windows: { texts: ["a", "b"], nodes } };
+    let words = "";
+    try { windowOf(data, "flat"); } catch (error) { words = error.message; }
+    return { names: windowNames(data), plain: windowNames({}), b: u.map(windowOf(data, "b")),
+      box: u.map(windowOf({}, "rectangular")), words };
+    """
+    got = in_node(script, nodes=nodes.reshape(-1).tolist(), u=u.tolist())
+    assert got["names"] == ["a", "b"] and got["plain"] == ["rectangular"]
+    inside = np.abs(u) <= 0.5
+    np.testing.assert_allclose(
+        got["b"], np.interp(u, np.linspace(-0.5, 0.5, 17), nodes[1]) * inside, atol=1e-12
+    )
+    np.testing.assert_array_equal(got["box"], inside)
+    assert got["words"] == "window flat: not in this page; choose one of a, b"
+
+
+def test_the_aperture_that_is_left(in_node: Node) -> None:
+    rng = np.random.default_rng(7)
+    weights = rng.uniform(0.5, 1.0, 40).astype(np.float32)
+    script = """
+    const { aperturePlan, makeTrackError } = await import("sarmitsuba/aperture.js");
+    const data = { nPulses: 40, weights };
+    const some = { keepEvery: 2, from: 0.25, to: 0.75 };
+    return { whole: aperturePlan(data, {}), part: aperturePlan(data, some),
+      band: aperturePlan({ ...data, band: { half: 0.1 } }, some).band,
+      errors: ["none", "linear", "quadratic", "sinusoidal"].map((kind) =>
+        makeTrackError(5, { kind, amplitude: 2, cycles: 1 })) };
+    """
+    got = in_node(script, weights=weights.tolist())
+    np.testing.assert_array_equal(np.float32(got["whole"]["weights"]), weights)
+    used = np.zeros(40, dtype=bool)
+    used[np.arange(0, 40, 2)[5:15]] = True
+    np.testing.assert_array_equal(np.float32(got["part"]["weights"]), np.where(used, weights, 0))
+    assert got["band"] | {"window": None} == pytest.approx(
+        {"half": 0.05, "shift": 0.0, "step": 2, "window": None}
+    )
+    u = np.linspace(-1.0, 1.0, 5)
+    np.testing.assert_allclose(
+        got["errors"], [0 * u, 2 * u, 2 * u**2, 2 * np.sin(np.pi * u)], rtol=0, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("pattern", ["gaussian", "rectangular"])
+def test_the_beam_is_ours(pattern: str, in_node: Node) -> None:
+    rng = np.random.default_rng(8)
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    antenna = Antenna(pattern=pattern, azimuth_beamwidth=0.2, elevation_beamwidth=0.5)
+    ray = axes[0] + 0.3 * rng.normal(size=(50, 3))
+    ray = (
+        np.vstack([ray, axes[0], -axes[0]])
+        / np.linalg.norm(np.vstack([ray, axes[0], -axes[0]]), axis=1)[:, None]
+    )
+    beam = {
+        "pattern": pattern,
+        "perWidth": antenna.per_width,
+        "boresight": axes[0].tolist(),
+        "azimuthAxis": axes[1].tolist(),
+        "elevationAxis": axes[2].tolist(),
+    }
+    script = """
+    const { beamGain } = await import("sarmitsuba/aperture.js");
+    return rays.map((ray) => beamGain(beam, 0, ...ray));
+    """
+    got = in_node(script, beam=beam, rays=ray.tolist())
+    want = antenna.two_way_amplitude(ray @ axes[1], ray @ axes[2]) * (ray @ axes[0] > 0.0)
+    np.testing.assert_allclose(got, want, rtol=0, atol=1e-7)  # tol: digits of the half-power point of a sinc
+    assert got[-2:] == [1, 0]
+
+
+def test_samples_between_bins_are_those_of_the_band(in_node: Node) -> None:
+    """A point between two bins, its echo the band's sinc, through four taps of a cubic B-spline."""
+    n, fraction, place = 512, 1.0 / 1.2, 250.3
+    profile = np.sinc((np.arange(n) - place) * fraction)
+    script = """
+    const { LEAD, OVERSAMPLING, RangeProfiles } = await import("sarmitsuba/range_profiles.js");
+    const made = new RangeProfiles({ nBins: profile.length, bandFraction: fraction,
+      profiles: profile.flatMap((value) => [value, 0]) }, "rectangular");
+    const out = new Float64Array(2 * made.nStored);
+    made.fill(0, out, 0);
+    return { LEAD, OVERSAMPLING, last: made.last, out };
+    """
+    got = in_node(script, profile=profile.tolist(), fraction=fraction)
+    samples = np.array(got["out"]).reshape(-1, 2) @ [1.0, 1.0j]
+    assert got["last"] == got["OVERSAMPLING"] * (n - 1)
+    at = np.random.default_rng(9).uniform(100.0, 400.0, 500)
+    i = np.floor(at * got["OVERSAMPLING"]).astype(int)
+    u = at * got["OVERSAMPLING"] - i
+    taps = np.array([(1 - u) ** 3, 3 * u**3 - 6 * u**2 + 4, -3 * u**3 + 3 * u**2 + 3 * u + 1, u**3]) / 6.0
+    value = sum(tap * samples[i + got["LEAD"] - 1 + k] for k, tap in enumerate(taps))
+    # tol: the spline's image at the band's edge, -46 dB, and the sinc that the record's ends cut
+    assert np.abs(value - np.sinc((at - place) * fraction)).max() < 0.01
+
+
+# ---------------------------------------------------------------- unpack.js, markup.js, store.js, controls.js
+
+
+def test_arrays_arrive_as_they_were_packed(in_node: Node) -> None:
+    rng = np.random.default_rng(10)
+    halves = np.append(rng.normal(size=40), [np.inf, -np.inf, np.nan, 6e-8, 65504.0, 0.0]).astype(np.float16)
+    values: dict[str, Any] = {
+        name: rng.integers(0, 100, (5, 4)).astype(name)
+        for name in ("uint8", "int8", "uint16", "int16", "uint32", "int32")
+    }
+    values |= {name: rng.normal(size=(3, 7)).astype(name) for name in ("float32", "float64")}
+    values |= {
+        "halves": halves,
+        "flags": rng.random(30) < 0.5,
+        "nested": [{"short": np.arange(3)}, "text", None],
+    }
+    packer = Packer()
+    packed = packer.pack(values)
+    script = """
+    const nodes = new Map(blobs.map((textContent, i) => [`blob${i}`, { textContent, remove() {} }]));
+    nodes.set("payload", { textContent: JSON.stringify(packed) });
+    globalThis.document = { getElementById: (id) => nodes.get(id) };
+    const { readPayload } = await import("sarmitsuba/unpack.js");
+    return readPayload();
+    """
+    got = in_node(script, blobs=packer.blobs, packed=packed)
+    assert set(got) == set(values) and got["nested"] == [{"short": [0, 1, 2]}, "text", None]
+    for name, value in values.items():
+        if name != "nested":
+            np.testing.assert_array_equal(
+                np.array(got[name], dtype=np.float64), value.astype(np.float64).reshape(-1)
+            )
+
+
+def test_values_of_templates_are_text(in_node: Node) -> None:
+    script = """
+    const { html } = await import("sarmitsuba/markup.js");
+    const { helpText, keyName } = await import("sarmitsuba/controls.js");
+    return { one: html`<b title="${text}">${text}</b>`.text, list: html`${[text, html`<i>${1}</i>`, null]}`.text,
+      help: helpText([[text, text]], text).text, keys: ["A", "Escape"].map((key) => keyName({ key })) };
+    """
+    text = """<script>alert("1 & '2'")</script>"""
+    got = in_node(script, text=text)
+    inside = got["one"].removeprefix('<b title="').removesuffix("</b>")
+    attribute, _, content = inside.partition('">')
+    assert html.unescape(attribute) == html.unescape(content) == text
+    assert not set("<>\"'") & set(attribute + content)
+    assert got["list"] == f"{content}<i>1</i>"
+    assert "<script" not in got["help"] and got["help"].count(content) == 3
+    assert got["keys"] == ["a", "Escape"]
+
+
+def test_listeners_hear_of_changes_once(in_node: Node) -> None:
+    script = """
+    const { Store } = await import("sarmitsuba/store.js");
+    const { turn } = await import("sarmitsuba/controls.js");
+    const store = new Store({ a: 1, b: false, c: "x" });
+    const heard = [];
+    store.on(["a", "b"], (values, changed) => heard.push([{ ...values }, changed]));
+    store.set({ a: 1 });
+    store.set({ c: "y" });
+    store.set({ a: 2, b: true });
+    turn(store, "b");
+    turn(store, "a", [1, 2, 3]);
+    turn(store, "a", [1, 2, 3]);
+    return heard;
+    """
+    assert in_node(script) == [
+        [{"a": 2, "b": True, "c": "y"}, ["a", "b"]],
+        [{"a": 2, "b": False, "c": "y"}, ["b"]],
+        [{"a": 3, "b": False, "c": "y"}, ["a"]],
+        [{"a": 1, "b": False, "c": "y"}, ["a"]],
+    ]
