@@ -25,6 +25,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL, Motion
+from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
@@ -78,6 +79,7 @@ def assemble(
     notes: Sequence[str] = (),
     lines: Sequence[LineTarget] = (),
     volumes: Sequence[Volume] = (),
+    scatterers: Sequence[ScattererTarget] = (),
 ) -> Scene:
     """Clean and centre the geometry, let the radar see it and freeze everything into a scene.
 
@@ -89,7 +91,7 @@ def assemble(
     radar : validated parameters of sensor and film
     settings : of the integrator
     notes : collected so far
-    volumes : in the file frame
+    volumes, scatterers : in the file frame
 
     Raises
     ------
@@ -102,7 +104,7 @@ def assemble(
         raise SceneError(
             f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
         )
-    if not visible and not points and not lines:
+    if not visible and not points and not lines and not scatterers:
         what = "every shape is invisible" if surfaces else "there is no shape"
         raise SceneError(
             f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
@@ -117,10 +119,13 @@ def assemble(
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
     for line in lines:
         _check_size(f'{label}: radar_wire "{line.name}"', line.ends)
+    for scatterer in scatterers:
+        _check_size(f'{label}: {scatterer.kind} "{scatterer.name}"', scatterer.position)
     for volume in volumes:
         _check_size(f'{label}: volume "{volume.name}"', volume.vertices)
     positions = np.array([p.position for p in points]).reshape(-1, 3)
-    places = np.concatenate([positions, line_ends(tuple(lines)), *(v.vertices for v in volumes)])
+    own = positions_of(tuple(scatterers))
+    places = np.concatenate([positions, own, line_ends(tuple(lines)), *(v.vertices for v in volumes)])
     offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
@@ -142,6 +147,7 @@ def assemble(
         description=radar,
         lines=tuple(line.moved(-offset) for line in lines),
         volumes=tuple(replace(v, vertices=v.vertices - offset) for v in volumes),
+        scatterers=tuple(scatterer.moved(-offset) for scatterer in scatterers),
     )
 
 

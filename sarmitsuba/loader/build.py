@@ -27,6 +27,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
+from sarmitsuba.scene.scatterers import ScattererTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 
@@ -106,6 +107,7 @@ def build_scene(
     lines: Sequence[LineTarget] = (),
     *,
     volumes: Sequence[SceneVolume] = (),
+    scatterers: Sequence[ScattererTarget] = (),
     radar: RadarDescription | None = None,
     film: FilmDescription | None = None,
     settings: TraceSettings | None = None,
@@ -116,7 +118,7 @@ def build_scene(
 
     Parameters
     ----------
-    meshes, points, lines, volumes : what there is to see, m
+    meshes, points, lines, volumes, scatterers : what there is to see, m
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
     settings : how to trace; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
@@ -150,6 +152,7 @@ def build_scene(
         collector.surfaces.append(_surface(mesh, index, name))
     collector.points.extend(points)
     collector.lines.extend(lines)
+    collector.scatterers.extend(scatterers)
     for volume in volumes:
         _add_volume(collector, volume, name)
     return collector.scene()

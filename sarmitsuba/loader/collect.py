@@ -24,9 +24,11 @@ from sarmitsuba.loader.volumes import RADAR_VOLUME, VolumeBook
 from sarmitsuba.materials.bsdfs import wire_permittivity
 from sarmitsuba.materials.parts import map_attributes
 from sarmitsuba.memory import check_fits
+from sarmitsuba.parameters import float_value
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
+from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.units import power_from_db
 
@@ -59,6 +61,7 @@ class Collector:
     surfaces: list[Surface] = field(default_factory=list)
     points: list[PointTarget] = field(default_factory=list)
     lines: list[LineTarget] = field(default_factory=list)
+    scatterers: list[ScattererTarget] = field(default_factory=list)
     n_faces: int = 0
 
     def __post_init__(self) -> None:
@@ -78,6 +81,9 @@ class Collector:
         """
         if bsdf is not None and bsdf.plugin == tables.POINT_SCATTERER.plugin:
             self.points.append(self._point(placed, bsdf))
+            return
+        if bsdf is not None and bsdf.plugin in SCATTERERS:
+            self.scatterers.append(self._scatterer(placed, bsdf))
             return
         if bsdf is not None and bsdf.plugin == tables.RADAR_WIRE.plugin:
             self.lines.extend(self._rods(placed, bsdf))
@@ -178,6 +184,7 @@ class Collector:
             self.notes,
             self.lines,
             self.volumes.volumes,
+            self.scatterers,
         )
 
     def _check_faces(self, where: str, more: int) -> None:
@@ -197,6 +204,19 @@ class Collector:
         if note:
             warn_once(self.notes, f"{bsdf.where.partition(':')[0]}: {note}")
         return rods(placed, permittivity, self.book.frequency)
+
+    def _scatterer(self, placed: Placed, bsdf: Element) -> ScattererTarget:
+        """Scatterer of a user's own kind, at the centre of a sphere element and turned as it is."""
+        kind, shape = SCATTERERS[bsdf.plugin], placed.element
+        values, _ = self.overrides.read(bsdf, kind.table)
+        if shape.plugin != "sphere":
+            raise SceneError(f"{shape.where}: {kind.name} is on a {shape.plugin}; put it on a sphere")
+        if not placed.motion.still:
+            raise SceneError(f"{shape.where}: {kind.name} on a shape that moves; leave its velocity out")
+        linear = placed.to_world[:3, :3]
+        position = linear @ sphere_center(shape) + placed.to_world[:3, 3]
+        numbers = {parameter.name: float_value(values, parameter.name) for parameter in kind.parameters}
+        return ScattererTarget(placed.name, kind.name, position, linear, numbers)
 
     def _point(self, placed: Placed, bsdf: Element) -> PointTarget:
         """Ideal scatterer at the centre of a sphere element."""

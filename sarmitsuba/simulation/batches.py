@@ -7,7 +7,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
@@ -154,8 +153,7 @@ def built(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
     geometry, materials, seed = scene.geometry, scene.materials, scene.settings.seed
-    places = np.concatenate([line_ends(scene.lines), *(volume.vertices for volume in scene.volumes)])
-    made = build_trace_scene(geometry, materials, wavelength, antenna, places, seed)
+    made = build_trace_scene(geometry, materials, wavelength, antenna, scene.source_places, seed)
     return replace(made, passages=passages_of(scene))
 
 

@@ -26,7 +26,6 @@ from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
@@ -248,7 +247,7 @@ class _Tracing:
             days=scene.settings.pass_days,
             most_rays=self.most_rays,
             sources=self.sources,
-            places=np.concatenate([line_ends(scene.lines), *(v.vertices for v in scene.volumes)]),
+            places=scene.source_places,
             passages=passages_of(scene),
             progress=self.progress,
         )
@@ -290,7 +289,8 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
         extra=plan.flags.extra - near,
     )
     left = plan.apply(scene)
-    return dataclasses.replace(scene, lines=left.lines, volumes=left.volumes), flags, plan.max_depth
+    kept = dataclasses.replace(scene, lines=left.lines, volumes=left.volumes, scatterers=left.scatterers)
+    return kept, flags, plan.max_depth
 
 
 def _uprights(aspects: Aspects) -> Iterator[tuple[NDArray[np.intp], tuple[float, float, float]]]:

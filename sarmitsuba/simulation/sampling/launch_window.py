@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.beside_mesh import clipped
 from sarmitsuba.simulation.sampling.movers import lit, swept
@@ -130,8 +129,8 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     axes = np.stack([along, across, np.array([0.0, 0.0, 1.0])])
     away = axes @ across_sector(sector, look)
     found = np.zeros((0, 3))
-    if scene.lines:
-        rods = (line_ends(scene.lines) - middle) @ axes.T
+    if len(scene.segments):
+        rods = (scene.segments.reshape(-1, 3) - middle) @ axes.T
         footprint = Footprint.of(image, away, incidence, rods)
         found = clipped(rods.reshape(-1, 2, 3), footprint.low, footprint.high)
     bounds, cut = _lit_mesh(scene, pulses, axes, away, incidence)
@@ -193,7 +192,7 @@ def _lit_mesh(
     cut = bool((g_low[:2] < i_low[:2] - 1e-6).any() or (g_high[:2] > i_high[:2] + 1e-6).any())
     if not (b_low > b_high).any():
         return np.stack([b_low, b_high]), cut
-    if scene.lines:
+    if len(scene.segments):
         return None, cut
     raise RadarError(_nothing_there(scene, "azimuth" if b_low[0] > b_high[0] else "range"))
 
@@ -201,7 +200,7 @@ def _lit_mesh(
 def _nothing_there(scene: Scene, where: str = "") -> str:
     """Message about an image beside everything that there is to see."""
     image = scene.image
-    cloud = scene.geometry.bounds if scene.geometry.n_faces else line_ends(scene.lines)
+    cloud = scene.geometry.bounds if scene.geometry.n_faces else scene.segments.reshape(-1, 3)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     return (
         f"{scene.name}: the image ({image.extent_azimuth:g} m x {image.extent_range:g} m about "
