@@ -10,7 +10,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.needs import duration
 from sarmitsuba.simulation.prediction.prediction import Prediction
 
-# what starting a worker's interpreter, Mitsuba and its kernels from the cache takes, s (benchmarks/scale.py)
+# what starting a worker's interpreter, Mitsuba and its kernels from the cache takes, s (benchmarks/suite/scale.py)
 START = 5.0
 # network of the client, bytes/s: 1 Gbit/s
 NETWORK = 1.25e8

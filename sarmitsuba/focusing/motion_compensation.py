@@ -32,7 +32,7 @@ _LIT = 0.05
 # change from one interval between pulses to the next, over their mean, that resampling over the pulse's number allows:
 # it leaves 2 pi times that part of a turn at most, -24 dB at half the prf
 _UNEVEN = 0.02
-# of the ripple of echoes cut by the receive window, see _cut_echoes; held by benchmarks/stated_errors.py
+# of the ripple of echoes cut by the receive window, see _cut_echoes; held by benchmarks/suite/stated_errors.py
 _CUT_PART = 0.1
 # what is stated lies so far above what was found at the pixels that were looked at, dB
 _MARGIN_DB = 3.0

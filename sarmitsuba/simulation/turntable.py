@@ -46,7 +46,7 @@ STEEP = 1e-3
 # directions that are traced a second time, with other rays, for the error of the sampling
 CHECKED = 24
 # distance of those rays over the first ones', and energy of the first ones' error over that of the difference: both
-# have a part of it in common (benchmarks/stated_errors.py --kind rcs)
+# have a part of it in common (benchmarks/suite/stated_errors.py --kind rcs)
 OTHER_SPACING, ERROR_SHARE = 2.0**-0.5, 2.0
 # energy of the error of phases over that of the returns: rays' sums in float32, and the bend of the waves
 ROUNDING = 10.0**-9.5

@@ -1,7 +1,7 @@
 """Three small metal scenes on a perfectly conducting ground whose exact scattering is stored.
 
-The stored amplitudes come from the boundary-element solver of ``benchmarks/full_wave.py``; see there. Lengths are in
-wavelengths: the scenes are simulated at a wavelength of 1 m.
+The stored amplitudes come from the boundary-element solver of ``benchmarks/suite/full_wave.py``; see there. Lengths
+are in wavelengths: the scenes are simulated at a wavelength of 1 m.
 """
 
 import json
@@ -27,7 +27,7 @@ C128 = NDArray[np.complex128]
 CHANNELS = ("HH", "HV", "VV")
 # distances from a scene's peak, dB, between which the simulator is judged
 BELOW_PEAK = (0.0, 3.0, 10.0, 20.0, 30.0, 80.0)
-REMAKE = "python benchmarks/full_wave.py --compute FILE"
+REMAKE = "python benchmarks/suite/full_wave.py --compute FILE"
 STORED = Path(__file__).parent / "full_wave.json"
 WAVELENGTH = 1.0
 ALL = slice(None)

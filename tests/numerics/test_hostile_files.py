@@ -1,4 +1,4 @@
-"""A part of benchmarks/hostile.py: drawn damage to every kind of file, and what is refused by rule."""
+"""A part of benchmarks/studies/hostile.py: drawn damage to every kind of file, and what is refused by rule."""
 
 import os
 import random
@@ -24,7 +24,6 @@ from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 
 LAYOUT = PassLayout((Layer("VV"),), 3, 3, 10.0)
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 # what is read in this process; the others may take it down, and have their readers tried apart
 KINDS = (
     "scene",

@@ -1,4 +1,4 @@
-"""A part of benchmarks/hostile.py: files of the right outer form whose content is drawn; work without a network."""
+"""A part of benchmarks/studies/hostile.py: files of the right outer form, their content drawn; work without network."""
 
 import json
 import os
@@ -72,7 +72,7 @@ def test_what_opens_files_elsewhere_or_connections_is_noticed(hostile: ModuleTyp
     (tmp_path / "secret").write_text("x")
     code = f"""
 import socket, sys
-sys.path.insert(0, {str(ROOT / "benchmarks")!r})
+sys.path.insert(0, {str(ROOT / "benchmarks" / "studies")!r})
 import hostile
 from contextlib import closing
 from pathlib import Path

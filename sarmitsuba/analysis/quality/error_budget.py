@@ -10,7 +10,7 @@ from sarmitsuba.image.sar_image import SarImage
 MEASURED, AT_MOST, UNKNOWN = "measured", "at most", "not measured"
 # energy of the echoes that an image may lack before errors over theirs are told over its own, dB
 SHOWN_DB = 1.0
-# of echoes in complex64, over the profiles of single pulses (benchmarks/stated_errors.py)
+# of echoes in complex64, over the profiles of single pulses (benchmarks/suite/stated_errors.py)
 _ROUNDING_DB = -115.0
 
 

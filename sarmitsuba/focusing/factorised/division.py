@@ -11,7 +11,8 @@ from sarmitsuba.focusing.factorised.sampling import SubimageSampling
 F64 = NDArray[np.float64]
 
 # processor seconds of one core: of a pulse at a sample, of a group merged into a sample, of a subimage's sample on its
-# way, and of a section at a pixel by the taps of the last interpolation; benchmarks/factorised.py measures their sum
+# way, and of a section at a pixel by the taps of the last interpolation; benchmarks/suite/factorised.py measures
+# their sum
 _PULSE, _MERGE, _SAMPLE = 3e-9, 2e-9, 2.5e-8
 PIXEL_SECONDS = {4: 7e-9, 6: 12e-9}
 # of a section, whatever its size: each stage is written down anew for its launch

@@ -20,7 +20,7 @@ UPSAMPLING = (1.5, 4.0)
 CORRECTION = 6
 """Samples to either side that the correction of the last interpolation reads."""
 
-# of range profiles at twice the receiver's rate, as benchmarks/focusers.py measures it, by taps
+# of range profiles at twice the receiver's rate, as benchmarks/suite/focusers.py measures it, by taps
 _PROFILE_ERROR_DB = {4: -66.0, 6: -105.0}
 # (upsampling, taps of the last interpolation) in the order of their cost
 _CHOICES = ((1.75, 4), (2.0, 4), (2.0, 6), (2.5, 6))

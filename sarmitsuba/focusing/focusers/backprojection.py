@@ -436,8 +436,9 @@ class Backprojection(Focuser):
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
         """Error of the interpolation over range and of rounding, against the sum in float64 at exact ranges.
 
-        Powers add up of the interpolation's, as benchmarks/focusers.py measures it, and of the rounding of the ends of
-        pixels' own apertures. Both grow where a place is dim: its pixel is divided by the summed weight of its pulses.
+        Powers add up of the interpolation's, as benchmarks/suite/focusers.py measures it, and of the rounding of the
+        ends of pixels' own apertures. Both grow where a place is dim: its pixel is divided by the summed weight of
+        its pulses.
         """
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate

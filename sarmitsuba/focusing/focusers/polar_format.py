@@ -349,7 +349,7 @@ class PolarFormat(Focuser):
         return stated_error_db(radar, grid)
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """Spreading of every sample and reading of every pixel, as measured by benchmarks/focusers.py."""
+        """Spreading of every sample and reading of every pixel, as measured by benchmarks/suite/focusers.py."""
         return _SECONDS * (radar.track.n_pulses * radar.window.n_samples + float(np.prod(grid.shape)))
 
     def focus(self, task: FocusTask) -> Focused:

@@ -31,7 +31,7 @@ class RowsFocuser(Focuser, ABC):
 
     Attributes
     ----------
-    sample_seconds : CPU seconds of a sample of the spectrum or of a pixel on its way, see benchmarks/focusers.py
+    sample_seconds : CPU seconds of a sample of the spectrum or of a pixel on its way, see benchmarks/suite/focusers.py
     """
 
     sample_seconds: ClassVar[float]

@@ -19,12 +19,12 @@ SUBSETS: Source = "ray sampling, from two sets of rays"
 PASSES: Source = "ray sampling, from passes"
 
 # error of the weighted mean of two subsets over half their difference, dB: median of four scenes at three densities
-# with their whole aperture (benchmarks/error_bars.py)
+# with their whole aperture (benchmarks/suite/error_bars.py)
 SHARED_DB = 2.5
 # rms difference of estimate and truth over all runs of that benchmark, dB
 SHARED_SCATTER_DB = 2.3
 # the same constant for passes: error of their weighted mean over what the last one, were its error independent of the
-# others', would say; median of drawn scenes (benchmarks/error_bars.py)
+# others', would say; median of drawn scenes (benchmarks/suite/error_bars.py)
 PASSES_SHARED_DB = 4.0
 # what that constant is off by from scene to scene, dB
 PASSES_SCATTER_DB = 0.8
