@@ -32,10 +32,10 @@ F64 = NDArray[np.float64]
 GROWTH = 0.5
 # mean over a block, whose pulses are up to half a block from the key pulse, over the change from one key pulse to the
 # next, dB
-SEAM_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
-# one seam tells the mean over all blocks to within so much, n of them to that over the root of n; added to what is
+BOUNDARY_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
+# one boundary tells the mean over all blocks to within so much, n of them to that over the root of n; added to what is
 # stated, dB (benchmarks/suite/stated_errors.py)
-SEAM_SCATTER_DB = 2.5
+BOUNDARY_SCATTER_DB = 2.5
 # blocks are to be so much below a wanted error of the whole run, dB
 BELOW_TARGET_DB = 3.0
 # shortest blocks that are tried: shorter ones cost more than the direct accumulator

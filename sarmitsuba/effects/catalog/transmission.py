@@ -1,4 +1,4 @@
-"""What is seen through slabs such as panes and thin walls."""
+"""What is seen through slabs, such as windows and thin walls."""
 
 from collections.abc import Mapping
 from typing import ClassVar
