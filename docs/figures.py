@@ -17,9 +17,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry import height_map, interferogram
+from sarmitsuba.arrays import F64
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.focuser_comparison import compare_focusers
@@ -33,8 +33,6 @@ from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.view.focusers import focusers_figure
 from sarmitsuba.view.fringes import interferogram_figure
 from sarmitsuba.view.notebook import draw_beam
-
-F64 = NDArray[np.float64]
 
 IMAGES = Path(__file__).parent / "images"
 DPI = 100

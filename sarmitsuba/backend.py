@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import BackendError
 from sarmitsuba.kernel_cache import prepare_kernel_cache
 
@@ -417,9 +418,7 @@ def device_array(array_type: "type[Array]", values: NDArray[np.generic]) -> "Arr
     return array_type(aligned)  # type: ignore[call-arg]
 
 
-def device_numbers(
-    array_type: "type[Array]", numbers: "Sequence[float | NDArray[np.float64]]"
-) -> "tuple[Array, ...]":
+def device_numbers(array_type: "type[Array]", numbers: "Sequence[float | F64]") -> "tuple[Array, ...]":
     """Numbers and tables of a formula as opaque float32 arrays, so that one kernel serves all their values."""
     return tuple(
         device_array(array_type, np.asarray(number, dtype=np.float32))

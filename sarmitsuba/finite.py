@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.errors import DataError
-
-C64 = NDArray[np.complex64]
 
 
 def all_finite(data: NDArray[np.complexfloating] | NDArray[np.floating]) -> bool:

@@ -2,8 +2,7 @@
 
 from typing import Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+from sarmitsuba.arrays import F64
 
 
 class KernelArray(Protocol):
@@ -58,6 +57,6 @@ class KernelArray(Protocol):
         ...
 
 
-Samples = TypeVar("Samples", NDArray[np.float64], KernelArray)
+Samples = TypeVar("Samples", F64, KernelArray)
 
 __all__ = ["KernelArray", "Samples"]

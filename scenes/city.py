@@ -1,15 +1,15 @@
 """Boxes on a square grid: the buildings of a city of any size."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.errors import SceneError
 from sarmitsuba.mesh.tessellate import cube
 
 
 def city_mesh(
     n_buildings: int, extent: float, heights: tuple[float, float], seed: int = 1
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+) -> tuple[F64, I32]:
     """Return boxes on a square grid, walls along the axes, feet 0.5 m below z = 0.
 
     Parameters

@@ -2,10 +2,10 @@
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from solids import check_closed, merged, prism, turned
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64, U8
+
 # half the edge of the map and the edge of a pixel, m; how far fields and road are turned from east, deg
 HALF, PIXEL, TURN = 80.0, 0.5, 14.0
 COLOURS = {
@@ -21,7 +21,7 @@ COLOURS = {
 HOUSES = ((-46.0, -9.0, 0), (-28.0, -10.0, 90), (-9.0, -9.0, 0), (8.0, -11.0, 90), (-28.0, -28.0, 0))
 
 
-def class_map() -> NDArray[np.uint8]:
+def class_map() -> U8:
     """(rows, columns, 3) colours, first row in the north."""
     n = round(2.0 * HALF / PIXEL)
     x = -HALF + PIXEL * (np.arange(n) + 0.5)

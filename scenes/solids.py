@@ -11,7 +11,8 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
+
 Span = tuple[float, float]
 Cut = tuple[str, Span, Span, Span]
 

@@ -48,6 +48,7 @@ from combinations_reference import (
 )
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.focusing import focus
@@ -65,7 +66,6 @@ from sarmitsuba.scene.settings import METHODS
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
 
-F64 = NDArray[np.float64]
 T = TypeVar("T")
 
 BANDS = {"P": 0.435e9, "L": 1.27e9, "C": 5.4e9, "X": 9.65e9, "Ku": 16.0e9}
@@ -271,8 +271,8 @@ class Chip:
     """
 
     pick: tuple[NDArray[np.intp], ...]
-    exact: NDArray[np.complex128]
-    moved: list[NDArray[np.complex128]]
+    exact: C128
+    moved: list[C128]
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +330,7 @@ class Truth:
         across = np.sqrt(distance**2 - (antenna[2] - grid.height) ** 2)
         return azimuth, float(across - (grid.origin - antenna) @ grid.across)
 
-    def image(self, places: F64) -> NDArray[np.complex128]:
+    def image(self, places: F64) -> C128:
         """Exact pixels there, for a co-polar channel."""
         point = np.broadcast_to(self.scene.points[0].position, self.numbers.sent.shape)
         return exact_image(self.numbers, places, [(point, self.draw.amplitude)], *self.draw.windows)

@@ -13,18 +13,15 @@ import sys
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import hankel2
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import C128, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace.edges import FringeCurrents, edges_of
 from sarmitsuba.trace.source import PointSource
 from sarmitsuba.validation import targets
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 # lengths are in wavelengths
 WAVELENGTH = 1.0
@@ -58,9 +55,7 @@ def _inner(end: F64) -> F64:
     return normal if normal[0] > 0.0 else -normal
 
 
-def _nearest(
-    origin: F64, way: F64, segments: Sequence[F64], left: NDArray[np.int64]
-) -> tuple[F64, NDArray[np.int64]]:
+def _nearest(origin: F64, way: F64, segments: Sequence[F64], left: I64) -> tuple[F64, I64]:
     """Distance and number of the segment that each ray meets first, -1 for none, but the one that it leaves."""
     best, found = np.full(origin.shape[0], np.inf), np.full(origin.shape[0], -1)
     for i, (a, b) in enumerate(segments):

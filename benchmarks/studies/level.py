@@ -12,7 +12,8 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from sarmitsuba.arrays import F64
 
 SIGMA0_DB = -10.0
 BANDS = 8
@@ -98,17 +99,15 @@ def images(setup: Setup, seed: int, makers: tuple[str, ...] = MAKERS):  # type: 
     return out
 
 
-def bands(image, n: int = BANDS) -> NDArray[np.float64]:  # type: ignore[no-untyped-def]
+def bands(image, n: int = BANDS) -> F64:  # type: ignore[no-untyped-def]
     """Mean sigma0 of bands of rows over the truth, linear, without the last cell at the image's own ends."""
     sigma0 = image.sigma0()[2:-2, 4:-4]
     return np.array([part.mean() for part in np.array_split(sigma0, n, axis=0)]) / 10 ** (0.1 * SIGMA0_DB)
 
 
-def measure(
-    setup: Setup, seeds: range, makers: tuple[str, ...] = MAKERS
-) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def measure(setup: Setup, seeds: range, makers: tuple[str, ...] = MAKERS) -> dict[str, tuple[F64, F64]]:
     """Level of every band and its standard error, dB, by maker."""
-    found: dict[str, list[NDArray[np.float64]]] = {m: [] for m in makers}
+    found: dict[str, list[F64]] = {m: [] for m in makers}
     for seed in seeds:
         for maker, image in images(setup, seed, makers).items():
             found[maker].append(bands(image))

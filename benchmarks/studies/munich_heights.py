@@ -20,7 +20,7 @@ import harness
 import numpy as np
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64, I64
 
 # rays a metre of level ground that find what is seen: several in every block, and in every window's width of a facade
 RAYS_PER_METRE = 3.0
@@ -45,18 +45,18 @@ class Truth:
     """
 
     height: F64
-    building: NDArray[np.int64]
+    building: I64
     names: tuple[str, ...]
 
 
-def buildings_of(scene: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+def buildings_of(scene: Any) -> tuple[I64, tuple[str, ...]]:
     """Building of every face, and the names; a mesh's name is mesh-BUILDING-MATERIAL."""
     names = [name.removeprefix("mesh-").rsplit("-", 1)[0] for name in scene.geometry.mesh_names]
     unique, number = np.unique(names, return_inverse=True)
     return np.repeat(number, np.diff(scene.geometry.mesh_face_offset)), tuple(str(n) for n in unique)
 
 
-def seen(scene: Any, reach: float) -> tuple[F64, NDArray[np.int64]]:
+def seen(scene: Any, reach: float) -> tuple[F64, I64]:
     """Points that mid-aperture sees, (n, 3) m, and their faces; on a square of ``reach`` about the image's centre."""
     from sarmitsuba.backend import ensure_backend, mi
 
@@ -108,9 +108,7 @@ def truth_of(scene: Any, pair: Any) -> Truth:
     return Truth(*_of_blocks(block, places[inside, 2], building[inside], grid.shape), names)
 
 
-def _of_blocks(
-    block: NDArray[np.int64], z: F64, building: NDArray[np.int64], shape: tuple[int, int]
-) -> tuple[F64, NDArray[np.int64]]:
+def _of_blocks(block: I64, z: F64, building: I64, shape: tuple[int, int]) -> tuple[F64, I64]:
     """Height and building of blocks in which one building has the share and little relief."""
     size = shape[0] * shape[1]
     order = np.lexsort((z, block))

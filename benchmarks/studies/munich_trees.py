@@ -18,9 +18,9 @@ import harness
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from sarmitsuba import load_scene, render
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import ensure_backend, mi
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.library import resolve_radar
@@ -30,7 +30,6 @@ from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.simulation.batches import built
 from sarmitsuba.view.quicklook import draw
 
-F64 = NDArray[np.float64]
 # facades are perfectly even and stand 60 dB over the clutter
 WINDOW = "taylor:8:-60"
 # m: least distances from walls and between trunks, half width and half height of a crown, height of its middle

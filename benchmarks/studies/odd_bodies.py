@@ -18,14 +18,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import SarmitsubaError, Scene, explain, load_scene, render, simulate, trace_paths
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 
-F64 = NDArray[np.float64]
-Mesh = tuple[F64, NDArray[np.int64]]
+Mesh = tuple[F64, I64]
 
 # rays of a plain lattice
 MOST_RAYS = 50_000

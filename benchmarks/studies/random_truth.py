@@ -32,6 +32,8 @@ import random_reference as reference
 import random_scenes as scenes
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128
+
 if TYPE_CHECKING:
     from sarmitsuba import SarImage
 
@@ -221,9 +223,7 @@ def _near(draw: scenes.Draw, image: "SarImage") -> NDArray[np.bool_]:
     return np.asarray((np.abs(image.grid.positions()[..., :2]) <= reach).all(axis=-1))
 
 
-def _compared(
-    draw: scenes.Draw, image: "SarImage", got: NDArray[np.complex128], want: NDArray[np.complex128]
-) -> tuple[float, float, float]:
+def _compared(draw: scenes.Draw, image: "SarImage", got: C128, want: C128) -> tuple[float, float, float]:
     """Peak (dB), its place (resolution cells) and coherence of an image against the reference's, (n_a, n_r) each."""
     norm = np.sqrt(np.vdot(want, want).real * np.vdot(got, got).real)
     if norm == 0.0:

@@ -11,14 +11,13 @@ import sys
 
 import _support
 import numpy as np
-from numpy.typing import NDArray
 from random_reference import polygon_optics
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.rcs import monostatic_rcs
 
-F64 = NDArray[np.float64]
 SPEED_OF_LIGHT = 299_792_458.0
 
 # Hz; plates are measured in wavelengths

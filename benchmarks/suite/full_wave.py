@@ -20,6 +20,7 @@ import full_wave_solver as solver
 import harness
 import numpy as np
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.validation import full_wave as scenes
 
 # right triangles whose legs are that share of a wavelength: 192 unknowns per square wavelength at an eighth, 147 at a
@@ -53,7 +54,7 @@ def body(name: str, step: float) -> solver.Body:
     )
 
 
-def _quarter_box(half: solver.F64, step: float) -> tuple[solver.Patch, ...]:
+def _quarter_box(half: F64, step: float) -> tuple[solver.Patch, ...]:
     x, y, z = np.diag(half)
     return (
         solver.rectangle(x, y, z, step),
@@ -70,7 +71,7 @@ def _half_cylinder(radius: float, height: float, step: float) -> tuple[solver.Pa
     )
 
 
-def solve(name: str, legs: float) -> dict[str, solver.C128]:
+def solve(name: str, legs: float) -> dict[str, C128]:
     """Exact amplitudes of a scene for each of its cuts, from triangles with ``legs`` legs per wavelength."""
     cuts = scenes.SCENES[name].cuts
     print(f"{name}, {legs:g} legs per wavelength", flush=True)
@@ -118,7 +119,7 @@ def write(path: Path, reference: dict[str, Any]) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def mesh_error(coarse: solver.C128, fine: solver.C128) -> dict[str, float]:
+def mesh_error(coarse: C128, fine: C128) -> dict[str, float]:
     """Rms difference of the levels within 20 and within 40 dB of the cut's peak, dB."""
     out = {}
     for i, channel in ((0, "HH"), (2, "VV")):
@@ -201,9 +202,7 @@ def run(quick: bool, reference: Path = scenes.STORED) -> harness.Report:
     return report
 
 
-def _with_edges(
-    name: str, want: solver.C128, without: solver.C128, fringed: solver.C128
-) -> list[list[str | float]]:
+def _with_edges(name: str, want: C128, without: C128, fringed: C128) -> list[list[str | float]]:
     """Rows of the table over edges."""
     rows: list[list[str | float]] = []
     for i, channel in ((0, "HH"), (2, "VV")):
@@ -234,9 +233,7 @@ def _convergence(reference: Path) -> str:
     return " ".join(texts) + f" Solved with {corner['solver']}."
 
 
-def _sectors(
-    name: str, cut: scenes.DirectionCut, angle: Any, want: solver.C128, got: solver.C128
-) -> list[list[str]]:
+def _sectors(name: str, cut: scenes.DirectionCut, angle: Any, want: C128, got: C128) -> list[list[str]]:
     """Rows of the table over angle."""
     rows = []
     for low in np.arange(cut.first, cut.last, SECTOR):

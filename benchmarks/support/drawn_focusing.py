@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SarmitsubaError
@@ -21,7 +21,6 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 
-F64 = NDArray[np.float64]
 CARRIERS = {"L": 1.3e9, "C": 5.4e9, "X": 9.6e9, "Ku": 16e9}
 MARGIN = 12  # pixels from the image's ends to the outermost points
 # pixels times pulses of a case: a second for a reference of its best kernel
@@ -178,7 +177,7 @@ def _points(grid: ImageGrid, cell: float, rng: np.random.Generator) -> tuple[F64
 # ---------------------------------------------------------------- the direct sum
 
 
-def direct_sum(raw: RawData, points: F64) -> NDArray[np.complex128]:
+def direct_sum(raw: RawData, points: F64) -> C128:
     r"""Pixels at (n, 3) points, every pulse summed at its own exact range, float64: (n_layers, n).
 
     Between samples a pulse is the Fourier series of the radar's band through them and the zeros of the guard that

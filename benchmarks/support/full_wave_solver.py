@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lu_factor, lu_solve
 from scipy.special import spherical_jn, spherical_yn
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-C128 = NDArray[np.complex128]
+from sarmitsuba.arrays import C64, C128, F64, I64
+
 K = 2.0 * np.pi  # wavenumber, rad per wavelength
 CHANNELS = ("HH", "HV", "VV")
 # mirror planes as matrices
@@ -210,7 +209,7 @@ def _basis(mesh: _Mesh) -> _Basis:
     return _Basis(space, function, sign, np.array(images), np.array(parity))
 
 
-def _rows(basis: _Basis, mesh: _Mesh, triangles: I64) -> tuple[I64, NDArray[np.complex64]]:
+def _rows(basis: _Basis, mesh: _Mesh, triangles: I64) -> tuple[I64, C64]:
     """Rows of the matrix for functions on some triangles: their numbers in the whole basis, and the values."""
     import bempp_cl.api as bempp
 
@@ -230,7 +229,7 @@ def _rows(basis: _Basis, mesh: _Mesh, triangles: I64) -> tuple[I64, NDArray[np.c
     return number[keep], values[keep]
 
 
-def _plane_wave(basis: _Basis, mesh: _Mesh, looks: F64, vectors: Sequence[F64]) -> NDArray[np.complex64]:
+def _plane_wave(basis: _Basis, mesh: _Mesh, looks: F64, vectors: Sequence[F64]) -> C64:
     """(n, n_looks * n_vectors) integrals of each function times plane waves: one per direction and polarisation."""
     from bempp_cl.api.integration.triangle_gauss import rule
     from scipy.sparse import csr_matrix
@@ -340,7 +339,7 @@ def amplitudes(
 
 def _problems(
     body: Body, mesh: _Mesh, basis: _Basis, n_mirrors: int
-) -> Iterator[tuple[list[float], NDArray[np.complex64], I64]]:
+) -> Iterator[tuple[list[float], C64, I64]]:
     """Independent problems: signs of the symmetric copies, folded matrix, functions that represent their copies."""
     n_ops = 2**n_mirrors
     part = np.unique(basis.images[:n_ops].min(axis=0))

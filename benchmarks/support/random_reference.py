@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from random_scenes import Body, Draw, Radar, look_direction
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
+from sarmitsuba.arrays import C128, F64, I64
+
 SPEED_OF_LIGHT = 299_792_458.0
 
 # points on the visible side; 0.3 % of the energy at random
@@ -105,7 +105,7 @@ def sigma0(body: Body, cosine: F64) -> F64:
     return np.asarray(10.0 ** (body.level_db / 10.0) * cosine**power)
 
 
-def _cell_numbers(radar: Radar, point: F64, antenna: F64) -> NDArray[np.int64]:
+def _cell_numbers(radar: Radar, point: F64, antenna: F64) -> I64:
     heading = np.radians(radar.heading_deg)
     along = point @ np.array([np.sin(heading), np.cos(heading), 0.0])
     slant = np.linalg.norm(point - antenna, axis=1)

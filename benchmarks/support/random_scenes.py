@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from random_shapes import box, frame, gabled, polygon, terrain, turned
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
+
 SPEED_OF_LIGHT = 299_792_458.0
 # carrier in Hz and the bandwidths that such radars have
 BANDS = {

@@ -2,9 +2,8 @@
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def box(size: F64) -> F64:

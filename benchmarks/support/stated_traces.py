@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from stated_row import Row
 
 from sarmitsuba.analysis.quality.error_budget import error_budget
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.echo.block import plan_block, spread_reference, synthesise
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
@@ -135,7 +136,7 @@ def rays(seed: int) -> Iterator[Row]:
     )
 
 
-def _looks(run: Run, image: SarImage) -> NDArray[np.complex128]:
+def _looks(run: Run, image: SarImage) -> C128:
     """The same of method image, whose own error is not the rays'."""
     some = [Imager(run, image.grid).image(1000 + i).total() for i in range(DENSER_RUNS)]
     return np.asarray(np.median(np.real(some), axis=0) + 1j * np.median(np.imag(some), axis=0))
@@ -220,9 +221,7 @@ def block_model(seed: int) -> Iterator[Row]:
 # ---------------------------------------------------------------- gridding
 
 
-def _profile(
-    radar: Radar, pulse: int, slant_range: NDArray[np.float64], amplitude: NDArray[np.complexfloating]
-) -> NDArray[np.complex128]:
+def _profile(radar: Radar, pulse: int, slant_range: F64, amplitude: NDArray[np.complexfloating]) -> C128:
     """Samples of one pulse, summed path by path; amplitudes without the phase of their path."""
     window, cell = radar.window, radar.waveform.range_cell
     samples = window.start_range[pulse] + window.sample_spacing * np.arange(window.n_samples)

@@ -12,15 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from sarmitsuba.image.sar_image import SarImage
     from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
@@ -285,12 +283,12 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
     draw_into(folder, PLOT, lambda: aspect_figure(angle, curves, swept=swept, title=title), console)
 
 
-def table_of(sweep: "RcsSweep") -> dict[str, "NDArray[np.float64]"]:
+def table_of(sweep: "RcsSweep") -> dict[str, "F64"]:
     """Columns of the table by name: angles, RCS and phase of every channel, RCS of its bounce orders."""
     import numpy as np
 
     aspects, result = sweep.aspects, sweep.result
-    columns: dict[str, NDArray[np.float64]] = {
+    columns: dict[str, F64] = {
         "azimuth_deg": np.asarray(np.degrees(aspects.azimuth), dtype=np.float64),
         "elevation_deg": np.asarray(np.degrees(aspects.elevation), dtype=np.float64),
     }
@@ -302,7 +300,7 @@ def table_of(sweep: "RcsSweep") -> dict[str, "NDArray[np.float64]"]:
     return columns
 
 
-def _texts(name: str, column: "NDArray[np.float64]") -> list[str]:
+def _texts(name: str, column: "F64") -> list[str]:
     return [
         f"{value:.9g}" if name in ("azimuth_deg", "elevation_deg") else f"{value:.4f}" for value in column
     ]

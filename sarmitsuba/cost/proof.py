@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, C128
 from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.trial import Changes, TrialSetting, run_trial
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 
-Image = NDArray[np.complex64] | NDArray[np.complex128]
+Image = C64 | C128
 
 # runs shorter than this are made again, s, and the faster one counts: what disturbs a run only makes it longer
 STEADY = 3.0
@@ -28,7 +28,7 @@ class Reference:
     noise : energy of what the lattices leave in the mean over its own, from the difference of the two
     """
 
-    image: NDArray[np.complex64]
+    image: C64
     noise: float
 
     @staticmethod

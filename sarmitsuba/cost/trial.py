@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.backend import dr
 from sarmitsuba.cost.clock import StudyClock, WallClock
 from sarmitsuba.focusing import default_grid, focus
@@ -24,7 +24,6 @@ from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.timing import StageTimer
 
-C64 = NDArray[np.complex64]
 # of a setting: numbers, switches, names
 Value = float | str
 Changes = Mapping[str, Value]

@@ -7,6 +7,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.block_beam import azimuth_gain, step_within_beam
 from sarmitsuba.echo.direct import box_distance
@@ -17,9 +18,6 @@ from sarmitsuba.echo.range_curvature import Curvature, KeyState, fit_curvature, 
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.echo.threads import parallel_map
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # cycles per cell: flat to just past the band's edge at 1/4, then down: the inner response stays within 40 cells
 _ROLL = (0.256, 0.32)
@@ -463,7 +461,7 @@ def _range_weight(width: int, n: int, count: int, guard: int) -> C64:
 
 
 def _pulse_weight(
-    m: NDArray[np.int64],
+    m: I64,
     center: int,
     middle: float,
     per_bin: float,

@@ -1,14 +1,12 @@
 """The azimuth pattern of every pulse on a grid over range rates, and how fine that must be for it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.echo.gridding import GriddingKernel
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 # error of the azimuth pattern at the ends of a block, dB; 5 dB less in the mean over its pulses
 _BEAM_DB = -48.0

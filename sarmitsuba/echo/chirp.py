@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.radar.radar import Radar
@@ -15,7 +15,7 @@ from sarmitsuba.radar.waveform import Waveform
 _BATCH = 2**22  # complex samples transformed at once, 32 MB
 
 
-def pulse_samples(waveform: Waveform, sampling_rate: float) -> NDArray[np.complex128]:
+def pulse_samples(waveform: Waveform, sampling_rate: float) -> C128:
     r"""Return the transmitted pulse at the receiver's sampling rate.
 
     .. math:: g_n = e^{j \pi \gamma t_n^2}, \quad t_n = n / f_s - T_p / 2, \quad 0 \le n \le T_p f_s
@@ -39,7 +39,7 @@ def n_fast_chirped(radar: Radar) -> int:
     return radar.window.n_samples + math.ceil(radar.waveform.pulse_width * radar.window.sampling_rate)
 
 
-def chirp_spectrum(radar: Radar, n_fft: int) -> NDArray[np.complex128]:
+def chirp_spectrum(radar: Radar, n_fft: int) -> C128:
     """DFT of :func:`pulse_samples`, zero padded to ``n_fft``; its first sample is the origin of time.
 
     A chirped record is the profile convolved with the pulse, ``chirped[i] = sum_j profile[j] g[i - j]`` times

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.gridding import FineGrid, GriddingKernel, fine_grid, gridding_kernel, to_window
 from sarmitsuba.echo.pulse_motion import InPulse, widest_shift
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,12 +22,10 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.echo.phasor import phase_ramp
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.samples import Samples
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 OVERSAMPLING = 2.0
 """Grid cells per critical cell the kernels are tuned for: frequencies used stay below 1/4 cycle per cell."""
@@ -294,9 +292,7 @@ def to_window(
     return out
 
 
-def _band_weight(
-    grid: FineGrid, range_cell: float, kernel: GriddingKernel | None
-) -> tuple[NDArray[np.complex128], int]:
+def _band_weight(grid: FineGrid, range_cell: float, kernel: GriddingKernel | None) -> tuple[C128, int]:
     """Spectrum of the tapered sinc at -count ... count, with the kernel divided out, and the count."""
     n, step = grid.n_fine, grid.range_step
     gap = 0.5 * (n * step - (grid.high - grid.low))

@@ -5,14 +5,11 @@ from types import ModuleType
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.echo.gridding import GriddingKernel, gridding_kernel
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.samples import Samples
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 
 @dataclass(frozen=True)
@@ -143,7 +140,7 @@ class LookGrid:
         """Distance between the antenna's places in neighbouring looks, m; 1 for one look."""
         return float(self.antenna[1] - self.antenna[0]) if self.n_looks > 1 else 1.0
 
-    def state(self, point: F64, look: int | NDArray[np.int64] = 0) -> tuple[F64, F64]:
+    def state(self, point: F64, look: int | I64 = 0) -> tuple[F64, F64]:
         """Slant range (m) and range rate (m/s) of points (..., 3) that rest, as seen from looks (...)."""
         leg = point - self.position[look]
         distance = np.linalg.norm(leg, axis=-1)
@@ -151,9 +148,7 @@ class LookGrid:
             return distance, np.asarray(-(leg @ self.velocity[look]) / distance)
         return distance, np.asarray(-np.einsum("...i,...i->...", leg, self.velocity[look]) / distance)
 
-    def coordinates(
-        self, slant_range: F64, range_rate: F64, look: int | NDArray[np.int64] = 0
-    ) -> tuple[F64, F64, F64]:
+    def coordinates(self, slant_range: F64, range_rate: F64, look: int | I64 = 0) -> tuple[F64, F64, F64]:
         """Range and azimuth coordinate of paths, and the distance (m) that their amplitudes are for, any shape."""
         if self.fan is None:
             return slant_range, range_rate, slant_range

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.constants import BOLTZMANN, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.radar.radar import Radar
@@ -100,15 +100,13 @@ def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
     return replace(raw, data=data, metadata=metadata)
 
 
-def _white(rng: np.random.Generator, shape: tuple[int, int], power: float) -> NDArray[np.complex64]:
+def _white(rng: np.random.Generator, shape: tuple[int, int], power: float) -> C64:
     """Circular complex Gaussian of mean power ``power``."""
     pair = rng.standard_normal((*shape, 2), dtype=np.float32) * np.float32(np.sqrt(0.5 * power))
     return np.asarray(pair.view(np.complex64)[..., 0])
 
 
-def _in_band(
-    rng: np.random.Generator, shape: tuple[int, int], power: float, radar: Radar
-) -> NDArray[np.complex64]:
+def _in_band(rng: np.random.Generator, shape: tuple[int, int], power: float, radar: Radar) -> C64:
     """Circular complex Gaussian of mean power ``power``, flat over the band B and zero outside."""
     n_fft = int(scipy.fft.next_fast_len(shape[1] + 32))  # the noise's two ends do not meet
     share = radar.waveform.bandwidth / radar.window.sampling_rate

@@ -1,10 +1,8 @@
 """Complex exponentials of many phases, reduced in float64 and evaluated in float32."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
+from sarmitsuba.arrays import C64, F64
 
 _STRIDE = 32  # steps of a ramp that one fine table covers
 

@@ -22,14 +22,12 @@ section III (stop-and-go: delay and Doppler within the chirp).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.samples import Samples
-
-F64 = NDArray[np.float64]
 
 # samples that are turned at a time
 _BATCH = 1 << 20

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.threads import one_blas_thread
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 _RANGE_DEGREE, _RATE_DEGREE = 4, 3
 _HELD = (

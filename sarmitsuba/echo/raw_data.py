@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.errors import DataError
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
@@ -38,9 +39,7 @@ def channels_of(layers: Sequence[Layer]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(layer.channel for layer in layers))
 
 
-def sum_of_channel(
-    data: NDArray[np.complex64], layers: Sequence[Layer], channel: str | None, what: str
-) -> NDArray[np.complex64]:
+def sum_of_channel(data: C64, layers: Sequence[Layer], channel: str | None, what: str) -> C64:
     """Sum of all layers of a channel (default: the first).
 
     Parameters
@@ -87,7 +86,7 @@ class RawData:
     Phase is that of demodulation by the carrier: ``exp(-j 4 pi fc R / c)``, time convention exp(+j w t).
     """
 
-    data: NDArray[np.complex64]
+    data: C64
     layers: tuple[Layer, ...]
     domain: Literal["compressed", "chirped"]
     radar: Radar
@@ -160,7 +159,7 @@ class RawData:
         """
         return late("sarmitsuba.io.labelled", "labelled_raw")(self)
 
-    def total(self, channel: str | None = None) -> NDArray[np.complex64]:
+    def total(self, channel: str | None = None) -> C64:
         """Sum of all layers of a channel (default: the first), (n_pulses, n_fast) complex64."""
         return sum_of_channel(self.data, self.layers, channel, "raw data")
 

@@ -6,13 +6,10 @@ from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 from scipy.special import spherical_jn
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 
 class RangeFilter(Protocol):

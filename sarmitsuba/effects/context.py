@@ -4,15 +4,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.effects.slabs_between import seen_through
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.scene import Scene
-
-F64 = NDArray[np.float64]
 
 # a single resolution cell that is left out must stay this far below the clutter, dB: a hundredth of the power of
 # one look of speckle. Without clutter the tolerance applies, below the peak

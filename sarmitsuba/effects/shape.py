@@ -8,11 +8,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.mesh.closed import enclosed_volume, is_closed
 from sarmitsuba.mesh.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
 from sarmitsuba.scene.geometry import Geometry
-
-F64 = NDArray[np.float64]
 
 # products of planes and vertices that a proof may cost; 5e7 take about 0.2 s
 _MAX_PRODUCTS = 50_000_000
@@ -260,12 +259,12 @@ class ShapeAnalysis:
     # ---- connectivity
 
     @cached_property
-    def _welded(self) -> NDArray[np.int64]:
+    def _welded(self) -> I64:
         """(n_faces, 3) vertex numbers after merging vertices at the same place."""
         return joined(self.vertices, self.faces, self.slack)
 
     @cached_property
-    def _edges(self) -> tuple[NDArray[np.int64], F64]:
+    def _edges(self) -> tuple[I64, F64]:
         """Pairs of faces that share an edge (n, 2), those edges' middles (n, 3)."""
         f = self._welded
         ends = np.sort(face_edges(f), axis=1)
@@ -279,7 +278,7 @@ class ShapeAnalysis:
         return np.stack([face[:-1][same], face[1:][same]], axis=1), middle
 
     @cached_property
-    def component(self) -> NDArray[np.int32]:
+    def component(self) -> I32:
         """(n_faces,) number of the connected piece each face belongs to (faces that share a vertex connect)."""
         if self.n_faces == 0 or self.n_faces > _MAX_FACES:
             return np.zeros(self.n_faces, dtype=np.int32)

@@ -1,8 +1,8 @@
 """Which of a scene's slabs waves go through to something behind."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.slab import lets_through
 from sarmitsuba.scene.scene import Scene
@@ -11,7 +11,7 @@ from sarmitsuba.scene.scene import Scene
 SAME_SLAB = 1.5
 
 
-def seen_through(scene: Scene, antenna: NDArray[np.float64]) -> tuple[Material, ...]:
+def seen_through(scene: Scene, antenna: F64) -> tuple[Material, ...]:
     """Materials that are slabs, let waves through and have something of the scene behind one of their faces.
 
     Parameters
@@ -46,9 +46,7 @@ def seen_through(scene: Scene, antenna: NDArray[np.float64]) -> tuple[Material, 
     )
 
 
-def _something_behind(
-    faces: NDArray[np.float64], points: NDArray[np.float64], antenna: NDArray[np.float64], slack: float
-) -> bool:
+def _something_behind(faces: F64, points: F64, antenna: F64, slack: float) -> bool:
     """Whether any point lies farther than ``slack`` (m) beyond the plane of any face (n, 3, 3)."""
     normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     length = np.linalg.norm(normal, axis=1)

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.narrow_beam import beam_over_cell
@@ -13,8 +14,6 @@ from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # summed weight w g^2, over the image's largest, from which on a place counts as lit: a tenth in amplitude
 _DARK = 0.01
@@ -63,7 +62,7 @@ def look_directions(radar: Radar, point: ArrayLike) -> F64:
     return np.asarray(line / np.linalg.norm(line, axis=-1, keepdims=True))
 
 
-def pulse_ranges(radar: Radar, point: ArrayLike, pulses: slice | NDArray[np.int64] = slice(None)) -> F64:
+def pulse_ranges(radar: Radar, point: ArrayLike, pulses: slice | I64 = slice(None)) -> F64:
     """Slant range of points (..., 3) in every pulse, (..., n_pulses) m: half the path there and to the receiver."""
     place = np.asarray(point, dtype=np.float64)[..., None, :]
     distance = np.linalg.norm(place - radar.track.position[pulses], axis=-1)

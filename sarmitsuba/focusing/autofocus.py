@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import Focuser, FocusTask
@@ -17,9 +17,6 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import Registry
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # zeros beyond the end of a pulse while it is moved
 _GUARD = 64

@@ -1,14 +1,12 @@
 """Rows at the rim of a steered beam, where the side lobes of brighter ground stand above what belongs there."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.aperture_weights import aperture_weights, matched_weights
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # rows at which the beam is worked out, over three times the image's extent
 _NODES = 385

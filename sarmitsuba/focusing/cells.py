@@ -7,15 +7,13 @@ from functools import partial
 from typing import Any, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import ground_cell_area, incidence_angle
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # rows at which the azimuth cell is worked out where it varies, and columns
 _ROW_NODES, _COLUMN_NODES = 65, 9
@@ -119,7 +117,7 @@ def azimuth_cells(
     return AzimuthCells(center, polynomial, _cell_rows(grid, pulse_weights, area_of) if rows else None)
 
 
-def fit_columns(grid: ImageGrid, columns: NDArray[np.int64], cell: F64) -> tuple[float, CellPolynomial]:
+def fit_columns(grid: ImageGrid, columns: I64, cell: F64) -> tuple[float, CellPolynomial]:
     """Cell at the grid's central column, and its change over range, from its value (m) at some columns."""
     center = float(grid.range[grid.range.size // 2])
     scale = max(float(np.abs(grid.range - center).max()), 1.0)
@@ -144,7 +142,7 @@ def _cell_rows(
     area_of : noise-equivalent area (m^2) of a place and the weights there
     """
 
-    def ratios(n_rows: int, n_columns: int) -> tuple[NDArray[np.int64], NDArray[np.int64], F64]:
+    def ratios(n_rows: int, n_columns: int) -> tuple[I64, I64, F64]:
         rows, columns = (
             np.unique(np.linspace(0, size - 1, n).round().astype(np.int64))
             for size, n in zip(grid.shape, (n_rows, n_columns), strict=True)

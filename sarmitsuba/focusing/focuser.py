@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.memory_needs import backprojection_bytes
@@ -18,9 +18,6 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import Registry
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import (
@@ -19,8 +19,6 @@ from sarmitsuba.focusing.aperture_weights import (
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.image_request import MAX_PIXELS, ImageRequest
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # an image made without a request stays below this many cells along each axis
 _MAX_CELLS = 1024

@@ -2,14 +2,11 @@
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.focusing.grid import natural_spacing
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # taps of the windowed sinc, and its Kaiser parameter: errors below -90 dB at the oversampling of 2.5 of slant_below
 _TAPS, _BETA = 10, 9.0

@@ -1,15 +1,12 @@
 """What every pulse adds to chosen pixels: the rows that backprojection sums, kept apart."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.profiles import plan_profiles
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # (point, pulse) pairs worked on at once
 _BATCH = 1 << 19

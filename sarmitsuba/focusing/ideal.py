@@ -1,7 +1,7 @@
 """Ideal data with a known answer: a plain radar, and the exact range-compressed echoes of point scatterers."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import Layer, RawData
@@ -11,8 +11,6 @@ from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-
-F64 = NDArray[np.float64]
 
 
 def ideal_radar(

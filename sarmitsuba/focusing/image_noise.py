@@ -1,8 +1,9 @@
 """Thermal noise in a focused image, predicted: what a pixel's weights make of the receiver's noise."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import (
     direction_gain,
@@ -13,8 +14,6 @@ from sarmitsuba.focusing.aperture_weights import (
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.radar.link_budget import snr
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 
 def noise_equivalent_rcs(radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window) -> float:

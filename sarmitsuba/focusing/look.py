@@ -6,15 +6,13 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.focusing.look_geometry import LookGeometry, geometries
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # resolution cells about the image from which side lobes are taken in
 _MARGIN = 24.0
@@ -48,10 +46,10 @@ class Look:
     grid: LookGrid
     image: ImageGrid
     offset: F64
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
-    gain: NDArray[np.float32]
-    response: NDArray[np.float32] | C64
+    x: F32
+    y: F32
+    gain: F32
+    response: F32 | C64
     noise_gain: float
     agreement: float
 
@@ -174,9 +172,7 @@ def _steps(radar: Radar, geometry: LookGeometry) -> tuple[float, float]:
     )
 
 
-def _response(
-    radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str
-) -> NDArray[np.float32] | C64:
+def _response(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str) -> F32 | C64:
     """Spectrum of the impulse response on the grid's FFT bins, both spreadings divided out."""
     kernel = grid.kernel
     correction = np.outer(

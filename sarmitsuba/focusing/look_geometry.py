@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.echo.look_grid import BeamFan, LookGrid
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import (
@@ -18,8 +18,6 @@ from sarmitsuba.focusing.aperture_weights import (
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 LEAST_AGREEMENT = 0.99
 """Coherence of clutter with backprojection's image below which no image is made from looks."""
@@ -88,7 +86,7 @@ class LookGeometry:
             width=width,
         )
 
-    def nearest(self, grid: LookGrid, places: F64) -> int | NDArray[np.int64]:
+    def nearest(self, grid: LookGrid, places: F64) -> int | I64:
         """Look that is nearest when the beam passes over places (..., 3)."""
         if grid.n_looks == 1:
             return 0

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
@@ -16,9 +17,6 @@ from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.units import db_from_power
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 MOTION_COMPENSATIONS = ("auto", "off")
 # largest phase that compensation for the beam's centre may leave at any pixel of the image, rad

@@ -1,11 +1,9 @@
 """Beams whose footprint is a few azimuth cells wide: the clutter in one cell is then not lit alike."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # azimuth cells from the beam's middle to its first null from which on all clutter of a cell is lit alike: 0.003 dB
 WIDE_BEAM = 16.0

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from math import comb, factorial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import flight
 from sarmitsuba.focusing.profiles import ProfilePlan
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 LONGEST_LINE = 32
 # where every pixel is interpolated for itself, longer lines gain nothing
@@ -49,7 +48,7 @@ class PixelLines:
     checked : whether a pixel, padding included, may leave some pulse's receive window
     """
 
-    index: NDArray[np.int64]
+    index: I64
     middle: F64
     step: F64
     n_nodes: int = 1

@@ -4,15 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.gridding import GriddingKernel, gridding_kernel
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # default upsampling of the receiver's rate by kernel width; linear errs by -47 to -50 dB then, and more would make it
 # slower than the better kernel of four taps

@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128
 from sarmitsuba.echo.chirp import chirp_spectrum, n_fast_chirped
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
@@ -20,7 +20,7 @@ COMPRESSIONS: tuple[str, ...] = ("flat", "matched")
 _BATCH = 1 << 22  # complex samples transformed at once, 32 MB
 
 
-def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> NDArray[np.complex128]:
+def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> C128:
     r"""Frequency response of the compressor, (n_fft,) complex128 in FFT order, zero outside the bandwidth.
 
     With P the spectrum of the sampled pulse and the sums over the band's bins:

@@ -1,14 +1,12 @@
 """Share of the echoes' energy that an image shows."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.raw_data import RawData, sum_of_channel
 from sarmitsuba.focusing.aperture_weights import antennas_gain
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # pulses and rows of pixels that energies are taken from, at most
 ROWS = 512
@@ -16,7 +14,7 @@ ROWS = 512
 
 def shown_share(
     raw: RawData,
-    pixels: NDArray[np.complex64],
+    pixels: C64,
     grid: ImageGrid,
     cell: tuple[float, float],
     sine: float,
@@ -73,7 +71,7 @@ def _amplitude(radar: Radar, place: F64) -> F64:
     return np.asarray(radar.amplitude_constant * gain / (ranges[0] * ranges[-1]))
 
 
-def _energy(data: NDArray[np.complex64], raw: RawData, channel: str) -> float:
+def _energy(data: C64, raw: RawData, channel: str) -> float:
     """Energy of a channel of (n_layers, n_rows, n), from some of the rows where there are many."""
     step = -(-data.shape[1] // ROWS)
     some = sum_of_channel(data[:, ::step], raw.layers, channel, "raw data")

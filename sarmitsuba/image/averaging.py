@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def block_means(values: NDArray[np.floating], block: tuple[int, int]) -> F64:

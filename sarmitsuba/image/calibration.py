@@ -4,12 +4,11 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 
-F64 = NDArray[np.float64]
 Quantity = Literal["rcs", "sigma0", "beta0", "gamma0"]
 QUANTITIES: tuple[str, ...] = ("rcs", "sigma0", "beta0", "gamma0")
 

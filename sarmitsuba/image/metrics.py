@@ -6,11 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 # samples of a cut per pixel of the chip
 _FINE = 32

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.raw_data import Layer, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means, block_middles
@@ -38,16 +38,16 @@ class ImageGrid:
     """
 
     kind: Literal["slant", "ground"]
-    azimuth: NDArray[np.float64]
-    range: NDArray[np.float64]
-    origin: NDArray[np.float64]
-    along: NDArray[np.float64]
-    across: NDArray[np.float64]
+    azimuth: F64
+    range: F64
+    origin: F64
+    along: F64
+    across: F64
     height: float = 0.0
-    offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    offset: F64 = field(default_factory=lambda: np.zeros(3))
     anchor: Anchor = field(default_factory=Anchor)
 
-    def in_frame(self, offset: NDArray[np.float64]) -> "ImageGrid":
+    def in_frame(self, offset: F64) -> "ImageGrid":
         """The same pixels in the frame of that offset; zeros: in the frame of the user's file.
 
         Parameters
@@ -80,7 +80,7 @@ class ImageGrid:
         """Pixel spacing in range (slant or ground as ``kind``), m."""
         return float(self.range[1] - self.range[0]) if self.range.size > 1 else 1.0
 
-    def across_distance(self) -> NDArray[np.float64]:
+    def across_distance(self) -> F64:
         """(n_range,) float64 horizontal across-track distance of each range column from ``origin``, m."""
         if self.kind == "ground":
             return self.range
@@ -93,18 +93,18 @@ class ImageGrid:
             )
         return np.asarray(np.sqrt(square))
 
-    def positions_on_line(self, row: int) -> NDArray[np.float64]:
+    def positions_on_line(self, row: int) -> F64:
         """(n_range, 3) float64 scene-frame positions of one azimuth row."""
         flat = self.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, self.height])
         return np.asarray(
             flat + self.azimuth[row] * self.along + self.across_distance()[:, None] * self.across
         )
 
-    def geodetic(self) -> NDArray[np.float64]:
+    def geodetic(self) -> F64:
         """(n_azimuth, n_range, 3) float64 WGS-84 latitude and longitude (rad) and height (m) of every pixel."""
         return self.anchor.to_geodetic(self.positions() + self.offset)
 
-    def positions(self) -> NDArray[np.float64]:
+    def positions(self) -> F64:
         """(n_azimuth, n_range, 3) float64 scene-frame position of every pixel."""
         flat = self.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, self.height])
         return np.asarray(
@@ -135,13 +135,13 @@ class SarImage:
     clutter of normalised cross section sigma0 has that mean on flat ground. Terrain slope is ignored.
     """
 
-    data: NDArray[np.complex64]
+    data: C64
     layers: tuple[Layer, ...]
     grid: ImageGrid
     wavelength: float
     azimuth_resolution_cell: float
     range_resolution_cell: float
-    incidence_angle: NDArray[np.float64]
+    incidence_angle: F64
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -184,9 +184,7 @@ class SarImage:
         """
         return late("sarmitsuba.view.notebook", "image_figure")(self, path, channel)
 
-    def to_db(
-        self, channel: str | None = None, quantity: Quantity = "sigma0", floor: float = -np.inf
-    ) -> NDArray[np.float64]:
+    def to_db(self, channel: str | None = None, quantity: Quantity = "sigma0", floor: float = -np.inf) -> F64:
         """(n_azimuth, n_range) float64, dB of 1 (``sigma0``) or of 1 m^2 (``rcs``); nothing falls below ``floor``."""
         return to_db(_power(self, channel, quantity), floor)
 
@@ -223,16 +221,16 @@ class SarImage:
         """Channels in order of first appearance."""
         return channels_of(self.layers)
 
-    def total(self, channel: str | None = None) -> NDArray[np.complex64]:
+    def total(self, channel: str | None = None) -> C64:
         """Sum of all layers of a channel (default: the first), (n_azimuth, n_range) complex64."""
         return sum_of_channel(self.data, self.layers, channel, "image")
 
-    def rcs(self, channel: str | None = None) -> NDArray[np.float64]:
+    def rcs(self, channel: str | None = None) -> F64:
         """Squared magnitude of every pixel, m^2."""
         return np.abs(self.total(channel).astype(np.complex128)) ** 2
 
     @property
-    def cell_area(self) -> NDArray[np.float64]:
+    def cell_area(self) -> F64:
         """(n_azimuth, n_range) float64 ground area that divides RCS into sigma0, m^2.
 
         The azimuth cell is that of the image's centre; where the focuser recorded how it varies over range (a fixed
@@ -251,18 +249,18 @@ class SarImage:
         ratio = [np.interp(self.grid.azimuth, table["azimuth"], column) for column in nodes.T]
         return np.asarray(np.transpose(ratio) * line)
 
-    def sigma0(self, channel: str | None = None) -> NDArray[np.float64]:
+    def sigma0(self, channel: str | None = None) -> F64:
         """Normalised radar cross section of flat ground, linear."""
         return np.asarray(self.rcs(channel) / self.cell_area)
 
 
-def _power(image: SarImage, channel: str | None, quantity: Quantity) -> NDArray[np.float64]:
+def _power(image: SarImage, channel: str | None, quantity: Quantity) -> F64:
     if quantity not in ("sigma0", "rcs"):
         raise DataError(f"image: quantity {quantity!r} is unknown; it is sigma0 or rcs")
     return image.rcs(channel) if quantity == "rcs" else image.sigma0(channel)
 
 
-def to_db(power: NDArray[np.float64], floor: float = -np.inf) -> NDArray[np.float64]:
+def to_db(power: F64, floor: float = -np.inf) -> F64:
     """Power in dB; zero is ``floor``."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.maximum(10.0 * np.log10(power), floor))
@@ -279,16 +277,16 @@ class Multilook:
     channel, quantity : ``sigma0``, or ``rcs`` in m^2, of which polarisation
     """
 
-    power: NDArray[np.float64]
-    azimuth: NDArray[np.float64]
-    range: NDArray[np.float64]
+    power: F64
+    azimuth: F64
+    range: F64
     channel: str
     quantity: Quantity
 
     def __repr__(self) -> str:
         return f"Multilook({self.channel} {self.quantity}: {self.azimuth.size} x {self.range.size} blocks)"
 
-    def to_db(self, floor: float = -np.inf) -> NDArray[np.float64]:
+    def to_db(self, floor: float = -np.inf) -> F64:
         """The power in dB; nothing falls below ``floor``."""
         return to_db(self.power, floor)
 

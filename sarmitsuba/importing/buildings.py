@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.importing.facades import FacadeBuilder
 from sarmitsuba.importing.parts import Parts
 from sarmitsuba.importing.polygons import triangulate
@@ -14,7 +14,6 @@ from sarmitsuba.importing.roofs import Roof, make_roof
 if TYPE_CHECKING:
     import shapely
 
-F64 = NDArray[np.float64]
 
 # how deep walls stand in the ground, so that no gap opens at their feet, m
 FOOT = 0.5

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.importing.buildings import FOOT, Building, add_building
 from sarmitsuba.importing.facades import FacadeBuilder
@@ -32,7 +32,6 @@ from sarmitsuba.radar.geodesy import Anchor
 if TYPE_CHECKING:
     import shapely
 
-F64 = NDArray[np.float64]
 
 MATERIALS = {
     "walls": "concrete",

@@ -5,12 +5,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.errors import SceneError
 from sarmitsuba.importing.parts import Parts
 from sarmitsuba.parameters import did_you_mean, one_line
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 KINDS = ("windows", "balconies")
 WINDOW_TRIANGLES, BALCONY_TRIANGLES = 18, 22

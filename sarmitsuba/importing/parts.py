@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
+from sarmitsuba.arrays import F64, I32
+
 Mesh = tuple[F64, I32]
 
 

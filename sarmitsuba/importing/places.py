@@ -4,13 +4,12 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
-
-F64 = NDArray[np.float64]
 
 WGS84, LOCAL = "EPSG:4326", "local"
 # beyond this the plane z = 0 is 200 m above the Earth's surface, and no radar image is that wide, m

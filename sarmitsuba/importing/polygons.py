@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import one_line
 
 if TYPE_CHECKING:
     import shapely
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # footprints beyond that are coast lines or hostile; triangulating them takes minutes
 MOST_CORNERS = 20_000

@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.importing.polygons import triangulate
 
 if TYPE_CHECKING:
     import shapely
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # a pitch of 35 degrees where nothing is said, and never more than half of the house
 _RISE, _SHARE = 0.35, 0.5

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.loader.mesh_files import MeshPart
@@ -18,8 +18,6 @@ from sarmitsuba.registry import Registry
 
 if TYPE_CHECKING:
     import shapely
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.importing.places import WGS84, Places, local_of_geodetic, projected
 from sarmitsuba.importing.triangulated import Network, network
@@ -19,8 +19,6 @@ from sarmitsuba.regular_files import check_regular
 if TYPE_CHECKING:
     from rasterio.windows import Window
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # samples that are read; triangulating more takes minutes and gigabytes
 MOST_SAMPLES = 16_000_000
@@ -53,7 +51,7 @@ class HeightRaster:
     affine: F64
     crs: str
 
-    def places(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> F64:
+    def places(self, rows: I64, columns: I64) -> F64:
         """(n, 2) longitude and latitude, deg, of samples."""
         xy = np.column_stack([columns, rows]) @ self.affine[:, :2].T + self.affine[:, 2]
         return Places(self.crs, self.name).geodetic(xy)

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
+from sarmitsuba.arrays import F64, I32, I64
 
 # times that the inner tolerance is lowered before every sample is taken
 _TRIES = 12

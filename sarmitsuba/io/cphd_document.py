@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.io.nga import EPOCH, MODE_TYPES, OTHER_MODE, Element, polarisations
 from sarmitsuba.version import __version__
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
     from sarmitsuba.radar.geodesy import Anchor
 
-F64 = NDArray[np.float64]
 
 NAMESPACE = "http://api.nsgreg.nga.mil/schema/cphd/1.1.0"
 # per-vector parameters in the order of the file: name, numbers of 8 bytes

@@ -3,14 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from sarmitsuba.arrays import F32, F64
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
-
-F64 = NDArray[np.float64]
-F32 = NDArray[np.float32]
 
 # passes that put a place on the map onto the image's plane, whose height over the ellipsoid changes by its curvature
 _PASSES = 3

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def number(group: h5py.Group, name: str, kind: type[float] | type[int]) -> float
     return value
 
 
-def numbers(group: h5py.Group, name: str) -> NDArray[np.float64]:
+def numbers(group: h5py.Group, name: str) -> F64:
     """An array of finite real numbers, float64."""
     found = dataset(group, name)
     if found.dtype.kind not in "fiu":

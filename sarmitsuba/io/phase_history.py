@@ -9,6 +9,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
@@ -19,9 +20,6 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.validity import FARTHEST
 from sarmitsuba.radar.waveform import Waveform
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # samples per range cell of the profiles: enough room between the band and its repetition for interpolation
 _OVERSAMPLING = 1.25

@@ -15,8 +15,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
@@ -30,8 +30,6 @@ from sarmitsuba.version import __version__
 if TYPE_CHECKING:
     import lxml.etree
 
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 UP = np.array([0.0, 0.0, 1.0])
 

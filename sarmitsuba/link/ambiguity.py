@@ -4,11 +4,10 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 
-F64 = NDArray[np.float64]
 # relative one-way power gain over the sine of the angle off boresight, in the plane of one of the aperture's axes
 Gain = Callable[[F64], F64]
 _NODES = 4001

@@ -3,15 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_RADIUS
 from sarmitsuba.focusing.aperture_weights import flight, incidence_angle
 from sarmitsuba.link.ambiguity import azimuth_ambiguity_ratio, range_ambiguity_ratio
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

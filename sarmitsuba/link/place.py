@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.aperture_weights import (
     direction_gain,
     ground_cell_area,
@@ -18,8 +18,6 @@ from sarmitsuba.focusing.image_noise import noise_equivalent_rcs
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.radar.link_budget import nesz
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # step and end of the search for the half power of an impulse response, cells
 _STEP, _REACH = 0.25, 4.0

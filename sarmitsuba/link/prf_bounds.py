@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.image.sar_image import ImageGrid
@@ -11,7 +10,6 @@ from sarmitsuba.radar.mode import UP
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.swath import Box, doppler_bandwidth
 
-F64 = NDArray[np.float64]
 Interval = tuple[float, float]
 
 # pulses at which the window's delays are looked at

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.materials.diffuse import diffuse_tables
@@ -29,9 +30,6 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.scene.wires import WireTarget, wire_ends
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # Farther from the file's origin than this the scene gets its own: float32 positions stay exact to 1 mm
 RECENTRE_DISTANCE = 5e3

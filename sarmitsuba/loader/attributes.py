@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.regular_files import check_regular, read_bytes
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 # names of texture coordinates in PLY files
 _UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 _RECTANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

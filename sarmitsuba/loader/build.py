@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
@@ -34,8 +35,6 @@ from sarmitsuba.scene.wires import WireTarget
 if TYPE_CHECKING:
     import trimesh
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 # a `Material`, the name of one (``pec`` or of ITU-R P.2040-3), or parameters of ``radar_material``
 MaterialLike = Material | str | Mapping[str, Value]
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader import tables
@@ -31,8 +31,6 @@ from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.units import power_from_db
-
-F64 = NDArray[np.float64]
 
 # facets of curved shapes: at 1/32 they act as a grating whose lobes move a sphere's return by up to 1 dB with
 # the direction, a cylinder's by as much; at 1/512 by 0.1 dB

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+
+from sarmitsuba.arrays import F64
 
 
 class Opaque:
@@ -19,7 +20,7 @@ class Opaque:
 
 
 # what a property of an element can be: numbers, text, a (3,) point or a (4, 4) transform
-Property = float | int | bool | str | NDArray[np.float64] | Opaque
+Property = float | int | bool | str | F64 | Opaque
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.mesh_files import MeshPart, read_parts
 from sarmitsuba.loader.names_of_materials import check_chosen
 from sarmitsuba.mesh.model_units import doubtful_unit, up_axis
-
-F64 = NDArray[np.float64]
 
 Up = Literal["auto", "y", "z"]
 UPS: tuple[str, ...] = get_args(Up)

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader import tables
@@ -165,7 +165,7 @@ def _scalar(value: "mi.Float") -> float:
     return float(np.asarray(value).ravel()[0])
 
 
-def _mesh(shape: "mi.Shape") -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+def _mesh(shape: "mi.Shape") -> tuple[F64, I32]:
     vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
     faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3).astype(np.int32)
     return vertices, faces

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.loader.elements import Element
@@ -20,7 +21,6 @@ from sarmitsuba.parameters import Value, did_you_mean, one_line, string_value
 from sarmitsuba.regular_files import check_regular, check_unpacked
 from sarmitsuba.units import power_from_db
 
-F64 = NDArray[np.float64]
 T = TypeVar("T")
 # of ``radar_material`` and of ``land_cover``
 LEVEL_MAP, PERMITTIVITY_MAP, ROUGHNESS_MAP, CLASS_MAP = (
@@ -243,7 +243,7 @@ def _fine(bitmap: Bitmap) -> Bitmap:
 
 def _placed(
     texture: Element,
-    values: NDArray[np.float64] | NDArray[np.int64],
+    values: F64 | I64,
     extent: list[float] | None,
     *,
     whole: bool,

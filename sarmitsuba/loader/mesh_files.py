@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.isolated import survive
 from sarmitsuba.mesh.obj import ObjMesh, read_obj
@@ -24,8 +24,6 @@ from sarmitsuba.regular_files import check_regular, is_inside, read_bytes
 if TYPE_CHECKING:
     import trimesh
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # what a reader that meets arbitrary bytes raises
 _READER_ERRORS = (
@@ -194,7 +192,7 @@ def _reading(path: Path, where: str) -> Iterator[None]:
         ) from error
 
 
-def _checked(vertices: F64, faces: NDArray[np.int64], path: Path, where: str) -> I32:
+def _checked(vertices: F64, faces: I64, path: Path, where: str) -> I32:
     if faces.ndim != 2 or faces.shape[0] == 0:
         raise SceneError(f"{where}: mesh file {path.name} holds no faces; a radar needs surfaces, not points")
     if faces.min() < 0 or faces.max() >= vertices.shape[0]:

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.attributes import corner_values
 from sarmitsuba.loader.elements import Element, Opaque, Property
@@ -15,9 +16,6 @@ from sarmitsuba.loader.mesh_files import read_mesh, read_shape
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
 from sarmitsuba.scene.motion import STILL, Motion
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 MAX_FACES = 400_000  # of one tessellated shape
 SPHERE_MIN_SAGITTA = 1.4e-5  # of the radius; gives MAX_FACES

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.overrides import Overrides
@@ -18,9 +18,6 @@ from sarmitsuba.mesh.closed import enclosed_volume, is_closed
 from sarmitsuba.parameters import Param, ParamTable, Value, float_value, string_value
 from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.units import power_from_db
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # facets of a crown that is a sphere: a hundredth of its radius from it, whatever the wavelength
 SAGITTA_OVER_RADIUS = 0.01

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
@@ -13,8 +13,6 @@ from sarmitsuba.loader.shapes import Placed, cylinder_axis, mesh_path
 from sarmitsuba.materials.cylinder import largest_ka
 from sarmitsuba.regular_files import read_text
 from sarmitsuba.scene.wires import WireTarget
-
-F64 = NDArray[np.float64]
 
 # wires thicker than a third of their length are no wires: their caps return as much as their sides
 LEAST_SLENDERNESS = 3.0

@@ -1,12 +1,9 @@
 """Polarisation of first-order scattering by a slightly rough half space."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.materials.fresnel import fresnel, refracted_cosine
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 
 def bragg_factors(theta: F64, permittivity: complex) -> tuple[F64, F64]:

@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import hankel1, jv, jve
 
+from sarmitsuba.arrays import C128, F32, F64
 from sarmitsuba.errors import SceneError
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 # nodes over the tilt, and how many more each unit of k a takes; of conductors only up to where waves that creep around
 # them still count, and few beyond
@@ -37,7 +35,7 @@ class CylinderTable:
     ka : circumference over wavelength
     """
 
-    values: NDArray[np.float32]
+    values: F32
     ka: float
 
     @property

@@ -11,14 +11,14 @@ from functools import lru_cache, wraps
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import ExtensionError, SceneError
 from sarmitsuba.materials.bragg import bragg_factors
 from sarmitsuba.materials.diffuse_law import LAWS, Sigma0, WindWaves, permittivity_of
 from sarmitsuba.materials.material import Material
 
-F64 = NDArray[np.float64]
 T = TypeVar("T")
 
 # amplitudes of h and v that differ by less than this share are one, -60 dB

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import Param
 from sarmitsuba.registry import Registry
-
-F64 = NDArray[np.float64]
 
 # What a law does between two directions, see `DiffuseLaw.bistatic`
 Bistatic = Literal["mean", "facets", "spectrum"]

@@ -1,10 +1,12 @@
 """Fresnel reflection coefficients of a smooth half space, in NumPy and safe in every limit."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from sarmitsuba.arrays import C128
 
 
-def refracted_cosine(cos_theta: ArrayLike, permittivity: complex | ArrayLike) -> NDArray[np.complex128]:
+def refracted_cosine(cos_theta: ArrayLike, permittivity: complex | ArrayLike) -> C128:
     r"""Return the normal wavenumber inside the medium over k, the root that decays away from the surface.
 
     .. math:: q = \sqrt{\varepsilon - \sin^2\theta}, \quad \mathrm{Im}\, q \le 0
@@ -19,9 +21,7 @@ def refracted_cosine(cos_theta: ArrayLike, permittivity: complex | ArrayLike) ->
     return np.where(q.imag > 0.0, -q, q)
 
 
-def fresnel(
-    cos_theta: ArrayLike, permittivity: complex | ArrayLike
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def fresnel(cos_theta: ArrayLike, permittivity: complex | ArrayLike) -> tuple[C128, C128]:
     r"""Reflection coefficients from vacuum onto a half space, electric field ratios.
 
     .. math::

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.change import coherence_after
 from sarmitsuba.materials.diffuse_law import LAWS
@@ -182,7 +182,7 @@ class SurfaceMaps:
                     "sigma0_map: a factor on sigma0 is below 0 or no finite number; repair the map"
                 )
 
-    def moved(self, offset: NDArray[np.float64]) -> "SurfaceMaps":
+    def moved(self, offset: F64) -> "SurfaceMaps":
         """The same in a scene frame whose origin lies at ``offset``, (3,) m."""
         level, classes = self.level, self.classes
         if level is not None:

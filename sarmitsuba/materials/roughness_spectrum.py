@@ -3,14 +3,13 @@
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+
+from sarmitsuba.arrays import F64
 
 Correlation = Literal["exponential", "gaussian"]
 
 
-def roughness_spectrum(
-    order: NDArray[np.float64], wavenumber: float, length: float, correlation: Correlation
-) -> NDArray[np.float64]:
+def roughness_spectrum(order: F64, wavenumber: float, length: float, correlation: Correlation) -> F64:
     r"""Spectrum of the n-th power of the normalised surface correlation, m^2.
 
     .. math::

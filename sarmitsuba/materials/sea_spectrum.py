@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 GRAVITY = 9.81  # m/s^2
 # surface tension over density of clean water, m^3/s^2, from the wavenumber of least phase speed, 370 rad/m

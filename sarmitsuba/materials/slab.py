@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import C128
 from sarmitsuba.constants import VACUUM_IMPEDANCE
 from sarmitsuba.materials.fresnel import refracted_cosine
 from sarmitsuba.materials.material import Material
-
-C128 = NDArray[np.complex128]
 
 # cosines of incidence that stand for all angles, and the power, two ways, below which a wall is opaque: no receiver
 # knows it from noise and sidelobes

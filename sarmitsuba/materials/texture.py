@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammainccinv, gammaincinv, ndtr
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.errors import SceneError
 
-F64 = NDArray[np.float64]
 # texels that stand for an attribute of the mesh, which runs from 0 to 1
 ATTRIBUTE_TEXELS = 256
 # an attribute may miss its bounds by the rounding of float32
@@ -124,7 +124,7 @@ class Bitmap:
     smooth : bilinear between the texels' middles; else constant within each
     """
 
-    values: NDArray[np.float64] | NDArray[np.int64]
+    values: F64 | I64
     placement: Placement
     repeat: bool = False
     smooth: bool = False

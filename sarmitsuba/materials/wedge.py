@@ -1,9 +1,9 @@
 """Backscatter of the edge of a conducting wedge beyond physical optics."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 # modulus below which the series of a difference of cotangents is used, rad
 _SERIES = 0.01

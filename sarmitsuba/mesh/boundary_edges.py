@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from sarmitsuba.arrays import F32, F64, I64
 from sarmitsuba.mesh.pieces import SMOOTH_BEND, piece_sizes
 from sarmitsuba.mesh.welding import weld
-
-F64 = NDArray[np.float64]
 
 # bend (rad) times width (wavelengths) below which narrow flat strips go on into each other: an eighth of pi in phase
 LARGEST_BEND = 1.0 / 16.0
@@ -45,8 +44,8 @@ class Facets:
     inner : (n_faces, 4) edges that cut a facet into convex parts: it goes on in its plane beyond
     """
 
-    edges: NDArray[np.float32]
-    part: NDArray[np.int64]
+    edges: F32
+    part: I64
     creased: bool
     closed: NDArray[np.bool_]
     inner: NDArray[np.bool_]
@@ -54,17 +53,17 @@ class Facets:
 
 def boundary_edges(
     corners: F64,
-    vertex: NDArray[np.int64] | None = None,
+    vertex: I64 | None = None,
     curved: NDArray[np.bool_] | None = None,
     wavelength: float = 0.0,
-) -> NDArray[np.float32]:
+) -> F32:
     """The edges alone, see :func:`facets`."""
     return facets(corners, vertex, curved, wavelength).edges
 
 
 def facets(
     corners: F64,
-    vertex: NDArray[np.int64] | None = None,
+    vertex: I64 | None = None,
     curved: NDArray[np.bool_] | None = None,
     wavelength: float = 0.0,
 ) -> Facets:
@@ -170,27 +169,27 @@ class _TriangleEdges:
     """
 
     corners: F64
-    ids: NDArray[np.int64]
+    ids: I64
     along: F64
     inward: F64
     length: F64
     rounding: F64
     sharp: NDArray[np.bool_]
-    mate: NDArray[np.int64]
+    mate: I64
 
-    def facet(self) -> NDArray[np.int64]:
+    def facet(self) -> I64:
         """(n,) number of the facet of each triangle."""
         return _connected(self.mate)
 
 
-def _connected(mate: NDArray[np.int64]) -> NDArray[np.int64]:
+def _connected(mate: I64) -> I64:
     """Number of the part that each triangle belongs to, with ``mate`` (n, 3) across its edges, -1 for none."""
     row, k = np.nonzero(mate >= 0)
     links = coo_matrix((np.ones(row.size), (row, mate[row, k])), shape=(len(mate), len(mate)))
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
-def _simple_facets(edges: _TriangleEdges, faces: NDArray[np.int64], boundary: F64) -> NDArray[np.bool_]:
+def _simple_facets(edges: _TriangleEdges, faces: I64, boundary: F64) -> NDArray[np.bool_]:
     """Fill in the rows of ``faces`` whose whole facet is convex with at most ``N_EDGES`` boundary edges; which are."""
     facet = np.unique(edges.facet()[faces], return_inverse=True)[1]
     count = int(facet.max()) + 1
@@ -232,9 +231,7 @@ def _simple_facets(edges: _TriangleEdges, faces: NDArray[np.int64], boundary: F6
     return np.asarray(simple)
 
 
-def _without_inner_vertices(
-    edges: _TriangleEdges, facet: NDArray[np.int64], faces: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def _without_inner_vertices(edges: _TriangleEdges, facet: I64, faces: I64) -> NDArray[np.bool_]:
     """Which of ``faces`` lie in a facet of few sides, cut into about as few triangles as its outline allows."""
     triangles = np.bincount(facet)
     outline = np.bincount(facet, edges.sharp.sum(axis=1))
@@ -242,7 +239,7 @@ def _without_inner_vertices(
     return np.asarray(few[facet[faces]])
 
 
-def _paired(edges: _TriangleEdges, faces: NDArray[np.int64]) -> _TriangleEdges:
+def _paired(edges: _TriangleEdges, faces: I64) -> _TriangleEdges:
     """Cut the facets of ``faces`` into triangles and convex pairs of them; the narrowest find their mates first."""
     inside = np.zeros(len(edges.corners), dtype=bool)
     inside[faces] = True
@@ -273,9 +270,7 @@ def _paired(edges: _TriangleEdges, faces: NDArray[np.int64]) -> _TriangleEdges:
     return replace(edges, mate=mate, sharp=np.where(inside[:, None], mate < 0, edges.sharp))
 
 
-def _cuts(
-    pairs: _TriangleEdges, mate: NDArray[np.int64], faces: NDArray[np.int64], boundary: F64
-) -> NDArray[np.bool_]:
+def _cuts(pairs: _TriangleEdges, mate: I64, faces: I64, boundary: F64) -> NDArray[np.bool_]:
     """(len(faces), N_EDGES) boundary edges along which the facet goes on, with ``mate`` (n, 3) of the uncut facets."""
     lines = boundary[faces]
     found = {cut: np.zeros(lines.shape[:2], dtype=bool) for cut in (True, False)}
@@ -296,11 +291,11 @@ def _cuts(
 
 def _straight(
     edges: _TriangleEdges,
-    facet: NDArray[np.int64],
-    faces: NDArray[np.int64],
-    own: NDArray[np.int64],
-    k: NDArray[np.int64],
-) -> NDArray[np.int64]:
+    facet: I64,
+    faces: I64,
+    own: I64,
+    k: I64,
+) -> I64:
     """Number of the straight boundary edge that each sharp edge (``k`` of ``faces[own]``) is a piece of."""
     n = own.size
     face = faces[own]
@@ -316,14 +311,14 @@ def _straight(
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
-def _sums(group: NDArray[np.int64], rows: F64) -> F64:
+def _sums(group: I64, rows: F64) -> F64:
     """Sums of the rows of each group."""
     out = np.zeros((int(group.max(initial=-1)) + 1, rows.shape[1]))
     np.add.at(out, group, rows)
     return out
 
 
-def _limits(edges: _TriangleEdges, faces: NDArray[np.int64], near: NDArray[np.int64]) -> F64:
+def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
     """(len(faces), N_EDGES, 4) boundary edges of each triangle, out of those of ``near`` (n, m), nearest first."""
     n = len(faces)
     valid = edges.sharp[near].reshape(n, -1)
@@ -362,7 +357,7 @@ def _limits(edges: _TriangleEdges, faces: NDArray[np.int64], near: NDArray[np.in
     return out
 
 
-def _around(mate: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def _around(mate: I64, faces: I64) -> I64:
     """(n, m) triangles of the same plane up to ``RINGS`` edges away and the triangle itself, each once; -1 pads."""
     front = faces[:, None]
     rings = []
@@ -374,7 +369,7 @@ def _around(mate: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int
     return found
 
 
-def _neighbours(vertex: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64], F64]:
+def _neighbours(vertex: I64, inward: F64) -> tuple[I64, F64]:
     """Face across each edge (-1: none, or more than one) and that face's inward vector at the common edge."""
     n = inward.shape[0]
     ids = vertex.reshape(n, 3)
@@ -389,7 +384,7 @@ def _neighbours(vertex: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int6
     return mate.reshape(n, 3), across.reshape(n, 3, 3)
 
 
-def _twins(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _twins(key: I64) -> tuple[I64, I64]:
     """First and second index of every value that occurs just twice; values are not negative."""
     order = np.argsort(key, kind="stable")
     first = np.flatnonzero(np.diff(key[order], prepend=-1))

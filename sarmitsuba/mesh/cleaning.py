@@ -6,12 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.mesh.welding import weld
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
 
 # a triangle lower than this many roundings of its own coordinates is a line
 _ROUNDINGS = 8.0

@@ -1,12 +1,9 @@
 """Closed surfaces: whether a mesh is one, what it encloses."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.mesh.welding import weld
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 
 def is_closed(vertices: F64, faces: I32) -> bool:

@@ -1,11 +1,8 @@
 """Proof that a triangle mesh is one closed convex body, which no ray hits twice from outside."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
+from sarmitsuba.arrays import F64, I32, I64
 
 # vertices this far from a plane lie in it, over the longest edge of the bounds: float64 rounding of a transformed mesh,
 # and float32 of a file

@@ -1,11 +1,9 @@
 """How the smooth surface that facets stand for bends at each of them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.mesh.welding import weld
-
-F64 = NDArray[np.float64]
 
 # farther than this from its facet (in wavelengths) a smooth surface through the corners would be another object
 LARGEST_SAGITTA = 1.0 / 8.0
@@ -16,9 +14,9 @@ _FLAT = 1e-6  # rad, bend of a facet below which it is flat
 
 def facet_curvature(
     corners: F64,
-    group: NDArray[np.int32] | NDArray[np.int64],
+    group: I32 | I64,
     wavelength: float,
-    vertex: NDArray[np.int64] | None = None,
+    vertex: I64 | None = None,
 ) -> F64 | None:
     r"""Shape operator of the smooth surface that the facets of each group stand for.
 
@@ -94,7 +92,7 @@ def facet_curvature(
     return out
 
 
-def _bent(normal: F64, group: NDArray[np.int32] | NDArray[np.int64]) -> bool:
+def _bent(normal: F64, group: I32 | I64) -> bool:
     """True when some group's normals are not all alike."""
     count = np.bincount(group)
     mean = np.stack([np.bincount(group, normal[:, i]) for i in range(3)], axis=1)

@@ -1,9 +1,8 @@
 """Unit and up axis of a model that does not say them: whether it can be in metres, and which way is up."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 # well beyond the tallest building (828 m), m
 TALLEST_WALL = 1200.0

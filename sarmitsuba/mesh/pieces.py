@@ -5,13 +5,13 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64, I64
 
 # bend of an edge below which the surface goes on across it, rad
 SMOOTH_BEND = np.radians(20.0)
 
 
-def piece_of(corners: F64, vertex: NDArray[np.int64]) -> NDArray[np.int64]:
+def piece_of(corners: F64, vertex: I64) -> I64:
     """Number of the piece that each triangle belongs to.
 
     Parameters
@@ -41,7 +41,7 @@ def piece_of(corners: F64, vertex: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
-def piece_sizes(corners: F64, piece: NDArray[np.int64]) -> tuple[F64, F64]:
+def piece_sizes(corners: F64, piece: I64) -> tuple[F64, F64]:
     """Area (m^2) and width (m, the area over the greatest extent) of the piece of each triangle, both (n,) float64."""
     area = 0.5 * np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
@@ -56,9 +56,7 @@ def piece_sizes(corners: F64, piece: NDArray[np.int64]) -> tuple[F64, F64]:
     return np.asarray(total[piece]), np.asarray(width[piece])
 
 
-def part_sizes(
-    corners: F64, part: NDArray[np.int64], area: F64, width: F64, curved: NDArray[np.bool_] | None
-) -> F64:
+def part_sizes(corners: F64, part: I64, area: F64, width: F64, curved: NDArray[np.bool_] | None) -> F64:
     """Width of the convex part of a flat facet that tubes are cut to at each triangle, m, (n,) float64.
 
     That of the piece of surface where it curves, or is creased into more than ``MOST_PARTS``: rays then find parts
@@ -144,8 +142,8 @@ def slant_factor(corners: F64, antenna: F64) -> F64:
 
 def round_bodies(
     corners: F64,
-    vertex: NDArray[np.int64],
-    part: NDArray[np.int64],
+    vertex: I64,
+    part: I64,
     bent: NDArray[np.bool_],
     wavelength: float,
 ) -> NDArray[np.bool_]:

@@ -4,10 +4,9 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from sarmitsuba.arrays import F64, I64
 
 # places, normals and colours of vertices, x, y and z first (texture coordinates split vertices), and faces of lists
 # alone: what exporters of triangles write

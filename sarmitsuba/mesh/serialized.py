@@ -5,12 +5,9 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.regular_files import check_unpacked, read_bytes
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 _FORMAT = 0x041C
 _VERSION_3, _VERSION_4 = 3, 4

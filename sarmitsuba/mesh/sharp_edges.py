@@ -5,11 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.mesh.welding import weld
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 # triangles of less height over their longest edge have no direction of their own
 SLIVER = 1e-6

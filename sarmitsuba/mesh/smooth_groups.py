@@ -1,15 +1,12 @@
 """Smooth pieces of surface: which faces stand for one curved or flat surface."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.mesh.welding import weld
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
 
 # edges shared by more faces than this (hubs of fans of billboards) join nothing
 _MAX_FACES_AT_EDGE = 32

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-U32 = NDArray[np.uint32]
+from sarmitsuba.arrays import F64, I64, U32
 
 # cells that are worked on at a time; bounds the temporary arrays
 CHUNK = 2_000_000
@@ -147,9 +146,9 @@ class _Flattened:
 def _in_cells(
     flat: _Flattened,
     start: int,
-    cells: NDArray[np.int64],
-    first: NDArray[np.int64],
-    count: NDArray[np.int64],
+    cells: I64,
+    first: I64,
+    count: I64,
     cell: float,
     seed: int,
 ) -> tuple[NDArray[np.intp], F64, U32]:

@@ -9,12 +9,10 @@ the true surface, inwards or outwards, stays below the sagitta.
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.errors import SceneError
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 Mesh = tuple[F64, I32]
 
 _MAX_FACES = 8_000_000

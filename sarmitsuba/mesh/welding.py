@@ -1,10 +1,8 @@
 """Vertices at the same place, whatever their numbers."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from sarmitsuba.arrays import F64, I64
 
 
 def weld(v: F64) -> I64:

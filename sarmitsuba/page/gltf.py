@@ -6,11 +6,10 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.wires import WireTarget
-
-F64 = NDArray[np.float64]
 
 # faces that a browser still draws smoothly with software rendering; more are merged on a coarser and coarser grid
 MOST_FACES = 400_000
@@ -108,7 +107,7 @@ def _prism(wire: WireTarget) -> F64:
 
 
 def _fewer(
-    vertices: F64, faces: NDArray[np.int32], most_faces: int
+    vertices: F64, faces: I32, most_faces: int
 ) -> tuple[F64, NDArray[np.integer], NDArray[np.integer], float]:
     """Vertices on a grid, faces that are left, their old numbers, and the edge of the grid (0: all are left)."""
     numbers = np.arange(faces.shape[0])

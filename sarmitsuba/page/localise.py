@@ -1,9 +1,8 @@
 """Where an echo of given range and Doppler lands on the image's plane."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def on_plane(

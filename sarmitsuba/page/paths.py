@@ -6,13 +6,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F32, F64, I32, I64, U8
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.page.localise import on_plane
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import PathTable, PathTracer, joined
 from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
-
-F64 = NDArray[np.float64]
 
 # paths kept in all, and of one bounce order in one cell of the image
 MOST_PATHS, MOST_PER_ORDER = 48_000, 3
@@ -44,12 +43,12 @@ class PagePaths:
     pulses: tuple[int, ...]
     cell_size: tuple[int, int]
     shape: tuple[int, int]
-    cell: NDArray[np.int32]
-    first: NDArray[np.int32]
-    found: NDArray[np.int32]
-    by_order: NDArray[np.uint8]
+    cell: I32
+    first: I32
+    found: I32
+    by_order: U8
     table: PathTable
-    share: NDArray[np.float32]
+    share: F32
 
 
 def page_paths(
@@ -122,11 +121,11 @@ class _PathTile:
     """
 
     table: PathTable
-    number: NDArray[np.int64]
+    number: I64
     amplitude: F64
     total: F64
     power: F64
-    found: NDArray[np.int64]
+    found: I64
     by_order: F64
 
 
@@ -246,7 +245,7 @@ def _served_rows(scene: Scene, grid: ImageGrid, size: int) -> list[tuple[int, in
     return served
 
 
-def _few(number: NDArray[np.int64], order: NDArray[np.integer], amplitude: F64) -> NDArray[np.int64]:
+def _few(number: I64, order: NDArray[np.integer], amplitude: F64) -> I64:
     """Rows of the strongest few paths of every order and cell."""
     rows = np.lexsort((-amplitude, order, number))
     group = number[rows] * ORDERS + order[rows]
@@ -255,7 +254,7 @@ def _few(number: NDArray[np.int64], order: NDArray[np.integer], amplitude: F64) 
     return np.asarray(rows[rank < MOST_PER_ORDER])
 
 
-def _brightest(number: NDArray[np.int64], amplitude: F64, power: F64, most: int) -> NDArray[np.int64]:
+def _brightest(number: I64, amplitude: F64, power: F64, most: int) -> I64:
     """Rows of the brightest cells, as many whole cells as there is room for; cell after cell, strongest first."""
     rows = np.flatnonzero(power[number] > power.max(initial=0.0) * 10.0 ** (-0.1 * FLOOR_DB))
     place = np.empty(power.size, dtype=np.int64)

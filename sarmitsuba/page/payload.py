@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.page.gltf import PageMesh, drawn, page_mesh
 from sarmitsuba.page.paths import PagePaths, page_paths
@@ -17,7 +18,6 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import KINDS
 from sarmitsuba.version import __version__
 
-F64 = NDArray[np.float64]
 # text, numbers and arrays, nested; arrays travel as binary
 Value = Mapping[str, "Value"] | Sequence["Value"] | NDArray[np.generic] | str | int | float | bool | None
 # what is being worked on, for a person waiting
@@ -133,7 +133,7 @@ def grid_payload(grid: ImageGrid, center: F64) -> dict[str, Value]:
 
 def image_payload(image: SarImage, channel: str) -> dict[str, Value]:
     """Complex layers per bounce order, or one of all orders (0), as float16 pairs of RCS amplitude times ``scale``."""
-    orders: dict[int, NDArray[np.complex64]] = {}
+    orders: dict[int, C64] = {}
     for layer, plane in zip(image.layers, image.data, strict=True):
         if layer.channel == channel:
             orders[layer.order] = orders.get(layer.order, np.zeros_like(plane)) + plane

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F32, F64
 from sarmitsuba.echo.pulse_motion import standing_still
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
@@ -12,9 +13,6 @@ from sarmitsuba.focusing.aperture_weights import beam_turn, flight
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 # bins kept before and behind the image's own: what a range window's side lobes reach
 _GUARD = 64

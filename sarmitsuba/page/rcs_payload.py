@@ -1,8 +1,8 @@
 """What the page of an RCS sweep knows: the target, its RCS from every aspect, and the image that the aspects make."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.page.gltf import drawn, page_mesh
 from sarmitsuba.page.payload import Value, grid_payload, image_payload, nested, scene_payload
@@ -12,8 +12,6 @@ from sarmitsuba.simulation.far_field import target_middle
 from sarmitsuba.simulation.turntable import RcsSweep
 from sarmitsuba.version import __version__
 from sarmitsuba.view.polar import POLAR_FROM
-
-F64 = NDArray[np.float64]
 
 PAGE = "rcs.html"
 

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER
 from sarmitsuba.radar.pattern_table import PatternTable
 from sarmitsuba.samples import Samples
@@ -56,7 +57,7 @@ class Antenna:
         return 1.0 / float(azimuth), 1.0 / float(elevation)
 
     @property
-    def numbers(self) -> tuple[float | NDArray[np.float64], ...]:
+    def numbers(self) -> tuple[float | F64, ...]:
         """The pattern's only numbers: :attr:`per_width`, or the table's."""
         return self.per_width if self.table is None else self.table.numbers
 
@@ -112,9 +113,9 @@ class Pointing:
     boresight, azimuth_axis, elevation_axis : (n_pulses, 3) float64, orthonormal triads
     """
 
-    boresight: NDArray[np.float64]
-    azimuth_axis: NDArray[np.float64]
-    elevation_axis: NDArray[np.float64]
+    boresight: F64
+    azimuth_axis: F64
+    elevation_axis: F64
 
     def of_pulses(self, pick: NDArray[np.intp]) -> "Pointing":
         """Those of some pulses."""

@@ -6,8 +6,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
@@ -18,8 +18,6 @@ from sarmitsuba.radar.sliding import BeamOverPath
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-
-F64 = NDArray[np.float64]
 
 PRF_MARGIN = 1.25  # automatic prf over the Doppler bandwidth
 MAX_PULSES = 10_000_000

@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.jitter import wandering
-
-F64 = NDArray[np.float64]
 
 _JITTER_PARTS = ("pointing_jitter_corner", "pointing_jitter_slope", "pointing_jitter_seed")
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.radar.antenna import Pointing
@@ -37,8 +37,6 @@ from sarmitsuba.radar.swath import Box, receive_window
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.units import power_from_db
-
-F64 = NDArray[np.float64]
 
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB

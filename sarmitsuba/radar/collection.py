@@ -4,13 +4,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 _STRAIGHT = 1e-3  # m
 

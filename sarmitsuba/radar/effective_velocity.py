@@ -1,11 +1,9 @@
 """How fast a line of sight turns against the flight: as fast as from a straight track, or slower from an orbit."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 
 def range_acceleration(track: Track, line: F64) -> F64:

@@ -7,10 +7,10 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import KroghInterpolator
 from scipy.optimize import brentq
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_RADIUS
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import one_line
@@ -18,8 +18,6 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.regular_files import read_bytes, read_text
-
-F64 = NDArray[np.float64]
 
 _COLUMNS = "time_s (or an ISO date and time), x_m, y_m, z_m, vx_m_s, vy_m_s, vz_m_s"
 # vectors that one polynomial goes through, positions and velocities: degree 7

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 from typing import TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 # of an orbit over seconds, and of an aircraft's slow motion, the rest is below a micrometre
 _DEGREE = 5

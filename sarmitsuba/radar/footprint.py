@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import SINC_HALF_POWER
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # pulses that stand for the track

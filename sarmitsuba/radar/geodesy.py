@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_FLATTENING, EARTH_RADIUS
-
-F64 = NDArray[np.float64]
 
 _ECCENTRICITY_SQUARE = EARTH_FLATTENING * (2.0 - EARTH_FLATTENING)
 # Bowring's step gains four digits or more for anything outside of the Earth's core

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # dB: less is said nowhere, more is a note, and from the second on a warning
 NOTED_DB, WARNED_DB = 0.1, 1.0

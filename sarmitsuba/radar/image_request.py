@@ -4,13 +4,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.swath import Box
-
-F64 = NDArray[np.float64]
 
 MAX_PIXELS = 2**30  # of one image plane: 8 GiB
 MAX_CELLS = 2048  # where automatic extents stop unless told: an image of 4096 x 4096 pixels at half a cell

@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 # one delay serves all pulses where that changes slant ranges by less than this share of the wavelength: a straight
 # uniform track is one at reception too, as focusers in the frequency domain want it

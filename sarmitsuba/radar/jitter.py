@@ -1,9 +1,8 @@
 """Random errors that wander: series of a given rms and power spectrum."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def wandering(time: F64, axes: int, rms: float, corner: float, slope: float, seed: int) -> F64:

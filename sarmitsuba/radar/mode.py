@@ -5,16 +5,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import ExtensionError
 from sarmitsuba.parameters import Param, Value
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.path import FlightPath, StraightPath
 from sarmitsuba.radar.track import Track
 from sarmitsuba.registry import Registry
-
-F64 = NDArray[np.float64]
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_GRAVITY, EARTH_RADIUS, EARTH_ROTATION
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.description import RadarInput
@@ -15,8 +15,6 @@ from sarmitsuba.radar.ephemeris import StateVectors
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
-
-F64 = NDArray[np.float64]
 
 # directions from the aim point that are tried before a root is bracketed
 _DIRECTIONS = 720

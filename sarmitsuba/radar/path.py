@@ -4,11 +4,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 
 class FlightPath(ABC):

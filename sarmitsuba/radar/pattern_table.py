@@ -5,13 +5,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.regular_files import read_text
-
-F64 = NDArray[np.float64]
 
 CUTS = ("azimuth", "elevation")
 # nodes per half-power half-width: linear steps between them then err by -99 dB of the peak

@@ -1,14 +1,12 @@
 """Values that are allowed and yet look like a mistake of units: one clear line each."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 # a track that stays within the numbers of longitude and latitude, this high and this slow, is one: rails on which
 # radars creep stand near the ground

@@ -3,15 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 _LONGEST_SEQUENCE = 100_000
 

@@ -4,8 +4,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
@@ -27,7 +28,7 @@ class ReceiveWindow:
     n_samples : samples per pulse of a range-compressed profile
     """
 
-    start_range: NDArray[np.float64]
+    start_range: F64
     sample_spacing: float
     n_samples: int
 
@@ -78,17 +79,17 @@ class Radar:
     window: ReceiveWindow
     channels: tuple[str, ...] = ("VV",)
     look_side: Literal["left", "right"] = "right"
-    aim_point: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    aim_point: F64 = field(default_factory=lambda: np.zeros(3))
     transmit_power: float = 1.0
     noise_temperature: float = 0.0
     losses: float = 1.0
     half_aperture: float = np.inf
-    offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    offset: F64 = field(default_factory=lambda: np.zeros(3))
     recorded: Track | None = None
     recorded_pointing: Pointing | None = None
     receiver: Track | None = None
     receiver_pointing: Pointing | None = None
-    delay: NDArray[np.float64] | None = None
+    delay: F64 | None = None
     anchor: Anchor = field(default_factory=Anchor)
 
     def __post_init__(self) -> None:
@@ -135,7 +136,7 @@ class Radar:
             else (self.pointing, self.receiver_pointing or self.pointing)
         )
 
-    def slant_range(self, point: NDArray[np.float64], pulses: slice = slice(None)) -> NDArray[np.float64]:
+    def slant_range(self, point: F64, pulses: slice = slice(None)) -> F64:
         """Half the path from the transmitter over a point (3,), m, scene frame, to the receiver: (n_pulses,) m."""
         legs = [np.linalg.norm(point - track.position[pulses], axis=-1) for track in self.tracks]
         return np.asarray(legs[0] if len(legs) == 1 else 0.5 * (legs[0] + legs[1]))
@@ -178,7 +179,7 @@ class Radar:
         """
         return self.half_aperture / self.footprint_speed if np.isfinite(self.half_aperture) else np.inf
 
-    def range_rate(self, point: NDArray[np.float64], pulses: slice = slice(None)) -> NDArray[np.float64]:
+    def range_rate(self, point: F64, pulses: slice = slice(None)) -> F64:
         """Change of the slant range of a point (3,), m, scene frame, that stands still: (n_pulses,) m/s."""
         rates = []
         for track in self.tracks:
@@ -237,7 +238,7 @@ class Radar:
         )
 
     @property
-    def across(self) -> NDArray[np.float64]:
+    def across(self) -> F64:
         """Horizontal unit vector perpendicular to the flight direction, on the look side."""
         a = self.track.along
         right = np.array([a[1], -a[0], 0.0])

@@ -4,15 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.recorded import of_same_pulses
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 _OFFSETS = ("receiver_offset_along", "receiver_offset_across", "receiver_offset_up")
 # rad, between the lines of sight to the aim point: what is tested

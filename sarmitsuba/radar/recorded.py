@@ -4,15 +4,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.jitter import wandering
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 _ERRORS = ("track_offset", "track_drift", "track_jitter")
 _JITTER_PARTS = ("track_jitter_corner", "track_jitter_slope", "track_jitter_seed")

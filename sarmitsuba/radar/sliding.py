@@ -5,16 +5,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import Value
 from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.mode import AimGeometry, RadarMode
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.track import Track
-
-F64 = NDArray[np.float64]
 
 # slant ranges up to which a track is looked for on either side of mid-aperture
 _LONGEST = 50.0

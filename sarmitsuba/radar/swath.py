@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import ReceiveWindow
-
-F64 = NDArray[np.float64]
 
 # Free range cells on both sides of the window, for side lobes and interpolation
 _MARGIN_CELLS = 16

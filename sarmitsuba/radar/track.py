@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import one_line
 from sarmitsuba.regular_files import read_text
-
-F64 = NDArray[np.float64]
 
 _FARTHEST = 1e12  # m, of positions in a file
 

@@ -7,8 +7,8 @@ Scene files have the same bounds, in degrees and decibels, beside each parameter
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
@@ -152,14 +152,14 @@ def _check_flight(name: str, track: Track) -> None:
         )
 
 
-def _check_places(name: str, values: NDArray[np.float64]) -> None:
+def _check_places(name: str, values: F64) -> None:
     if not (np.abs(values) <= FARTHEST).all():  # NaN neither
         raise RadarError(
             f"radar: {name} reaches {np.abs(values).max():g} m; at most {FARTHEST:g} m, and finite"
         )
 
 
-def _check_unit(name: str, vectors: NDArray[np.float64]) -> None:
+def _check_unit(name: str, vectors: F64) -> None:
     length = np.linalg.norm(vectors, axis=-1)
     if not (np.abs(length - 1.0) <= _UNIT).all():
         worst = length[np.nanargmax(np.abs(np.nan_to_num(length, nan=1e9) - 1.0))]

@@ -4,12 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.scene.motion import STILL, Motion
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +32,7 @@ class Geometry:
     face_material: I32
     face_group: I32
     mesh_names: tuple[str, ...]
-    mesh_face_offset: NDArray[np.int64]
+    mesh_face_offset: I64
     mesh_convex: tuple[bool, ...] = ()
     mesh_motion: tuple[Motion, ...] = ()
     corner_values: Mapping[str, F64] = field(default_factory=dict)

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import one_line
 
-F64 = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 # m/s and m/s^2; beyond the first a target crosses a range cell within one pulse, beyond the second it is no vehicle

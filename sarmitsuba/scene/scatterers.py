@@ -5,13 +5,11 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import Param, ParamTable
 from sarmitsuba.registry import Registry
-
-F64 = NDArray[np.float64]
 
 
 class ScattererKind:

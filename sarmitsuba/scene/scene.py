@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.geodesy import Anchor
@@ -18,8 +18,6 @@ from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.scene.wires import WireTarget, wire_ends
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

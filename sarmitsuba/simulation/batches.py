@@ -4,9 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from sarmitsuba.arrays import C64
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
@@ -18,8 +16,6 @@ from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
-
-C64 = NDArray[np.complex64]
 
 
 @dataclass(frozen=True)

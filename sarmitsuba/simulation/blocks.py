@@ -11,8 +11,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
@@ -22,9 +22,6 @@ from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
 from sarmitsuba.trace.launch import LaunchGrid
-
-C64 = NDArray[np.complex64]
-F64 = NDArray[np.float64]
 
 # the energy of a path's change between two pulses grows at least as this power of the time between them: one for the
 # edges of shadows, which cross as many scatterers as they have time for, two for glints, less where rays change what

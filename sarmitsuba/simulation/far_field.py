@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
@@ -14,8 +14,6 @@ from sarmitsuba.simulation.sources.kind import passages_of
 from sarmitsuba.simulation.sources.site import VIEW_TURN, Site
 from sarmitsuba.trace.edges import edges_of
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
-
-F64 = NDArray[np.float64]
 
 # slant range over the radius of the target: curvature of the wave is then focused away and hardly turns aspects
 FAR = 1000.0

@@ -8,14 +8,12 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.backend import mi
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.io.journal import Journal, Label
 from sarmitsuba.simulation.statistics import TraceStatistics
-
-C64 = NDArray[np.complex64]
 
 
 class FinishedBlocks:

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_generator, noise_power
@@ -36,9 +36,6 @@ from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import stages_of
-
-C64 = NDArray[np.complex64]
-F64 = NDArray[np.float64]
 
 
 class Imager:
@@ -324,7 +321,7 @@ class Imager:
         """Cells of pulse weights at places (3,), m; the scene is looked at without the beam, all of it lit alike."""
         return azimuth_cells(self.run.scene.radar, self.grid, weights, self.windows[0], lit_alike=True)
 
-    def _passing_antenna(self) -> NDArray[np.float64] | None:
+    def _passing_antenna(self) -> F64 | None:
         """Place of the antenna (3,), m, when its beam passes over the image's centre; None where it does not pass."""
         radar, grid = self.run.scene.radar, self.grid
         middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
@@ -379,9 +376,9 @@ class Imager:
 def spread_points(
     grid: LookGrid,
     look: int,
-    slant_range: NDArray[np.float64],
-    rate: NDArray[np.float64],
-    amplitude: NDArray[np.complex128],
+    slant_range: F64,
+    rate: F64,
+    amplitude: C128,
     wavelength: float,
 ) -> C64:
     """Spread a few paths on the grid of looks, (n_range, n_azimuth) complex64: ``ImageAccumulator`` in NumPy.

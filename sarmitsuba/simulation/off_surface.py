@@ -1,17 +1,15 @@
 """Starts of legs from points that lie on facets: off their planes, on the side that the leg leaves to."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.trace.scene_tables import TraceScene
 
 # m; a point so near a facet lies on it: meshes and heights read from files are hardly more exact
 ON_SURFACE = 1e-3
 
 
-def off_surfaces(
-    trace_scene: TraceScene, position: NDArray[np.float64], away: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def off_surfaces(trace_scene: TraceScene, position: F64, away: F64) -> F64:
     """Starts (n, 3) of legs from points (n, 3) along ``away`` (n, 3), off the facets that the points lie on, m."""
     start = position.copy()
     points, owner = np.unique(position, axis=0, return_inverse=True)
@@ -22,9 +20,7 @@ def off_surfaces(
     return start
 
 
-def _touched_facets(
-    triangles: NDArray[np.float64], point: NDArray[np.float64], reach: float
-) -> NDArray[np.float64]:
+def _touched_facets(triangles: F64, point: F64, reach: float) -> F64:
     """Those of the triangles (n, 3, 3) that lie within ``reach`` of the point, (m, 3, 3), m."""
     near = (triangles.min(axis=1) - reach <= point) & (point <= triangles.max(axis=1) + reach)
     triangles = triangles[near.all(axis=1)]
@@ -44,11 +40,11 @@ def _touched_facets(
 
 
 def _off_planes(
-    triangles: NDArray[np.float64],
-    point: NDArray[np.float64],
-    direction: NDArray[np.float64],
+    triangles: F64,
+    point: F64,
+    direction: F64,
     clearance: float,
-) -> NDArray[np.float64]:
+) -> F64:
     """Steps (n, 3) that take a point off triangles' planes, to the side that each direction (n, 3) points to, m."""
     step = np.zeros_like(direction)
     for _ in range(8 if len(triangles) > 1 else 1):

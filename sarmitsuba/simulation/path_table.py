@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import C128, F64, I32, U8
 from sarmitsuba.backend import dr
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
@@ -26,9 +27,6 @@ from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.source import Launch
 from sarmitsuba.trace.state import RECIPROCAL, REVERSED
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 
 # by the number that a row carries: by physical optics, from a diffuse scatterer straight home, from one back along its
 # own chain of mirrors, from an ideal point, from a diffuse scatterer home through mirrors to a receiver apart, and from
@@ -74,11 +72,11 @@ class PathTable:
     mesh_names: tuple[str, ...]
     material_names: tuple[str, ...]
     pulse: I32
-    kind: NDArray[np.uint8]
+    kind: U8
     order: I32
     length: F64
     range_rate: F64
-    amplitude: NDArray[np.complex128]
+    amplitude: C128
     points: F64
     face: I32
     shape: I32

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
@@ -37,8 +37,6 @@ from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.state import Contribution, Hit, Kernel, RayState
-
-F64 = NDArray[np.float64]
 
 # bounces followed at first, and at most where the last of them still returns too much
 ORDERS, MOST_ORDERS = 8, 128

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.sub_bands import SubBands
@@ -16,9 +16,6 @@ from sarmitsuba.simulation.off_surface import off_surfaces
 from sarmitsuba.trace.leg import Surroundings, antenna_basis, straight_leg
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.slab_coefficients import lets_waves_through
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)

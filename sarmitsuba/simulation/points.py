@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.pulse_motion import InPulse, carrier_range
@@ -22,8 +22,6 @@ from sarmitsuba.simulation.tracing import polarisation_up
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import changes_echoes, echoed
 from sarmitsuba.trace.state import SCATTERER, Contribution
-
-F64 = NDArray[np.float64]
 
 # pulses of one NumPy batch times samples; bounds temporaries to about 100 MB
 _BATCH = 2_000_000
@@ -43,14 +41,14 @@ class PointEcho:
 
     slant_range: F64
     range_rate: F64
-    amplitude: NDArray[np.complex128]
+    amplitude: C128
     legs: tuple[PointLegs, PointLegs]
-    changed: Mapping[str, NDArray[np.complex128]] | None = None
+    changed: Mapping[str, C128] | None = None
 
     @staticmethod
     def of(
         legs: Sequence[PointLegs],
-        amplitude: NDArray[np.complex128],
+        amplitude: C128,
         position: F64,
         velocity: F64,
         antennas: Sequence[tuple[F64, F64]],
@@ -75,7 +73,7 @@ class PointEcho:
         """(n,) 1 where both antennas are seen, else 0."""
         return self.legs[0].seen * self.legs[1].seen
 
-    def channel(self, name: str) -> NDArray[np.complex128]:
+    def channel(self, name: str) -> C128:
         """(n,) complex128, sqrt(W), of a channel, without the phase of the slant range; 0 where hidden."""
         if self.changed is not None:
             return self.changed[name]
@@ -147,7 +145,7 @@ def add_points(
     scene: Scene,
     flags: KernelFlags,
     trace_scene: TraceScene | None,
-    data: NDArray[np.complex64],
+    data: C64,
     layers: Sequence[Layer],
     sub_bands: int = 1,
 ) -> int:

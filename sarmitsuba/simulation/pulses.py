@@ -6,15 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise
 from sarmitsuba.echo.direct import DirectPlan, finish, plan_direct
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
-
-C64 = NDArray[np.complex64]
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
@@ -20,9 +20,6 @@ from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size
 from sarmitsuba.trace.launch import frame_towards, window_of
 from sarmitsuba.trace.scene_tables import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 # screen samples per resolution cell and axis
 _SAMPLES_PER_CELL = 2.0
@@ -98,7 +95,7 @@ class Raster:
         table = np.broadcast_to(one[None, :, None], (len(with_parts(self.scene.materials)), DIFFUSE_NODES, 2))
         return device_array(mi.Float, np.asarray(table, dtype=np.float32))
 
-    def run(self, flags: KernelFlags, cell_azimuth: float) -> NDArray[np.complex64]:
+    def run(self, flags: KernelFlags, cell_azimuth: float) -> C64:
         """Make the image, (n_channels, n_azimuth, n_range) complex64; ``cell_azimuth`` in m."""
         power = self.power(flags)
         scene, grid = self.scene, self.grid
@@ -221,7 +218,7 @@ class Raster:
         amplitude = low + (high - low) * (theta - f32(node))
         return amplitude if water is None else amplitude * water.level(material, angle, -2.0 * d)
 
-    def _pixel(self, leg: mi.Vector3d, antenna: NDArray[np.float64]) -> tuple[mi.Float64, mi.Float64]:
+    def _pixel(self, leg: mi.Vector3d, antenna: F64) -> tuple[mi.Float64, mi.Float64]:
         """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""
         grid, f64 = self.grid, mi.Float64
         along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64))
@@ -240,17 +237,17 @@ class Raster:
         return x, y
 
 
-def _constant(value: NDArray[np.float64], vector: Any, scalar: Any) -> Any:
+def _constant(value: F64, vector: Any, scalar: Any) -> Any:
     return vector(*(dr.opaque(scalar, float(v)) for v in value))
 
 
-def _band(n: int, share: float, window: Window) -> NDArray[np.float64]:
+def _band(n: int, share: float, window: Window) -> F64:
     """Window over the band on n FFT bins; ``share`` is the pixel spacing over the cell."""
     bins = scipy.fft.fftfreq(n) / share  # of the band, -1/2 ... 1/2
     return np.asarray(window(bins), dtype=np.float64)
 
 
-def _speckle(rng: np.random.Generator, spectra: list[NDArray[np.float64]]) -> NDArray[np.complex64]:
+def _speckle(rng: np.random.Generator, spectra: list[F64]) -> C64:
     """Circular complex Gaussian field of unit mean power with the spectrum of the impulse response."""
     shape = (spectra[0].size, spectra[1].size)
     white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]

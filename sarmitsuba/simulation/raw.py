@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw_data import RawData
@@ -134,7 +134,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
 
 
 def _trace(
-    run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], pass_index: int, progress: Progress
+    run: Run, sampling: SamplingPlan, data: C64, pass_index: int, progress: Progress
 ) -> SamplingReport:
     """Fill ``data`` (layers, pulses, samples) block by block."""
     tracer = run.tracer(sampling)
@@ -165,7 +165,7 @@ def _trace(
     )
 
 
-def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64]) -> list[str]:
+def _check_energy(scene: Scene, stats: TraceStatistics, data: C64) -> list[str]:
     """Raise where nothing came back; warn where much was dropped and return the warning's text."""
     if scene.geometry.n_faces and stats.hits == 0 and not scene.points and not scene.has_sources:
         raise RadarError(

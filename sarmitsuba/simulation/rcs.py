@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
@@ -61,14 +62,14 @@ class RcsResult:
     unfinished : (n_directions,) from which some ray was followed to its last bounce
     """
 
-    amplitude: NDArray[np.complex128]
+    amplitude: C128
     channels: tuple[str, ...]
     rays_per_direction: int
     ray_spacing: float
     max_depth: int
     unfinished: NDArray[np.bool_]
 
-    def rcs_dbsm(self, channel: str | None = None) -> NDArray[np.float64]:
+    def rcs_dbsm(self, channel: str | None = None) -> F64:
         """(n_directions,) RCS of all orders summed coherently, dB above 1 m^2."""
         i = self.channels.index(channel) if channel else 0
         total = np.abs(self.amplitude[:, :, i].sum(axis=1)) ** 2
@@ -100,7 +101,7 @@ class BouncesLeft:
 
     @staticmethod
     def of(
-        traced: Callable[[int], NDArray[np.complex128]],
+        traced: Callable[[int], C128],
         depth: int,
         tolerance_db: float = TOLERANCE_DB,
         most: int = MOST_DEPTH,
@@ -150,11 +151,11 @@ def probed(unfinished: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.asarray(rows[:: -(-rows.size // PROBED)])
 
 
-def _energy(power: NDArray[np.float64]) -> NDArray[np.float64]:
+def _energy(power: F64) -> F64:
     return np.asarray(power.sum(axis=0))
 
 
-def _strongest(power: NDArray[np.float64]) -> NDArray[np.float64]:
+def _strongest(power: F64) -> F64:
     return np.asarray(power.max(axis=0))
 
 
@@ -195,7 +196,7 @@ def monostatic_rcs(
     days: float = 0.0,
     most_rays: int = FINE_RAYS,
     sources: Sequence[Source] = (),
-    places: NDArray[np.float64] | None = None,
+    places: F64 | None = None,
     passages: Sequence[Passage] = (),
     progress: Progress = silent,
 ) -> RcsResult:
@@ -280,7 +281,7 @@ def monostatic_rcs(
 
     def traced(
         rows: NDArray[np.intp], depth: int, apart: bool, progress: Progress
-    ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+    ) -> tuple[C128, NDArray[np.bool_]]:
         """Amplitudes of some directions, bounce orders apart or not, and where some ray had all its bounces."""
         n_orders, alive = depth if apart else 1, np.zeros(rows.size, dtype=bool)
         amplitude = np.empty((rows.size, n_orders, len(channels)), dtype=np.complex128)
@@ -343,12 +344,12 @@ def _stop(
     check_traced(np.zeros(0, np.complex64), np.nan, "rcs", names)
 
 
-def _direction(look: NDArray[np.float64], number: int) -> str:
+def _direction(look: F64, number: int) -> str:
     """A direction in words."""
     return "direction ({:.4f}, {:.4f}, {:.4f})".format(*look[number])
 
 
-def _unit_rows(directions: ArrayLike) -> NDArray[np.float64]:
+def _unit_rows(directions: ArrayLike) -> F64:
     """Directions as (n, 3) unit vectors."""
     look = np.atleast_2d(np.asarray(directions, dtype=np.float64))
     if look.ndim != 2 or look.shape[1] != 3 or not np.isfinite(look).all():
@@ -356,7 +357,7 @@ def _unit_rows(directions: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(look / np.linalg.norm(look, axis=1, keepdims=True))
 
 
-def _window(geometry: Geometry, position: NDArray[np.float64], frame: LaunchFrame) -> NDArray[np.float64]:
+def _window(geometry: Geometry, position: F64, frame: LaunchFrame) -> F64:
     """Half extents (2,) of the launch window that holds the bounds of the geometry from every position, m."""
     if not geometry.n_faces:
         return np.zeros(2)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64, I64, U32
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.state import NO_HIT
@@ -15,8 +16,6 @@ from sarmitsuba.trace.state import NO_HIT
 if TYPE_CHECKING:
     from sarmitsuba.trace.kernel import LaneArrays
     from sarmitsuba.trace.state import Contribution, Hit, RayState
-
-F64 = NDArray[np.float64]
 
 
 class Sieve(Protocol):
@@ -172,13 +171,13 @@ class Rows:
     hit_labels : (n_hits, 2) uint32 row of the path's hit before, or ``NO_HIT``, and row of the scene's tables
     """
 
-    labels: NDArray[np.uint32]
+    labels: U32
     lengths: F64
-    amplitudes: NDArray[np.complex64]
+    amplitudes: C64
     hit_point: F64
-    hit_labels: NDArray[np.uint32]
+    hit_labels: U32
 
-    def chains(self, hits: NDArray[np.intp]) -> tuple[F64, NDArray[np.int64]]:
+    def chains(self, hits: NDArray[np.intp]) -> tuple[F64, I64]:
         """Hits of every path, first to last: points (n, most, 3) in m, and rows (n, most) of the scene's tables.
 
         NaN and -1 beyond a path's own.

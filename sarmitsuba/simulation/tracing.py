@@ -5,8 +5,8 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.sub_bands import RangeFilter, SubBands
@@ -30,7 +30,6 @@ from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.surfaces import Surfaces
 from sarmitsuba.trace.tubes.polygon import INNER_UP_TO
 
-F64 = NDArray[np.float64]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
 # phase from ray to ray at the carrier up to which tubes on a facet keep their common sides, rad, where the band is
@@ -201,7 +200,7 @@ class Tracer:
         check_traced(np.zeros(0, np.complex64), np.nan, scene.name, culprit)
 
 
-def _reference_range(radar: Radar, center: NDArray[np.float64]) -> float:
+def _reference_range(radar: Radar, center: F64) -> float:
     """Distance that stands for both legs at a point (3,): of two antennas the geometric mean, m."""
     legs = [float(np.linalg.norm(center - track.center_position)) for track in radar.tracks]
     return legs[0] if len(legs) == 1 else float(np.sqrt(legs[0] * legs[1]))
@@ -227,9 +226,7 @@ def pulse_batch(radar: Radar, states: AntennaStates, frame: LaunchFrame, *, patt
     return replace(batch, receiver=of(*states.receiver, radar.pointings[-1]))
 
 
-def polarisation_up(
-    radar: Radar, center: NDArray[np.float64], antenna: NDArray[np.float64]
-) -> tuple[float, float, float]:
+def polarisation_up(radar: Radar, center: F64, antenna: F64) -> tuple[float, float, float]:
     """Vertical reference of the polarisation basis: the scene's vertical, or across track when looking down."""
     look = center - antenna
     look = look / np.linalg.norm(look)

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
@@ -37,9 +38,6 @@ from sarmitsuba.simulation.sources.kind import passages_of, sources_of
 from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.stage import STAGES
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 # cosine of the elevation below which H and V are taken from the azimuth: the vertical no longer tells them
 STEEP = 1e-3

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
@@ -29,8 +28,6 @@ from sarmitsuba.scene.settings import Method
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
 from sarmitsuba.timing import Clock
-
-F64 = NDArray[np.float64]
 
 # that of the command `render`
 WINDOW = "taylor"

@@ -8,15 +8,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32, U8
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
-
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-U8 = NDArray[np.uint8]
 
 # distance of the radar that is shown, in diameters of the scene
 NEARNESS = 1.1

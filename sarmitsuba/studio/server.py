@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from sarmitsuba.arrays import F32, F64, U8
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.radar.bands import BANDS
@@ -27,8 +27,6 @@ from sarmitsuba.studio.guard import Guard, check_host
 from sarmitsuba.studio.scene_3d import beam_at, bodies, image_plane, track_shown
 from sarmitsuba.view.display import Display, PictureOptions, prepare
 from sarmitsuba.view.quicklook import panel, pixels
-
-F64 = NDArray[np.float64]
 
 AS_IT_IS = "as in the file"
 _LARGEST = 2048  # pixels of the longer side of the image on the ground
@@ -256,7 +254,7 @@ class Studio:
         image = self.view.scene.image
         return _SIZE / max(self.view.scene.geometry.diameter, image.extent_azimuth, image.extent_range)
 
-    def _placed(self, points: F64) -> NDArray[np.float32]:
+    def _placed(self, points: F64) -> F32:
         """Points (..., 3) of the scene as they are shown, about the aim point."""
         assert self.view is not None
         return np.asarray((points - self.view.scene.radar.aim_point) * self._scale, dtype=np.float32)
@@ -289,7 +287,7 @@ def _without_banner() -> AbstractContextManager[object]:
     return redirect_stdout(StringIO())
 
 
-def grey_levels(display: Display) -> NDArray[np.uint8]:
+def grey_levels(display: Display) -> U8:
     """Brightness of every value of a picture, black to white as it is drawn."""
     black, white = display.limits
     share = (np.nan_to_num(display.values, neginf=black) - black) / (white - black)

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
+
 # relative one-way power gain over the sine of the angle off boresight, in the plane of one of the aperture's axes
 Gain = Callable[[F64], F64]
 _NODES = 20001

@@ -1,10 +1,9 @@
 """Echoes that are received elsewhere than they are sent from: ideal points, conducting facets, the line of a corner."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
+from sarmitsuba.arrays import C128, F64
 
 
 def bistatic_range(transmitter: ArrayLike, point: ArrayLike, receiver: ArrayLike) -> F64:

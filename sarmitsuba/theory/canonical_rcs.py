@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import j1, struve
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.theory.half_space import fresnel
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 
 def _sinc(x: ArrayLike) -> F64:

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammaincinv, gammaln, kv, ndtr, roots_hermitenorm
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def k_cdf(intensity: ArrayLike, mean: float, shape: float) -> F64:

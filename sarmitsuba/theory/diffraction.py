@@ -8,11 +8,10 @@ Time convention exp(+j w t). Polarisation: ``soft`` has the electric field along
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import fresnel
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
+from sarmitsuba.arrays import C128, F64
 
 # points of the circle in the complex plane over which functions with removable singularities are averaged, and its
 # radius, rad: the mean over a circle is the value in its middle wherever the function is analytic inside

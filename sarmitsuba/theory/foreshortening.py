@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from sarmitsuba.arrays import F64
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,7 @@ def bridge_returns(
     )
 
 
-def slant_offset(point: ArrayLike, look_direction: ArrayLike) -> NDArray[np.float64]:
+def slant_offset(point: ArrayLike, look_direction: ArrayLike) -> F64:
     """Return the slant range of points relative to the origin for a far antenna, m.
 
     Parameters

@@ -6,9 +6,9 @@ reflected. The package's own coefficients are written otherwise (``materials``, 
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-C128 = NDArray[np.complex128]
+from sarmitsuba.arrays import C128, F64
 
 
 def normal_wavenumber(cos_theta: ArrayLike, permittivity: complex | ArrayLike) -> C128:
@@ -61,7 +61,7 @@ def fresnel(cos_theta: ArrayLike, permittivity: complex | ArrayLike) -> tuple[C1
     return _mismatch(c, q), _mismatch(c, q / eps)
 
 
-def _mismatch(first: NDArray[np.float64], second: C128) -> C128:
+def _mismatch(first: F64, second: C128) -> C128:
     """(first - second) / (first + second), zero where both vanish: no surface, at grazing incidence."""
     total = first + second
     none = total == 0.0

@@ -1,11 +1,11 @@
 """Interferometric phase: what geometry gives, and how it scatters about that."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.integrate import quad
 from scipy.special import gammaln, hyp2f1
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def flat_earth_phase(

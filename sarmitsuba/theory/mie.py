@@ -1,10 +1,10 @@
 """Perfectly conducting sphere: exact Mie series and the physical-optics closed form."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import spherical_jn, spherical_yn
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def sphere_mie(ka: ArrayLike) -> F64:

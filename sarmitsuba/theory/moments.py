@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import lu_factor, lu_solve
 from scipy.special import hankel2, jv
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
+from sarmitsuba.arrays import C128, F64, I64
 
 # Gauss points on each segment, for testing and for sources; the logarithm is integrated in closed form
 POINTS = 4
@@ -18,7 +17,7 @@ FINEST = 0.08
 EULER = 0.5772156649015329
 
 
-def _segments(strips: Sequence[ArrayLike], step: float) -> tuple[F64, F64, list[NDArray[np.int64]]]:
+def _segments(strips: Sequence[ArrayLike], step: float) -> tuple[F64, F64, list[I64]]:
     """Ends (n, 2) of all segments and chains of their numbers; a closed chain has its first segment last again."""
     starts, ends, chains, count = [], [], [], 0
     for strip in strips:

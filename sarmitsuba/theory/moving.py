@@ -1,10 +1,10 @@
 """Where, how sharp and with which phase a radar image shows what moves, for a straight track and a uniform antenna."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import fresnel
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def azimuth_displacement(slant_range: ArrayLike, range_speed: ArrayLike, speed: ArrayLike) -> F64:

@@ -1,12 +1,9 @@
 """Echo of an antenna that moves on during its pulse: exactly, and what standing still for it gets wrong."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 
 def moving_echo(

@@ -7,10 +7,9 @@ Cloude and Pottier, IEEE TGRS 34 (2) 1996 and 35 (1) 1997; Freeman and Durden, I
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
+from sarmitsuba.arrays import C128, F64
 
 # a sphere, a plate or a trihedral; a dihedral whose corner line is horizontal; a dipole along h
 SPHERE: C128 = np.array([[1.0, 0.0], [0.0, 1.0]], dtype=np.complex128)

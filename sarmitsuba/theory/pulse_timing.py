@@ -1,9 +1,9 @@
 """What pulses at uneven times do to the response of an aperture."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def jittered_response(turns: ArrayLike, jitter: float, n_pulses: int) -> F64:

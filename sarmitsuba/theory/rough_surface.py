@@ -7,13 +7,12 @@ rearranged coefficients; here nothing is rearranged, so that an error in either 
 from math import exp, factorial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.integrate import quad
 from scipy.special import j0
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.theory.half_space import fresnel, normal_wavenumber
-
-F64 = NDArray[np.float64]
 
 # terms of the integral-equation series: (2 k s)^2 n / n! is below rounding there for k s up to 1.5
 _TERMS = 60

@@ -6,10 +6,10 @@ Written out anew, sharing no code with the simulator's own sea. References: [E97
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.integrate import simpson
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import C128, F64
 
 # coefficients of CMOD5.N, c1 to c28 [H08]
 _CMOD5N = (
@@ -279,7 +279,7 @@ def coherence(
     deviation: float,
     bragg_frequency: float = 0.0,
     approaching: float = 0.5,
-) -> NDArray[np.complex128]:
+) -> C128:
     r"""Correlation of an ensemble of scatterers with itself a time later.
 
     .. math:: \gamma(\tau) = e^{-2 (k \sigma_v \tau)^2} \bigl(p\, e^{j \Omega \tau} + (1 - p)\, e^{-j \Omega \tau}\bigr)

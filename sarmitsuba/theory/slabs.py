@@ -8,13 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import VACUUM_IMPEDANCE
 from sarmitsuba.theory.half_space import fresnel, normal_wavenumber
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammainc
 from scipy.stats import kstest
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import BOLTZMANN
-
-F64 = NDArray[np.float64]
 
 
 def speckle_cdf(intensity: ArrayLike, mean: float, looks: float = 1.0) -> F64:

@@ -8,14 +8,12 @@ linear system, nothing is expanded: the package's own coefficients are written o
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_toeplitz
 from scipy.special import h2vp, hankel2, jv, jvp
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.theory.half_space import fresnel
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 EULER = 1.7810724179901979  # exp of Euler's constant
 

@@ -4,13 +4,11 @@ Extinction is of power: a wave loses :math:`1 - e^{-\kappa s}` of it on a path s
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import hankel2, jv
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.theory.half_space import fresnel
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 
 def layer_transmission(kappa: ArrayLike, depth: ArrayLike, theta: ArrayLike) -> F64:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.echo.pulse_motion import carrier_range
 from sarmitsuba.trace.device_arrays import device_array
@@ -69,7 +69,7 @@ class GridAccumulator:
         self.window: tuple[mi.Float64, float] | None = None
         self.packet = (mi.Vector2d, mi.Vector4d, mi.ArrayXd)[min(self.padded.bit_length() - 1, 2)]
 
-    def watch(self, start_range: NDArray[np.float64], extent: float) -> None:
+    def watch(self, start_range: F64, extent: float) -> None:
         """Count what falls outside the receive window, though its tails are kept.
 
         Parameters
@@ -153,7 +153,7 @@ class GridAccumulator:
         """Add one contribution; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         raise NotImplementedError
 
-    def grid(self) -> NDArray[np.complex64]:
+    def grid(self) -> C64:
         """(n_slots * n_channels, n_rows, n_columns) complex64 after the launch, channels fastest in the first axis."""
         s, m, n = self.shape
         used = self.memory.numpy()[: 2 * self.padded * s * m * n]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import device_array, mi
 
 
-def vector_rows(rows: NDArray[np.float64]) -> mi.Float64:
+def vector_rows(rows: F64) -> mi.Float64:
     """(n, 3) float64 array as a flat Dr.Jit array to gather 3-vectors from."""
     return device_array(mi.Float64, np.asarray(rows, dtype=np.float64))
 

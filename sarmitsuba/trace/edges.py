@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
@@ -17,8 +18,6 @@ from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.state import Kernel
-
-F64 = NDArray[np.float64]
 
 # longest piece over the wavelength, where no resolution cell asks for less: shadows then end within it
 LONGEST = 2.0

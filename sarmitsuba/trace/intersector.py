@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F32
 from sarmitsuba.backend import mi
 
 
-def intersector(corners: NDArray[np.float32]) -> mi.Scene:
+def intersector(corners: F32) -> mi.Scene:
     """Intersection structure of triangles (n_faces, 3, 3), m.
 
     Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide

@@ -4,10 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-F32 = NDArray[np.float32]
+from sarmitsuba.arrays import F32, F64, U32
 
 # irrational turn of the lattice (rad): no low-order lattice line falls along or across the window's axes
 LATTICE_TURN = 0.5 * (5.0**0.5 - 1.0)
@@ -79,7 +77,7 @@ class LaunchGrid:
         return self.levels or (LatticeLevel(0, self.spacing, (0.0, np.inf)),)
 
     @property
-    def level(self) -> NDArray[np.uint32]:
+    def level(self) -> U32:
         """(n_rays,) number of the level of each ray."""
         first = [level.first for level in self.every_level]
         return np.repeat(np.arange(len(first), dtype=np.uint32), np.diff([*first, self.n_rays]))
@@ -141,13 +139,13 @@ def window_of(points: F64, antenna: F64, frame: LaunchFrame) -> tuple[F64, F64]:
     return np.asarray(xy.min(axis=0)), np.asarray(xy.max(axis=0))
 
 
-def _spread_bits(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
+def _spread_bits(v: U32) -> U32:
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
         v = np.asarray((v | (v << np.uint32(shift))) & np.uint32(mask), dtype=np.uint32)
     return v
 
 
-def morton(x: F64, y: F64, half: float) -> NDArray[np.uint32]:
+def morton(x: F64, y: F64, half: float) -> U32:
     """Keys that sort points of the square ``|x|, |y| <= half`` so that neighbours in memory are near in space."""
     cell = 2.0 * half / 65535.0
     return np.asarray(

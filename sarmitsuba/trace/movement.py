@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I64, U32
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.scene.motion import Motion
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.geometry import Geometry
 
-F64 = NDArray[np.float64]
 # numbers of a motion's row: displacement and a zero, velocity and a zero
 ROW = 8
 # cosine of incidence down to which a shadow boundary moves as fast as it does
@@ -36,7 +36,7 @@ class Movers:
     """
 
     motions: tuple[Motion, ...]
-    number: NDArray[np.uint32]
+    number: U32
     triangles: F64
     time: float
     face_number: mi.UInt32
@@ -67,7 +67,7 @@ class Movers:
         offset = np.stack([motion.displacement(self.time) for motion in self.motions])
         return np.asarray(self.triangles + offset[self.number][:, None])
 
-    def apart(self, vertex: NDArray[np.int64]) -> NDArray[np.int64]:
+    def apart(self, vertex: I64) -> I64:
         """Labels (3 n_faces,) of corners, such that faces which move differently share none."""
         label = vertex * len(self.motions) + np.repeat(self.number, 3)
         return np.asarray(np.unique(label, return_inverse=True)[1].reshape(-1), dtype=np.int64)

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, U32
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.mesh.surface_samples import SurfaceSamples
 from sarmitsuba.trace.device_arrays import vector_rows
@@ -30,8 +31,6 @@ from sarmitsuba.trace.propagation import hit_point
 from sarmitsuba.trace.scattering_matrix import diffuse_lookup
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import mix
-
-F64 = NDArray[np.float64]
 
 # bits of a key in a random number
 BITS = 24
@@ -57,7 +56,7 @@ class SurfacePairs:
     normal: F64
     face: NDArray[np.intp]
     weight: F64
-    key: NDArray[np.uint32]
+    key: U32
     clutter: float
     cross: float = 0.0
 
@@ -108,7 +107,7 @@ def _search(
     samples: SurfaceSamples,
     index: NDArray[np.intp],
     normal: F64,
-    key: NDArray[np.uint32],
+    key: U32,
     views: F64,
     cell: float,
     box: F64,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.scene.scatterers import ScattererKind
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
@@ -80,7 +80,7 @@ class Reflectors(Scatterers):
 
     kind: Reflector
     targets: Sequence[ScattererTarget]
-    weights: NDArray[np.float64]
+    weights: F64
 
     @property
     def n(self) -> int:  # type: ignore[override]

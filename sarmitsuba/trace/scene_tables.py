@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.arrays import F32, F64, I64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
@@ -83,12 +84,12 @@ class TraceScene:
     forms: frozenset[Bistatic]
     spectrum_table: mi.Float | None
     correction_table: mi.Float | None
-    bounds: NDArray[np.float64]
+    bounds: F64
     n_faces: int
     curvature_table: mi.Float | None
-    needs: tuple[NDArray[np.float64], NDArray[np.float64]]
-    triangles: NDArray[np.float64]
-    piece: NDArray[np.int64]
+    needs: tuple[F64, F64]
+    triangles: F64
+    piece: I64
     geometry_faces: NDArray[np.intp]
     surfaces: SurfaceTables | None = None
     movers: Movers | None = None
@@ -96,7 +97,7 @@ class TraceScene:
     passages: tuple[Passage, ...] = ()
     water: WaterTables | None = None
     slabs: SlabTables | None = None
-    beside: NDArray[np.float64] | None = None
+    beside: F64 | None = None
 
     @property
     def extent(self) -> float:
@@ -222,8 +223,8 @@ def build_trace_scene(
     geometry: Geometry,
     materials: tuple[Material, ...],
     wavelength: float,
-    antenna: NDArray[np.float64] | None = None,
-    places: NDArray[np.float64] | None = None,
+    antenna: F64 | None = None,
+    places: F64 | None = None,
     seed: int = 0,
 ) -> TraceScene:
     """Build the intersection structure and the tables of a scene.
@@ -317,7 +318,7 @@ def build_trace_scene(
     )
 
 
-def _joined(bounds: NDArray[np.float64], other: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def _joined(bounds: F64, other: F64 | None) -> F64:
     """Bounds (2, 3) of both."""
     if other is None:
         return bounds
@@ -328,8 +329,8 @@ def _with_places(
     geometry: Geometry,
     materials: tuple[Material, ...],
     wavelength: float,
-    antenna: NDArray[np.float64] | None,
-    places: NDArray[np.float64],
+    antenna: F64 | None,
+    places: F64,
     seed: int,
     visible: bool,
 ) -> TraceScene:
@@ -359,7 +360,7 @@ def _with_places(
     )
 
 
-def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _packed(triangles: F64) -> F64:
     """Rows (n_faces, 3, 4) of the face table."""
     v0, v1, v2 = (triangles[:, i] for i in range(3))
     e1, e2 = v1 - v0, v2 - v0
@@ -368,7 +369,7 @@ def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.column_stack([a, normal[:, i]]) for i, a in enumerate((v0, e1, e2))], axis=1)
 
 
-def _bounds(corners: NDArray[np.float32]) -> NDArray[np.float64]:
+def _bounds(corners: F32) -> F64:
     return np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64)
 
 

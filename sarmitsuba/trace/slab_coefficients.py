@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F32, F64, U32
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import VACUUM_IMPEDANCE
 from sarmitsuba.materials.slab import lets_through
@@ -45,17 +46,17 @@ class SlabTables:
     """
 
     table: mi.Float
-    thickness: NDArray[np.float64]
-    facet_depth: NDArray[np.float64]
-    material: NDArray[np.uint32]
-    triangles: NDArray[np.float64]
+    thickness: F64
+    facet_depth: F64
+    material: U32
+    triangles: F64
 
     @staticmethod
     def of(
         materials: tuple[Material, ...],
         wavelength: float,
-        material: NDArray[np.uint32],
-        triangles: NDArray[np.float64],
+        material: U32,
+        triangles: F64,
     ) -> SlabTables | None:
         """Slabs among the materials of a scene's faces; None where there is none."""
         if not np.array([_is_slab(m) for m in materials])[material].any():
@@ -71,7 +72,7 @@ class SlabTables:
         passes = np.array(self.table).reshape(-1, 4)[:, 2] > 0.0
         return replace(self, table=device_array(mi.Float, _rows(materials, passes, wavelength)))
 
-    def at(self, triangles: NDArray[np.float64]) -> SlabTables:
+    def at(self, triangles: F64) -> SlabTables:
         """The same with the faces elsewhere."""
         return replace(self, triangles=triangles)
 
@@ -173,9 +174,7 @@ def _is_slab(material: Material) -> bool:
     return material.thickness > 0.0 and not material.pec
 
 
-def _rows(
-    materials: tuple[Material, ...], passes: NDArray[np.bool_], wavelength: float
-) -> NDArray[np.float32]:
+def _rows(materials: tuple[Material, ...], passes: NDArray[np.bool_], wavelength: float) -> F32:
     """Rows of the table of :class:`SlabTables`; ``passes`` (n_materials,) that let waves through."""
     rows = np.zeros((len(materials), 4), dtype=np.float32)
     for i, m in enumerate(materials):

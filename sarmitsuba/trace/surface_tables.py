@@ -9,6 +9,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F32, F64, I32, I64, U32
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.materials.texture import FIELD_LIMIT, QUANTILE_NODES, Bitmap, node_spacing, texture_amplitudes
 from sarmitsuba.trace.device_arrays import device_array
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from sarmitsuba.materials.material import Material
     from sarmitsuba.scene.geometry import Geometry
 
-F64 = NDArray[np.float64]
-U32 = NDArray[np.uint32]
 # bits that say how a bitmap goes on beyond its edges, and between its texels
 _REPEAT, _SMOOTH = 1, 2
 _ROOT_2 = 1.4142135623730951
@@ -167,8 +166,8 @@ class BitmapLayer:
         bitmaps: Sequence[Bitmap | None],
         triangles: F64,
         corners: Mapping[str, F64],
-        face_material: NDArray[np.int32],
-        texels_of: Callable[[NDArray[np.float64] | NDArray[np.int64], int], NDArray[np.float32] | U32],
+        face_material: I32,
+        texels_of: Callable[[F64 | I64, int], F32 | U32],
         own: float | U32,
         kind: type[mi.Float] | type[mi.UInt32],
     ) -> BitmapLayer | None:

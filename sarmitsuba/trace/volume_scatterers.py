@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, U32
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.materials.vegetation.medium import NODES
 from sarmitsuba.trace import field
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.volumes import Volume
     from sarmitsuba.trace.state import Kernel
 
-F64 = NDArray[np.float64]
-U32 = NDArray[np.uint32]
 Pair: TypeAlias = "tuple[mi.Float, mi.Float]"
 # both weights of a volume: from its number, that of its medium, and the lanes that ask
 Weigh: TypeAlias = "Callable[[mi.UInt32, mi.UInt32, mi.Bool], Pair]"

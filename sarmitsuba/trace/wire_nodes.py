@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.materials.cylinder import NUMBERS, cylinder_table
 from sarmitsuba.trace import field
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.wires import WireTarget
     from sarmitsuba.trace.state import Kernel
 
-F64 = NDArray[np.float64]
 
 # rad; two-way phase by which a node's half of a spline, seen from an antenna near by, may differ from the plane wave's
 # at its end. Its mean over the spline is a sixth of that: -50 dB

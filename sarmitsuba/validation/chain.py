@@ -6,8 +6,9 @@ from contextlib import contextmanager
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.chirp import to_chirped
 from sarmitsuba.errors import SarmitsubaWarning
@@ -27,7 +28,6 @@ from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
 
-F64 = NDArray[np.float64]
 # of ``sar_antenna`` and ``range_film``, as a scene file gives them
 Parameter = float | str | bool
 Method = Literal["backprojection", "omega_k"]

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
+
 # topics in the order of the page, with their headings
 # Kolmogorov's critical distance at 99.9 %, times the square root of the number of samples
 CONFIDENCE, CRITICAL_DISTANCE = 0.999, 1.9495

@@ -11,8 +11,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.errors import OutputError
@@ -22,8 +22,6 @@ from sarmitsuba.trace.edges import FringeCurrents, edges_of
 from sarmitsuba.trace.source import PointSource, Source
 from sarmitsuba.validation import targets
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 CHANNELS = ("HH", "HV", "VV")
 # distances from a scene's peak, dB, between which the simulator is judged
 BELOW_PEAK = (0.0, 3.0, 10.0, 20.0, 30.0, 80.0)

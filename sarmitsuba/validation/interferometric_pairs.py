@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import Interferogram, interferogram, second_pass
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw_data import RawData
@@ -21,7 +21,6 @@ from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import Parameter, make_scene, unwarned
 from sarmitsuba.validation.comparison import CRITICAL_DISTANCE, Comparison
 
-F64 = NDArray[np.float64]
 ROUGH = Material(
     "rough", permittivity=5.0 - 0.5j, diffuse_law="constant", diffuse_level_db=-8.0, rms_height=0.05
 )

@@ -1,8 +1,8 @@
 """Mean echo of a rough patch alone, through the kernel in the far field."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
@@ -11,7 +11,6 @@ from sarmitsuba.validation.band_sampling import (
     X_BAND,
 )
 
-F64 = NDArray[np.float64]
 # edge of a scatterer cell in the far-field tracer, m
 CELL = 1.0
 RAYS_PER_CELL = 4.0

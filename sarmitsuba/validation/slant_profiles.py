@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.material import Material
@@ -14,7 +14,6 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import Parameter, make_scene, track_distance
 
-F64 = NDArray[np.float64]
 # meshes and the material of each
 Part = tuple[list[targets.Mesh], list[int]]
 HEIGHT, WIDTH, LENGTH = 12.0, 9.0, 64.0

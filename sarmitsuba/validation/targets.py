@@ -3,16 +3,15 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import cylinder as cylinder_mesh
 from sarmitsuba.mesh.tessellate import disk as disk_mesh
 from sarmitsuba.mesh.tessellate import sphere as sphere_mesh
 from sarmitsuba.scene.geometry import Geometry
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 Mesh = tuple[F64, I32]
 PEC = (Material("pec", pec=True),)
 # relative permittivities at X band: ITU-R P.2040-3 concrete (5.24, 0.271 S/m at 9.6 GHz), moist soil, water, a

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-F64 = NDArray[np.float64]
 
 _COLUMNS = 4
 _REFERENCE, _MEASURED, _TOLERANCE = "0.45", "tab:red", "0.88"

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.quality.looks import spectral_looks
+from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means
@@ -17,7 +17,6 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.units import db_from_power
 
-F64 = NDArray[np.float64]
 Quantity = Literal["sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
 

@@ -9,12 +9,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
+from sarmitsuba.arrays import F64
 from sarmitsuba.units import db_from_power
-
-F64 = NDArray[np.float64]
 
 _CYCLIC = "hsv"
 # amplitude under the fringes: black this far below white, dB; white at this percentile

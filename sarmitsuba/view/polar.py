@@ -6,11 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
-
-F64 = NDArray[np.float64]
 
 # deg; a smaller sweep is a sliver in polar axes
 POLAR_FROM = 90.0

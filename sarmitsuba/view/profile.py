@@ -4,8 +4,8 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.calibration import Quantity, backscatter
 from sarmitsuba.image.sar_image import SarImage
@@ -19,7 +19,7 @@ def cut(
     at: float | None = None,
     channel: str | None = None,
     quantity: Quantity = "rcs",
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+) -> tuple[F64, F64, float]:
     """Return position along the cut (n,) m, power (n,) dB, and where the cut lies on the other axis, m.
 
     Parameters

@@ -12,8 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.text import Annotation
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import U8
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
@@ -126,7 +126,7 @@ def panel(image: SarImage, options: PictureOptions | None = None, *, width: floa
     return figure
 
 
-def pixels(figure: Figure) -> NDArray[np.uint8]:
+def pixels(figure: Figure) -> U8:
     """A figure as (rows, columns, 3) uint8, red, green and blue, first row on top."""
     canvas, buffer = FigureCanvasAgg(figure), BytesIO()
     canvas.print_figure(buffer, format="rgba", dpi=figure.dpi)

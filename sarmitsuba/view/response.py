@@ -4,17 +4,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.quality.carrier import Carrier
 from sarmitsuba.analysis.quality.image_report import QualityReport
 from sarmitsuba.analysis.quality.point_quality import PointQuality
+from sarmitsuba.arrays import F64
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import PictureOptions
 from sarmitsuba.view.quicklook import draw
-
-F64 = NDArray[np.float64]
 
 _MOST = 6  # points whose response is drawn
 _FLOOR_DB = -50.0

@@ -32,6 +32,7 @@ FLOORS = (
     ("radar",),
     ("theory",),
     (
+        "arrays",
         "backend",
         "constants",
         "errors",
@@ -60,7 +61,7 @@ APART = (
     "sarmitsuba.trace.tubes",
 )
 # closed forms share no code with what they check
-THEORY_MAY = {"theory", "constants", "units"}
+THEORY_MAY = {"theory", "arrays", "constants", "units"}
 # rooms that may take them; tests, benchmarks and pages may too
 THEORY_USERS = {"theory", "validation"}
 

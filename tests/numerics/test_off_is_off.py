@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import Motion, PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
+from sarmitsuba.arrays import C64
 from sarmitsuba.backend import dr
 from sarmitsuba.radar.film import FilmDescription
 
@@ -38,7 +38,7 @@ def scene_of(radar: RadarDescription = RADAR, motion: Motion | None = None, **se
     return scene.replace(**settings) if settings else scene
 
 
-def run(scene: Scene) -> tuple[NDArray[np.complex64], set[str]]:
+def run(scene: Scene) -> tuple[C64, set[str]]:
     """Raw data, and the kernels that made them."""
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()

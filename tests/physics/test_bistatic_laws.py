@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
@@ -23,9 +23,6 @@ from sarmitsuba.trace.scattering_matrix import ScatteringMatrix
 from sarmitsuba.trace.scene_tables import build_trace_scene
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.targets import geometry, parallelogram
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

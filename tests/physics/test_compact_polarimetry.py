@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import RadarError
@@ -35,7 +35,7 @@ ROUGH = Material(
 SENT = {"R": (1.0, 1j), "L": (1.0, -1j), "D": (1.0, 1.0)}
 
 
-def combined(quad: NDArray[np.complex128], channel: str) -> NDArray[np.complex128]:
+def combined(quad: C128, channel: str) -> C128:
     """A compact channel from HH, HV, VH, VV in the last axis."""
     h, v = SENT[channel[0]]
     column = "HV".index(channel[1])
@@ -65,7 +65,7 @@ def test_compact_channels_are_sums_of_the_linear_ones(seed: int, depth: int) -> 
         [np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.full(4, np.cos(theta))], axis=-1
     )
 
-    def traced(channels: tuple[str, ...]) -> NDArray[np.complex128]:
+    def traced(channels: tuple[str, ...]) -> C128:
         flags = KernelFlags(channels=channels, antenna_pattern=False, taper=False, multi_bounce=depth > 1)
         result = monostatic_rcs(
             shape,

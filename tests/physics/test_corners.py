@@ -2,17 +2,15 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import full_wave, targets
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 WAVELENGTH = 0.03
 FREQUENCY = SPEED_OF_LIGHT / WAVELENGTH
 FOUR = ("HH", "HV", "VH", "VV")

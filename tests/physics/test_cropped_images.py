@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import FilmDescription, RadarDescription, Scene, SceneMesh, SceneVolume, build_scene, focus
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.focusing.ideal import ideal_echoes
 from sarmitsuba.image.sar_image import SarImage
@@ -25,7 +25,6 @@ from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.sampling.launch_window import launch_windows
 
-F64 = NDArray[np.float64]
 CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)
 MODES = ("spotlight", "stripmap", "sliding_spotlight")
 SEEDS = [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 24))]
@@ -73,14 +72,14 @@ def film(extent: float) -> FilmDescription:
     )
 
 
-def middle(image: SarImage, half: float) -> NDArray[np.complex64]:
+def middle(image: SarImage, half: float) -> C64:
     """Pixels up to ``half`` (m) from the image's middle."""
     grid = image.grid
     rows, columns = (np.abs(axis - 0.5 * (axis[0] + axis[-1])) < half for axis in (grid.azimuth, grid.range))
     return image.total()[rows][:, columns]
 
 
-def error_db(found: NDArray[np.complex64], wanted: NDArray[np.complex64]) -> float:
+def error_db(found: C64, wanted: C64) -> float:
     """Power of the difference over that of what is wanted, dB."""
     return float(10.0 * np.log10((np.abs(found - wanted) ** 2).sum() / (np.abs(wanted) ** 2).sum()))
 

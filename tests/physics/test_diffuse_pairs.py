@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, load_scene, simulate, theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, ensure_backend
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import Decision
@@ -27,8 +28,6 @@ from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation import targets
-
-F64 = NDArray[np.float64]
 
 WAVELENGTH, FAR = 0.03, 2e3
 # of a pane whose TE and TM differ little

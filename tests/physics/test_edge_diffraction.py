@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, focus, load_scene, simulate, theory
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.materials.material import Material
@@ -22,7 +22,6 @@ from sarmitsuba.trace.edges import LONGEST, FringeCurrents, edges_of
 from sarmitsuba.trace.source import PointSource
 from sarmitsuba.validation import targets
 
-F64 = NDArray[np.float64]
 # the plates' own notes that they are black but for their edges
 pytestmark = pytest.mark.filterwarnings("ignore:.*no material has a diffuse law")
 WAVELENGTH = 0.03
@@ -71,7 +70,7 @@ class Drawn:
         parts = (rest * np.cos(phi), rest * np.sin(phi), along)
         return sum(a[:, None] * u for a, u in zip(parts, (self.inward, self.normal, edge), strict=True))
 
-    def across(self, rng: np.random.Generator, u: F64) -> NDArray[np.complex128]:
+    def across(self, rng: np.random.Generator, u: F64) -> C128:
         e = rng.normal(size=(self.n, 3)) + 1j * rng.normal(size=(self.n, 3))
         e -= u * np.sum(u * e, axis=1, keepdims=True)
         return e / np.linalg.norm(e, axis=1, keepdims=True)
@@ -79,7 +78,7 @@ class Drawn:
     def wedges(self) -> Iterator[theory.WedgeFrame]:
         return (theory.WedgeFrame(*w) for w in zip(self.angle, self.inward, self.normal, strict=True))
 
-    def kernel(self, length: float, wavelength: float = WAVELENGTH) -> NDArray[np.complex128]:
+    def kernel(self, length: float, wavelength: float = WAVELENGTH) -> C128:
         """What the scatterers return."""
         ensure_backend()
         faces = [wedge.faces for wedge in self.wedges()]
@@ -98,7 +97,7 @@ class Drawn:
         )
         return np.asarray(got.real) + 1j * np.asarray(got.imag)
 
-    def closed(self) -> NDArray[np.complex128]:
+    def closed(self) -> C128:
         """The same by the closed form in float64, per metre."""
         ways = zip(self.source, self.observer, self.field, self.receive, strict=True)
         return np.array(
@@ -327,7 +326,7 @@ def unit_across(scene: Scene) -> F64:
     return look / np.linalg.norm(look)
 
 
-def raw_and_kernels(scene: Scene) -> tuple[NDArray[np.complex64], set[str]]:
+def raw_and_kernels(scene: Scene) -> tuple[C64, set[str]]:
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
         data = simulate(scene, seed=1).data

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
@@ -19,13 +19,12 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene, run_pilot
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
-F64 = NDArray[np.float64]
 PEC = Material("pec", pec=True)
 SOIL = Material(
     "soil", permittivity=5.0 - 0.5j, rms_height=0.02, diffuse_law="constant", diffuse_level_db=-15.0
 )
 
-Mesh = tuple[F64, NDArray[np.int32], int]  # vertices, faces, material number
+Mesh = tuple[F64, I32, int]  # vertices, faces, material number
 
 
 def quad(a: list[float], b: list[float], c: list[float], d: list[float], material: int) -> Mesh:

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.beam_edge import beam_edge_warning
@@ -62,7 +62,7 @@ def ground(
     )
 
 
-def bands(image: SarImage, n: int = 4) -> NDArray[np.float64]:
+def bands(image: SarImage, n: int = 4) -> F64:
     """Mean sigma0 of bands of rows over the truth, linear."""
     sigma0 = image.sigma0()[2:-2, 4:-4] / 10 ** (0.1 * SIGMA0_DB)
     return np.array([part.mean() for part in np.array_split(sigma0, n, axis=0)])
@@ -82,7 +82,7 @@ def bands(image: SarImage, n: int = 4) -> NDArray[np.float64]:
 def test_flat_ground_is_level(mode: str, pattern: str, extent: float, squint: float) -> None:
     # Rationale: sigma0 is what the material was given, on every row. Tracks of one point's aperture and one azimuth
     # cell for all rows made the outer quarters of the beams' images 5 dB too bright.
-    found: dict[str, list[NDArray[np.float64]]] = {}
+    found: dict[str, list[F64]] = {}
     for seed in range(2):
         raw = simulate(ground(mode, pattern, extent, seed=seed, squint=squint))
         for focuser in ("backprojection", "omega_k"):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.loader.build import SceneMesh, build_scene
@@ -40,7 +41,7 @@ class Draw:
     """A radar, a place for its image, and the windows."""
 
     radar: RadarDescription
-    center: NDArray[np.float64]
+    center: F64
     cell: float
     grid: str
     windows: tuple[str, str]
@@ -109,14 +110,12 @@ def cloud(rng: np.random.Generator, made: Draw, n: int) -> tuple[PointTarget, ..
     )
 
 
-def exact(
-    radar: Radar, points: tuple[PointTarget, ...], pixels: NDArray[np.float64], windows: tuple[str, str]
-) -> NDArray[np.complex128]:
+def exact(radar: Radar, points: tuple[PointTarget, ...], pixels: F64, windows: tuple[str, str]) -> C128:
     """Sum over band and pulses, pixel by pixel: what backprojection converges to, without any of its code."""
     track, pointing, wave = radar.track, radar.pointing, radar.waveform
     forward = track.velocity / np.linalg.norm(track.velocity, axis=1)[:, None]
 
-    def seen(places: NDArray[np.float64], of: slice) -> tuple[NDArray[np.float64], ...]:
+    def seen(places: F64, of: slice) -> tuple[F64, ...]:
         """Distance, gain and sine off the boresight along the flight, (places, pulses)."""
         line = places[:, None] - track.position[of]
         distance = np.linalg.norm(line, axis=-1)

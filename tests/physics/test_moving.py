@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import FilmDescription, RadarDescription, SceneMesh, Track, build_scene, focus, simulate
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import dr
 from sarmitsuba.errors import RadarError
 from sarmitsuba.image.metrics import point_target_in
@@ -26,7 +26,6 @@ from sarmitsuba.simulation.run import Run
 from sarmitsuba.theory import moving as theory
 from sarmitsuba.validation import targets
 
-F64 = NDArray[np.float64]
 RANGE, SPEED = 1500.0, 80.0
 PEC = "pec"
 ROUGH = {"material": "concrete", "diffuse_law": "constant", "diffuse_level_db": 0.0}
@@ -34,7 +33,7 @@ ROUGH = {"material": "concrete", "diffuse_law": "constant", "diffuse_level_db": 
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 
 
-def error_db(data: NDArray[np.complex64], truth: NDArray[np.complex64]) -> float:
+def error_db(data: C64, truth: C64) -> float:
     ratio = np.sum(np.abs(data - truth) ** 2) / np.sum(np.abs(truth) ** 2)
     return float(10.0 * np.log10(max(ratio, 1e-30)))
 

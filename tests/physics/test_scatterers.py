@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.loader.library import resolve, resolve_radar
@@ -23,7 +24,6 @@ from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Contribution
 from sarmitsuba.trace.surfaces import Surfaces
 
-F64 = NDArray[np.float64]
 LEVEL_DB = -10.0
 SIGMA0 = 10.0 ** (LEVEL_DB / 10.0)
 # resolution of the radar of these scenes, m: what "cell" is here
@@ -346,7 +346,7 @@ def two_passes(seed: int, share: float, cells: tuple[float, float] = (0.0, 0.0))
     return _fringe_sum(product) / energy, float(count)
 
 
-def _fringe_sum(product: NDArray[np.complex64]) -> float:
+def _fringe_sum(product: C64) -> float:
     """Largest magnitude of the sum over an image with a plane of phase removed."""
     rows, columns = np.indices(product.shape)
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import (
     Motion,
@@ -18,6 +17,7 @@ from sarmitsuba import (
     simulate,
     theory,
 )
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
@@ -172,7 +172,7 @@ PLATE = targets.parallelogram([0, -0.25, -0.25], [0, 0.5, 0], [0, 0, 0.5])
 
 def amplitude(
     meshes: Sequence[targets.Mesh], materials: tuple[Material, ...], numbers: list[int], depth: int = 1
-) -> NDArray[np.complex128]:
+) -> C128:
     result = monostatic_rcs(
         targets.geometry(meshes, numbers),
         materials,
@@ -262,7 +262,7 @@ def scene_of(*shapes: SceneMesh, ground: bool = True) -> Scene:
     return build_scene([*meshes, *shapes], radar=RADAR, film=FILM)
 
 
-def wall(x: float, y: float, width: float, low: float, high: float) -> NDArray[np.float64]:
+def wall(x: float, y: float, width: float, low: float, high: float) -> F64:
     return np.array([[x, y, low], [x, y + width, low], [x, y + width, high], [x, y, high]])
 
 
@@ -277,7 +277,7 @@ def test_a_pane_aside_changes_nothing_else() -> None:
     assert np.linalg.norm(with_it - blocked) < 0.1 * np.linalg.norm(blocked)
 
 
-def kernels(scene: Scene) -> tuple[NDArray[np.complex64], set[str]]:
+def kernels(scene: Scene) -> tuple[C64, set[str]]:
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
         data = simulate(scene, seed=1).data
@@ -320,7 +320,7 @@ def test_the_plan_says_why() -> None:
 class Isotropic(Scatterers):
     """Returns what it gets: sqrt(rcs) q . e."""
 
-    def __init__(self, points: NDArray[np.float64]) -> None:
+    def __init__(self, points: F64) -> None:
         self.n, self.points = len(points), points
 
     def point(self, index: mi.UInt32) -> mi.Vector3d:
@@ -344,7 +344,7 @@ def test_scatterers_that_no_ray_finds_are_seen_through_panes(monkeypatch: pytest
     pane = SceneMesh(wall(0.0, -8.0, 16.0, 0.0, 9.0), FACES, GLAZED, "pane")
     place = np.array([[2.0, 0.5, 1.0]])
 
-    def echo(scene: Scene) -> NDArray[np.complex64]:
+    def echo(scene: Scene) -> C64:
         found = []
         for sources in ((), (PointSource(Isotropic(place)),)):
 

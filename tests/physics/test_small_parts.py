@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
@@ -13,8 +13,6 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 SPEED_OF_LIGHT = 299_792_458.0
 FREQUENCY, BANDWIDTH, RANGE, LOOK = 9.65e9, 300e6, 10e3, np.radians(35.0)
 

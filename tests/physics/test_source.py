@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation import run, tracing
@@ -27,7 +27,7 @@ FILM = FilmDescription(image_extent_azimuth=20.0, image_extent_range=20.0)
 class Isotropic(Scatterers):
     """Returns what it gets, ``S`` the unit dyad across the line of sight: sqrt(rcs) q . e in backscatter."""
 
-    def __init__(self, points: NDArray[np.float64]) -> None:
+    def __init__(self, points: F64) -> None:
         self.n, self.points = len(points), points
 
     def point(self, index: mi.UInt32) -> mi.Vector3d:
@@ -67,7 +67,7 @@ def scene_of(
     return build_scene([SceneMesh(GROUND, FACES, "pec", "ground")], points, radar=radar, film=FILM)
 
 
-def raw(scene: Scene, monkeypatch: pytest.MonkeyPatch, *sources: Source) -> NDArray[np.complex64]:
+def raw(scene: Scene, monkeypatch: pytest.MonkeyPatch, *sources: Source) -> C64:
     def given(site: Site) -> tuple[Source, ...]:
         return sources
 
@@ -120,11 +120,11 @@ def test_over_a_conducting_ground_the_images_add(monkeypatch: pytest.MonkeyPatch
 class Halfway(Isotropic):
     """An isotropic scatterer at the mean range of a point and its image."""
 
-    def __init__(self, place: NDArray[np.float64], below: NDArray[np.float64]) -> None:
+    def __init__(self, place: F64, below: F64) -> None:
         super().__init__(0.5 * (place + below)[None])
 
 
-def vertical_between(scene: Scene, place: NDArray[np.float64]) -> float:
+def vertical_between(scene: Scene, place: F64) -> float:
     """Product of the vertical unit vectors of the straight way and of the one over the ground, at the scatterer."""
     radar = scene.radar.track.center_position
     there = radar - place

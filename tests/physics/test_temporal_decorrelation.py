@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import C128
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.echo.noise import noise_generator
 from sarmitsuba.effects.plan import plan_effects
@@ -23,7 +23,6 @@ from sarmitsuba.trace.speckle import gaussian, mix
 from sarmitsuba.trace.temporal import Age
 from sarmitsuba.validation import targets
 
-C128 = NDArray[np.complex128]
 # scatterers, every one with a key of its own
 N = 2**18
 # tol: five standard errors of the mean of N products of two unit Gaussians

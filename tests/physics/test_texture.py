@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import Motion, Scene, SceneMesh, build_scene, simulate
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import dr
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
@@ -40,7 +40,7 @@ FIELD = replace(
 FACES = [[0, 1, 2], [0, 2, 3]]
 
 
-def square(half: float = SIZE, height: float = 0.0, slope: float = 0.0) -> NDArray[np.float64]:
+def square(half: float = SIZE, height: float = 0.0, slope: float = 0.0) -> F64:
     x, y = half * np.array([-1.0, 1.0, 1.0, -1.0]), half * np.array([-1.0, -1.0, 1.0, 1.0])
     return np.column_stack([x, y, height + slope * x])
 
@@ -64,7 +64,7 @@ def chessboard(*materials: Material, placement: Any = None) -> Material:
     return replace(materials[0], name="board", maps=SurfaceMaps(classes=ClassMap(bitmap, materials)))
 
 
-def run(scene: Scene) -> tuple[NDArray[np.complex64], set[str]]:
+def run(scene: Scene) -> tuple[C64, set[str]]:
     """Raw data, and the kernels that made them."""
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
@@ -77,7 +77,7 @@ def difference_db(a: Any, b: Any) -> float:
     return float(20.0 * np.log10(np.linalg.norm(a - b) / np.linalg.norm(b) + 1e-30))
 
 
-def looks(image: SarImage, edge: float, origin: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+def looks(image: SarImage, edge: float, origin: F64 | None = None) -> F64:
     """Mean sigma0 of squares of the scene, (n, n), whatever the image's axes."""
     points = image.grid.positions()
     n = int(0.7 * SIZE / edge)
@@ -155,7 +155,7 @@ def test_the_texture_is_the_scenes_whatever_the_heading(method: Any) -> None:
     clutter = replace(SOIL, rms_height=0.05, texture_shape=1.0, texture_length=5.0)
     film = replace(FILM, image_extent_azimuth=60.0, image_extent_range=60.0)
 
-    def seen(heading: float, seed: int) -> NDArray[np.float64]:
+    def seen(heading: float, seed: int) -> F64:
         radar = replace(RADAR, heading_deg=heading, bandwidth=300e6, azimuth_resolution=0.5)
         scene = build_scene(
             [SceneMesh(square(40.0), FACES, clutter, "ground")],
@@ -201,7 +201,7 @@ def test_a_map_aside_changes_nothing_behind_a_pane() -> None:
     The plate has finer rays than the pane before it.
     """
 
-    def upright(x: float, lean: float, half: float, low: float, high: float) -> NDArray[np.float64]:
+    def upright(x: float, lean: float, half: float, low: float, high: float) -> F64:
         corners = ((-half, low), (half, low), (half, high), (-half, high))
         return np.array([[x + lean * z, y, z] for y, z in corners])
 

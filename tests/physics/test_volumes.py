@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import (
     FilmDescription,
@@ -16,6 +15,7 @@ from sarmitsuba import (
     render,
     theory,
 )
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.image.sar_image import SarImage
@@ -34,7 +34,6 @@ from sarmitsuba.trace.volume_scatterers import (
     volume_scatterers,
 )
 
-F64 = NDArray[np.float64]
 CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)
 GROUND = np.array([[-30.0, -30, 0], [30, -30, 0], [30, 30, 0], [-30, 30, 0]])
 
@@ -170,7 +169,7 @@ def layer(**settings: object) -> Scene:
 
 
 def test_speckle_of_a_layer_is_polarimetric_and_does_not_depend_on_rays() -> None:
-    def data(image: SarImage, channel: str) -> NDArray[np.complex64]:
+    def data(image: SarImage, channel: str) -> C64:
         return np.asarray(image.data[image.channels.index(channel)])
 
     image, other = render(layer()), render(layer(ray_spacing=0.9))

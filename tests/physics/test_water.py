@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import (
     FilmDescription,
@@ -19,6 +18,7 @@ from sarmitsuba import (
     render,
     simulate,
 )
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.materials.laws.sea import Sea
@@ -28,7 +28,6 @@ from sarmitsuba.simulation.sampling import water as sampling
 from sarmitsuba.theory import sea as theory
 from sarmitsuba.trace.wind_waves import WaterTables
 
-F64 = NDArray[np.float64]
 WAVELENGTH = 0.03106
 FACES = [[0, 1, 2], [0, 2, 3]]
 RADAR = RadarDescription(
@@ -72,7 +71,7 @@ def harbour(
     return scene.replace(**settings) if settings else scene
 
 
-def energy_db(error: NDArray[np.complex64], signal: NDArray[np.complex64]) -> float:
+def energy_db(error: C64, signal: C64) -> float:
     return float(10.0 * np.log10(np.sum(np.abs(error) ** 2) / np.sum(np.abs(signal) ** 2)))
 
 

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 
 from sarmitsuba import (
     PointTarget,
@@ -20,6 +19,7 @@ from sarmitsuba import (
     simulate,
     theory,
 )
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.plan import plan_effects
@@ -30,8 +30,6 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.render import render
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 pytestmark = pytest.mark.filterwarnings("ignore:.*(edge_diffraction|wideband|coherent) is switched off")
 SQUARE = [[0, 1, 2], [0, 2, 3]]
 # B / fc = 0.8

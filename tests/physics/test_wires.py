@@ -7,7 +7,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import (
     RadarDescription,
@@ -19,6 +18,7 @@ from sarmitsuba import (
     simulate,
     theory,
 )
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.errors import RadarError
 from sarmitsuba.materials.cylinder import cylinder_table
@@ -33,7 +33,6 @@ from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.wire_nodes import WireScatterers, cut
 from sarmitsuba.validation.cases.wires import beside_broadside, drawn_rod
 
-F64 = NDArray[np.float64]
 WAVELENGTH = 0.031
 GROUND = np.array([[-15.0, -15.0, 0.0], [15.0, -15.0, 0.0], [15.0, 15.0, 0.0], [-15.0, 15.0, 0.0]])
 FACES = [[0, 1, 2], [0, 2, 3]]
@@ -45,9 +44,7 @@ COARSE = {"azimuth_resolution": 4.0, "bandwidth": 75e6}
 class Dyad(WireScatterers):
     """Amplitudes for any two directions and real field vectors, in NumPy."""
 
-    def of(
-        self, incident: F64, scattered: F64, e: NDArray[np.complex128], q: NDArray[np.complex128]
-    ) -> complex:
+    def of(self, incident: F64, scattered: F64, e: C128, q: C128) -> complex:
         wavenumber = 2.0 * np.pi / WAVELENGTH
         kernel = cast("Kernel", SimpleNamespace(constants=SimpleNamespace(wavenumber=mi.Float(wavenumber))))
         index = dr.arange(mi.UInt32, self.n)
@@ -57,7 +54,7 @@ class Dyad(WireScatterers):
         return complex(np.sum((np.array(value.real) + 1j * np.array(value.imag)) * np.exp(-1j * phase)))
 
 
-def vector(v: NDArray[np.complex128]) -> tuple[mi.Vector3f, mi.Vector3f]:
+def vector(v: C128) -> tuple[mi.Vector3f, mi.Vector3f]:
     return mi.Vector3f(*v.real.tolist()), mi.Vector3f(*v.imag.tolist())
 
 

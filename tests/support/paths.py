@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64, U32
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
@@ -16,8 +17,6 @@ from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.state import Contribution, Kernel
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +31,8 @@ class Paths:
     """
 
     slant_range: F64
-    amplitude: NDArray[np.complex64]
-    hits: NDArray[np.uint32]
+    amplitude: C64
+    hits: U32
 
     @property
     def seen(self) -> NDArray[np.bool_]:

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.special import hankel2
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.wedge import fringe_backscatter
 
-F64 = NDArray[np.float64]
 FRAME = theory.WedgeFrame(1.5, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 EDGE = np.array([0.0, 0.0, 1.0])
 

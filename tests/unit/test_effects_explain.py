@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.cli import main
 from sarmitsuba.effects.effect import Decision
 from sarmitsuba.effects.flags import KernelFlags
@@ -134,7 +134,7 @@ def test_table_tells_measured_bounds_and_what_timing_cannot_tell() -> None:
 def _true_db(scene: Scene, run: Run, decision: Decision, interval: int) -> float:
     """Change of the focused image of the whole run, the other way with the same blocks, worst channel, dB."""
 
-    def images(way: Scene, plan: EffectsPlan) -> dict[str, NDArray[np.complex64]]:
+    def images(way: Scene, plan: EffectsPlan) -> dict[str, C64]:
         blocks = replace(way, settings=replace(way.settings, key_pulse_interval=interval))
         image = focus(simulate(blocks, plan=plan))
         return {channel: image.total(channel) for channel in image.channels}

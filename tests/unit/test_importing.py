@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import cli
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import OutputError, SarmitsubaError, SceneError
 from sarmitsuba.importing.city_model import Model
 from sarmitsuba.importing.convert import import_scene
@@ -23,7 +23,6 @@ from sarmitsuba.radar.geodesy import Anchor
 shapely = pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")
 rasterio = pytest.importorskip("rasterio", reason="in the importing extra")
 
-F64 = NDArray[np.float64]
 SEEDS = range(4)
 FOOT = 0.5  # m; how deep walls stand in the ground
 

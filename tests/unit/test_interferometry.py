@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
 from sarmitsuba.analysis.interferometry.interferogram import independent_looks
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
@@ -21,7 +21,6 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.validation.chain import Parameter, make_scene
 
-F64 = NDArray[np.float64]
 WAVELENGTH = SPEED_OF_LIGHT / 9.65e9
 
 
@@ -211,7 +210,7 @@ def white_pair(coherence: float, n: int = 192, phase: float = 0.7) -> tuple[SarI
     return of_values(one), of_values(two, up=3.0)
 
 
-def of_values(values: NDArray[np.complex128], up: float = 0.0) -> SarImage:
+def of_values(values: C128, up: float = 0.0) -> SarImage:
     """An image of these pixels, half a cell of 1 m apart, seen from 5 km at 45 degrees."""
     n = values.shape[0]
     axis = 0.5 * (np.arange(n) - 0.5 * (n - 1))

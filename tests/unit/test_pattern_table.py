@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import arrays, device_numbers, dr
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import focus
@@ -23,7 +23,6 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.raw import simulate
 
-F64 = NDArray[np.float64]
 WIDTHS = (2.0, 6.0)  # degrees
 SHAPES = ("gaussian", "rectangular")
 

@@ -12,10 +12,10 @@ import OpenEXR
 import pytest
 import scipy.io
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry.interferogram import block_grid
 from sarmitsuba.analysis.polarimetry.multilook import averaged
+from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
@@ -30,7 +30,6 @@ from sarmitsuba.simulation.refinement.error_bars import estimate_error
 from sarmitsuba.view import quicklook as pictures
 from sarmitsuba.view.display import PictureOptions, prepare
 
-F64 = NDArray[np.float64]
 # in the file's frame, m, and the side of a pixel
 Place = tuple[F64, float]
 LIGHT = 299792458.0

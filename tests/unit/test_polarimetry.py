@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.polarimetry import (
@@ -26,6 +25,7 @@ from sarmitsuba.analysis.polarimetry import (
     span,
     stokes,
 )
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
@@ -44,13 +44,13 @@ def random_quad(seed: int, shape: tuple[int, int] = (12, 15)) -> QuadPol:
     return QuadPol(hh, hv, vh, vv)
 
 
-def of_matrices(matrices: NDArray[np.complex128]) -> QuadPol:
+def of_matrices(matrices: C128) -> QuadPol:
     """Scattering matrices (rows, columns, 2, 2) as channels."""
     s = matrices.astype(np.complex64)
     return QuadPol(s[..., 0, 0], s[..., 0, 1], s[..., 1, 0], s[..., 1, 1])
 
 
-def image_of(**channels: NDArray[np.complex64]) -> SarImage:
+def image_of(**channels: C64) -> SarImage:
     """An image on a slant grid of pixels of 0.5 m x 0.25 m, cells of 1 m x 1 m."""
     shape = next(iter(channels.values())).shape
     grid = ImageGrid(
@@ -78,9 +78,7 @@ def image_of(**channels: NDArray[np.complex64]) -> SarImage:
 @pytest.mark.parametrize(
     ("matrix", "alpha"), [(polar.SPHERE, 0.0), (polar.DIHEDRAL, 90.0), (polar.DIPOLE, 45.0)]
 )
-def test_a_turned_target_keeps_its_alpha_and_has_no_entropy(
-    matrix: NDArray[np.complex128], alpha: float
-) -> None:
+def test_a_turned_target_keeps_its_alpha_and_has_no_entropy(matrix: C128, alpha: float) -> None:
     turned = polar.turned(matrix, ROLLS)[None] * np.exp(1j * 0.7)
     found = cloude_pottier(coherency(of_matrices(turned)))
     # tol: complex64 channels
@@ -206,7 +204,7 @@ def test_m_chi_tells_odd_from_even_bounces_whatever_the_sense(sent: str) -> None
     """Trihedral: blue. Dihedral at any roll: red. Dipole: both. A cloud of dipoles: half of it is not polarised."""
     wave = np.array([1.0, 1j if sent == "R" else -1j]) / np.sqrt(2.0)
 
-    def powers(matrices: NDArray[np.complex128], looks: tuple[int, int]) -> NDArray[np.float64]:
+    def powers(matrices: C128, looks: tuple[int, int]) -> F64:
         echo = np.einsum("...ij,i->...j", matrices, wave)  # transmit index first
         image = image_of(**{sent + "H": echo[..., 0], sent + "V": echo[..., 1]})
         vector = stokes(image, looks)

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
-
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 # transmitters nearer to each other than this part of the receivers' distance are one
 _SAME = 1e-3

@@ -2,16 +2,13 @@
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry.baseline import Baseline
 from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
 from sarmitsuba.analysis.quality.widths import grid_cells, windows_of
+from sarmitsuba.arrays import C128
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 
 def common_band_pair(

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry.interferogram import Interferogram
 from sarmitsuba.analysis.interferometry.viewpoint import FixedAntennas
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
-
-F64 = NDArray[np.float64]
 
 # of Newton's method; each squares the error
 _ROUNDS = 4

@@ -4,18 +4,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry.baseline import Baseline
 from sarmitsuba.analysis.interferometry.common_band import common_band_pair
 from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
 from sarmitsuba.analysis.quality.widths import grid_cells, windows_of
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means, block_middles
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 # independent looks that automatic blocks hold at least, about
 _LOOKS = 16.0

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.flight import Flight
-
-F64 = NDArray[np.float64]
 
 # rounds for the time at which a point is at the beam's squint: the orbit's curvature leaves a tenth of the error each
 _ROUNDS = 8

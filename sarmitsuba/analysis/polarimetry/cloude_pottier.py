@@ -6,11 +6,10 @@ Source: Cloude and Pottier, IEEE TGRS 35 (1), 68-78, 1997.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sarmitsuba.analysis.polarimetry.coherency import hermitian
-
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64, U8
 
 # zones of the plane of entropy and alpha, Cloude and Pottier 1997, figure 3
 ZONES: dict[int, str] = {
@@ -60,7 +59,7 @@ class CloudePottier:
     gamma_1: F64
 
     @property
-    def zone(self) -> NDArray[np.uint8]:
+    def zone(self) -> U8:
         """(...) uint8, number of the zone in :data:`ZONES`; 0 where there is no power."""
         column = np.digitize(self.entropy, ENTROPY_BOUNDS)
         bounds = np.radians(ALPHA_BOUNDS_DEG)[np.minimum(column, 2)]

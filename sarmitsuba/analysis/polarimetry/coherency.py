@@ -5,15 +5,12 @@ Pottier, IEEE TGRS 34 (2) 1996, equations 8 to 18; Lee and Pottier, Polarimetric
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sarmitsuba.analysis.polarimetry.multilook import averaged
 from sarmitsuba.analysis.polarimetry.quad import QuadPol
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.errors import DataError
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
-C128 = NDArray[np.complex128]
 
 _ROOT_2 = np.sqrt(2.0)
 # k_pauli = U k_lexicographic

@@ -1,9 +1,10 @@
 """From three powers to a colour: one fixed law for every picture."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sarmitsuba.analysis.polarimetry.coherency import hermitian
+from sarmitsuba.arrays import U8
 from sarmitsuba.errors import DataError
 
 # of the brightness, dB from black to white
@@ -12,9 +13,7 @@ SPAN_DB = 50.0
 WHITE_PERCENTILE = 99.0
 
 
-def colours(
-    powers: ArrayLike, *, white_db: float | None = None, span_db: float = SPAN_DB
-) -> NDArray[np.uint8]:
+def colours(powers: ArrayLike, *, white_db: float | None = None, span_db: float = SPAN_DB) -> U8:
     r"""Red, green and blue of three powers, (rows, columns, 3) uint8.
 
     Brightness is the sum of the powers in dB, ``span_db`` from black to white; hue and saturation are those of the
@@ -52,7 +51,7 @@ def colours(
     return np.asarray(np.rint(255.0 * brightness[..., None] * hue), dtype=np.uint8)
 
 
-def pauli_rgb(coherency: ArrayLike, *, white_db: float | None = None) -> NDArray[np.uint8]:
+def pauli_rgb(coherency: ArrayLike, *, white_db: float | None = None) -> U8:
     """Colours of T3 (rows, columns, 3, 3): red even bounces (T22), green T33, blue odd bounces and surfaces (T11)."""
     t = hermitian(coherency)
     return colours(np.stack([t[..., i, i].real for i in (1, 2, 0)], axis=-1), white_db=white_db)

@@ -7,14 +7,11 @@ Source: Raney, IEEE TGRS 45 (11) 2007 (hybrid polarity, m-delta); Raney, Cahill,
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.polarimetry.multilook import averaged
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means, sliding_means
-
-C128 = NDArray[np.complex128]
 
 
 def averaged(values: NDArray[np.complexfloating], looks: tuple[int, int], sliding: bool) -> C128:

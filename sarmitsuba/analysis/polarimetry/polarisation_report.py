@@ -3,18 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.polarimetry.cloude_pottier import ZONES, CloudePottier, cloude_pottier
 from sarmitsuba.analysis.polarimetry.coherency import coherency, span
 from sarmitsuba.analysis.polarimetry.compact import Stokes, m_chi, stokes
 from sarmitsuba.analysis.polarimetry.multilook import check_looks
 from sarmitsuba.analysis.polarimetry.quad import quad_pol
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
-
-C128 = NDArray[np.complex128]
-F64 = NDArray[np.float64]
 
 # resolution cells on a side of an automatic look: 25 looks, enough for H within some 0.05
 CELLS = 5.0

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
-
-C64 = NDArray[np.complex64]
 
 # share of power that float32 sums leave where there is nothing
 _ROUNDING = 1e-12

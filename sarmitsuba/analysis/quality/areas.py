@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.quality.widths import grid_cells
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means
 from sarmitsuba.image.metrics import equivalent_number_of_looks, windows_over
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-
-F64 = NDArray[np.float64]
 
 # cells along the edge of an automatic area, and of the pieces that it is judged by
 _EDGE, _PIECE = 24.0, 6.0

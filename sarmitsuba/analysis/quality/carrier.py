@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.metrics import Chip
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.flight import Flight
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -109,11 +108,11 @@ class Carrier:
             return np.asarray(-np.hypot(x - ahead, rho - self.turning_range))
         return np.asarray(x * self.squint_sine + rho * np.sqrt(1.0 - self.squint_sine**2))
 
-    def phasor(self, azimuth: ArrayLike, range: ArrayLike) -> NDArray[np.complex128]:
+    def phasor(self, azimuth: ArrayLike, range: ArrayLike) -> C128:
         """Unit phasor of the carrier at grid coordinates."""
         return np.asarray(np.exp(4j * np.pi / self.wavelength * self.distance(azimuth, range)))
 
-    def removed(self, data: NDArray[np.complex64], rows: slice, columns: slice) -> NDArray[np.complex128]:
+    def removed(self, data: C64, rows: slice, columns: slice) -> C128:
         """Pixels of a piece of the image without their carrier."""
         axes = self.grid.azimuth[rows, None], self.grid.range[None, columns]
         return np.asarray(data[rows, columns] * self.phasor(*axes).conj())
@@ -161,7 +160,7 @@ class Carrier:
         d = np.hypot(x - shift, rho)
         return np.array([d[0] - d[1], d[2] - d[3]]) / (2.0 * step)
 
-    def chip_about(self, data: NDArray[np.complex64], azimuth: float, range: float, half: int = 32) -> Chip:
+    def chip_about(self, data: C64, azimuth: float, range: float, half: int = 32) -> Chip:
         """Piece of the image about grid coordinates, without its carrier, ``half`` pixels to every side."""
         grid = self.grid
         row = round((azimuth - float(grid.azimuth[0])) / grid.azimuth_spacing)

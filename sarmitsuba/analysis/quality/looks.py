@@ -4,16 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.quality.carrier import Carrier
 from sarmitsuba.analysis.quality.widths import grid_cells, windows_of
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
-
-F64 = NDArray[np.float64]
 
 # the image's window is divided out down to this part of its peak, so that hann's ends do not amplify noise
 _FLOOR = 0.1

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
 from sarmitsuba.analysis.quality.carrier import Carrier
 from sarmitsuba.analysis.quality.widths import grid_cells, predicted_irw
+from sarmitsuba.arrays import C64, C128
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.metrics import Chip, CutMetrics, PointTargetMetrics, point_target
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.polarisation import isotropic_response
-
-F64 = NDArray[np.float64]
 
 # a chip reaches so many cells from its point: ISLR to 10 widths fits with every window
 _REACH = 16.0
@@ -164,7 +162,7 @@ def find_points(image: SarImage, channel: str | None = None, most: int = 12) -> 
 
 def _measure(
     image: SarImage,
-    data: NDArray[np.complex64],
+    data: C64,
     carrier: Carrier,
     place: tuple[float, float],
     name: str,
@@ -237,7 +235,7 @@ def _square(
 
 
 def _background_db(
-    chip: NDArray[np.complex128], m: PointTargetMetrics, cells: tuple[float, float], step: tuple[float, float]
+    chip: C128, m: PointTargetMetrics, cells: tuple[float, float], step: tuple[float, float]
 ) -> float:
     """Peak over the mean of what lies off the point's lobes, from its median."""
     away = [

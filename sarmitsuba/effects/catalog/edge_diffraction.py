@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
@@ -15,9 +16,6 @@ from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.wedge import fringe_backscatter
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 # antenna positions and edges that the estimate looks at, spread over all
 POSITIONS, EDGES = 9, 2000

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.text import length
@@ -61,7 +61,7 @@ def _straightened(track: Track) -> Track:
     return Track(time, position, np.broadcast_to(velocity, position.shape).copy())
 
 
-def _fit(track: Track) -> NDArray[np.float64]:
+def _fit(track: Track) -> F64:
     line = np.linspace(-1.0, 1.0, track.n_pulses)[:, None]
     mean = track.position.mean(axis=0)
     slope = (line * (track.position - mean)).sum(axis=0) / max(float(np.square(line).sum()), 1e-12)

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.context import SceneContext
@@ -14,9 +14,6 @@ from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.slab import COSINES, slab_coefficients
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 # frequencies that follow what is linear in the frequency, and the most that a band is traced at
 LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16

@@ -5,14 +5,11 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTask, without_trend
 from sarmitsuba.focusing.histories import pulse_contributions
 from sarmitsuba.focusing.options import option
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # part of the peak, in power, at which the mean blur ends, and what its width is multiplied by (Wahl)
 _EDGE, _WIDEN = 0.1, 1.5

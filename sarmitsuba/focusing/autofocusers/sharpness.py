@@ -6,15 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTask, without_trend
 from sarmitsuba.focusing.autofocusers.phase_gradient import PhaseGradient
 from sarmitsuba.focusing.histories import pulse_contributions
 from sarmitsuba.focusing.options import option
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # (pixel, pulse) pairs that are kept: 16 MB
 _PAIRS = 1 << 21

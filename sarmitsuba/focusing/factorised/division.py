@@ -4,11 +4,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.factorised.sampling import SubimageSampling
-
-F64 = NDArray[np.float64]
 
 # processor seconds of one core: of a pulse at a sample, of a group merged into a sample, of a subimage's sample on its
 # way, and of a section at a pixel by the taps of the last interpolation; benchmarks/suite/factorised.py measures

@@ -11,8 +11,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.backend import device_array, dr
 from sarmitsuba.echo.gridding import GriddingKernel
 from sarmitsuba.focusing.backprojection_kernel import (
@@ -293,11 +293,11 @@ def _weights(
 
 def sum_weights(
     types: ModuleType,
-    points: NDArray[np.float64],
-    positions: NDArray[np.float64],
+    points: F64,
+    positions: F64,
     axes: dr.ArrayBase,
     weighting: Weighting,
-) -> NDArray[np.float64]:
+) -> F64:
     r"""What every pulse together weighs at points (n, 3), :math:`\sum_t w_t g_t^2`, (n,).
 
     Parameters
@@ -448,7 +448,7 @@ def _mix(weights: list[float], values: list[Complex]) -> Complex:
     return re, im
 
 
-def quads(types: ModuleType, vectors: NDArray[np.float64], *, squares: bool) -> dr.ArrayBase:
+def quads(types: ModuleType, vectors: F64, *, squares: bool) -> dr.ArrayBase:
     """Vectors (..., 3) as four float64 each, with their squares or zero."""
     last = np.sum(vectors**2, axis=-1) if squares else np.zeros(vectors.shape[:-1])
     return device_array(types.Float64, np.concatenate([vectors, last[..., None]], axis=-1))

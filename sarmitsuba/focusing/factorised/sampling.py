@@ -4,11 +4,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F32
 from sarmitsuba.echo.gridding import gridding_kernel
-
-F64 = NDArray[np.float64]
 
 TAPS = 8
 """Taps of the interpolation over angle that refines a subimage."""
@@ -107,7 +105,7 @@ def refinement_error(upsampling: float) -> float:
     return float(np.sqrt(np.mean(np.abs(value - np.exp(2j * np.pi * np.outer(nu, x))) ** 2)))
 
 
-def correction(sampling: SubimageSampling, n: int) -> NDArray[np.float32]:
+def correction(sampling: SubimageSampling, n: int) -> F32:
     """Gains of an FFT's n bins that undo the last interpolation's transform within the band.
 
     A filter of ``2 CORRECTION + 1`` taps, so that the ends of a subimage spoil no more samples than that: in the band

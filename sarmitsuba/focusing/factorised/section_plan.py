@@ -6,8 +6,8 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing.aperture_weights import flight
 from sarmitsuba.focusing.factorised.division import PIXEL_SECONDS, Plan, Section, SubimageLevel
@@ -22,8 +22,6 @@ from sarmitsuba.focusing.factorised.sampling import (
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # samples kept beyond the image: what the last interpolation reads, and where its correction ends decay
 GUARD = CORRECTION + 4

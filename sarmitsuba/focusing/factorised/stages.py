@@ -9,8 +9,8 @@ from types import ModuleType
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
@@ -34,9 +34,6 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # bytes of profiles at a time
 BATCH_BYTES = 32 << 20
@@ -220,7 +217,7 @@ def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slic
     )
 
 
-def _axes(radar: Radar, weights: F64, pulses: slice, frame: F64) -> NDArray[np.float32]:
+def _axes(radar: Radar, weights: F64, pulses: slice, frame: F64) -> F32:
     """Axes, weight and flight of pulses (n, ``AXES_STRIDE``) in a frame of unit vectors, as backprojection's."""
     forward, sine, gap = (part[pulses] for part in flight(radar))
     table = np.zeros((len(sine), AXES_STRIDE), dtype=np.float32)
@@ -268,7 +265,7 @@ def _pixels(types: ModuleType, section: Section, grid: ImageGrid, rows: slice) -
     )
 
 
-def whole_weights(job: Job, grid: ImageGrid) -> NDArray[np.float32]:
+def whole_weights(job: Job, grid: ImageGrid) -> F32:
     """Sum of all pulses' weights in every pixel (n_azimuth, n_range), or (1, 1) where it is the same in all.
 
     Worked out at nodes and linear in between: it varies as slowly as a beam, or as an aperture cut by the track's end.

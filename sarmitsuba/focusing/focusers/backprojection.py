@@ -9,8 +9,9 @@ from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import C64, C128, F32, F64
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
@@ -50,9 +51,6 @@ from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # layers that share one pass over the geometry; more would spill registers
 _MAX_LAYERS = 4
@@ -322,7 +320,7 @@ def _band(types: ModuleType, radar: Radar, window: Window) -> ApertureBand:
     return ApertureBand(dr.opaque(types.Float32, radar.half_aperture), device_array(types.Float32, nodes))
 
 
-def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]:
+def _axes_table(radar: Radar, weights: F64, batch: slice) -> F32:
     table = np.zeros((batch.stop - batch.start, AXES_STRIDE), dtype=np.float32)
     table[:, 0:3] = radar.pointing.azimuth_axis[batch]
     table[:, 3] = weights[batch]
@@ -333,9 +331,7 @@ def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]
     return table.ravel()
 
 
-def backproject_numpy(
-    raw: RawData, points: ArrayLike, *, range_window: str = "rectangular"
-) -> NDArray[np.complex128]:
+def backproject_numpy(raw: RawData, points: ArrayLike, *, range_window: str = "rectangular") -> C128:
     """Reference backprojection at (n, 3) points: float64, exact trigonometric interpolation, isotropic antenna.
 
     Slow; it is what the compiled kernel is tested against. Returns (n_layers, n) complex128.
@@ -359,7 +355,7 @@ def backproject_numpy(
     return image / (radar.amplitude_constant * radar.track.n_pulses)
 
 
-def series_at(spectrum: NDArray[np.complex128], position: NDArray[np.float64]) -> NDArray[np.complex128]:
+def series_at(spectrum: C128, position: F64) -> C128:
     """Fourier series with coefficients (..., n_fft) in the order of the FFT, at positions (n,) in samples: (..., n).
 
     The sum over frequencies ``f = 64 a + c`` as two, so that there are few exponentials; exact to rounding.

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.chirp_z import ChirpZ, VirtualChirp
@@ -23,9 +23,6 @@ from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.focusing.frequency_domain.track_geometry import slant_grid
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # chirps are made for factors up to this; rows that need more hold no echo of an image within the bound
 _LARGEST = 0.5

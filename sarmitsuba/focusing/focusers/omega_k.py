@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
@@ -27,9 +27,6 @@ from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 
 class _Stolt(RangeLaw):

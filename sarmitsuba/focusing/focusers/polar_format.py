@@ -8,6 +8,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
 
+from sarmitsuba.arrays import C64, C128, F64, I64
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import (
@@ -22,10 +23,6 @@ from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
-C128 = NDArray[np.complex128]
 
 # taps of both kernels, polar samples onto the wavenumber grid and image onto the pixels; rms error of each, dB, is
 # gridding_kernel(6).error_db
@@ -61,7 +58,7 @@ class _PlaneWaves:
     axes: F64
     distance: F64
     slope: F64
-    nodes: NDArray[np.int64]
+    nodes: I64
 
     @staticmethod
     def of(radar: Radar, grid: ImageGrid) -> "_PlaneWaves":
@@ -183,9 +180,7 @@ def polar_format(task: FocusTask) -> C64:
     return image
 
 
-def _scale_and_places(
-    radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window: Window
-) -> tuple[NDArray[np.complex128], F64]:
+def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window: Window) -> tuple[C128, F64]:
     """Calibration of every pixel (n_azimuth, n_range), and its place among plane waves (n_pixels, 2), m."""
     rows, columns = (np.unique(np.linspace(0, n - 1, 17).round().astype(int)) for n in grid.shape)
     total = np.array(
@@ -285,7 +280,7 @@ class _WavenumberRaster:
         field *= (self.deapodise[0][:, None] * self.deapodise[1]).astype(np.float32)
         return self._read(np.ascontiguousarray(field)) * self.carrier
 
-    def _taps(self, cells: F64) -> tuple[list[NDArray[np.int64]], list[list[F64]]]:
+    def _taps(self, cells: F64) -> tuple[list[I64], list[list[F64]]]:
         kernel = gridding_kernel(_WIDTH)
         base = np.floor(cells)
         first = [(b.astype(np.int64) - kernel.lead) for b in base]

@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
@@ -23,9 +23,6 @@ from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, WavenumberBand, 
 from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 _COMPRESSION: dict[str, Treatment] = {
     "doppler": Treatment(),

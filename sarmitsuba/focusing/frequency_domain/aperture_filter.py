@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fresnel
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
@@ -17,9 +17,6 @@ from sarmitsuba.focusing.frequency_domain.weights import filter_gain
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # nodes of the weight over the aperture's sines, linear between them
 _NODES = 4097

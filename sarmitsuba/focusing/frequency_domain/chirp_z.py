@@ -6,13 +6,10 @@ from functools import cached_property
 import numpy as np
 import scipy.fft
 import scipy.sparse
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.echo.phasor import unit_phasor
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # taps of the kernel; at twofold oversampling its rms error is -103 dB (`gridding_kernel(6).error_db`)
 WIDTH = 6

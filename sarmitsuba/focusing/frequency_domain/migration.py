@@ -6,13 +6,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing.aperture_weights import direction_gain, look_directions
 from sarmitsuba.focusing.frequency_domain.track_geometry import slant_grid, track_geometry, track_refusal
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # directions with less than this part of the strongest two-way gain do not count for the residual phase
 _WEAK = 0.05

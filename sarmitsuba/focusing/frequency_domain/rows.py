@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.focuser import Focused, FocusTask
@@ -45,9 +45,6 @@ from sarmitsuba.focusing.profiles import ProfilePlan, plan_spectrum
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # Doppler band of the image over the PRF from which on it is said that the image folds over
 _FOLDED = 1.05

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.focusing.aperture_weights import weights_difference
 from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
@@ -23,8 +22,6 @@ from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # what all have, dB: ripple of the pulses' ends where the pulse rate is raised, stationary phase
 _FLOOR_DB = -58.0

@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.focusing.aperture_weights import direction_gain, look_directions
 from sarmitsuba.focusing.ground import slant_below, slant_ranges
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # largest part of the (raised) PRF that the image's Doppler band may take: the rest is for the ripple at its edges
 _BAND_FILL = 0.6
@@ -149,7 +148,7 @@ def lit_sines(radar: Radar, grid: ImageGrid) -> tuple[F64, NDArray[np.bool_]]:
     return np.asarray(look @ grid.along), np.asarray(lit)
 
 
-def aperture_middle(radar: Radar, geometry: TrackGeometry, azimuth: F64, rho: F64) -> NDArray[np.int64]:
+def aperture_middle(radar: Radar, geometry: TrackGeometry, azimuth: F64, rho: F64) -> I64:
     """Pulse in the middle of the aperture of pixels, the nearest that there is; arguments broadcast, m."""
     middle = 0.5 * (geometry.x[0] + geometry.x[-1])
     if lit_in_turn(radar):

@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
 from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
@@ -16,8 +17,6 @@ from sarmitsuba.focusing.frequency_domain.track_geometry import (
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-
-F64 = NDArray[np.float64]
 
 # rows and columns at which weights are summed, and rows where only the sampling of the aperture changes along them
 _ROWS, _COLUMNS, _OWN_ROWS = 65, 33, 9
@@ -47,12 +46,12 @@ def normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window
     return np.asarray(scale / radar.amplitude_constant)
 
 
-def _nodes(n: int, most: int) -> NDArray[np.int64]:
+def _nodes(n: int, most: int) -> I64:
     """At most so many of n places, both ends among them."""
     return np.unique(np.linspace(0, n - 1, most).astype(np.int64))
 
 
-def _between(coarse: F64, rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, int]) -> F64:
+def _between(coarse: F64, rows: I64, columns: I64, shape: tuple[int, int]) -> F64:
     """Values at rows and columns, linear between them."""
     lines = np.array([np.interp(np.arange(shape[1]), columns, line) for line in coarse])
     return np.array([np.interp(np.arange(shape[0]), rows, line) for line in lines.T]).T

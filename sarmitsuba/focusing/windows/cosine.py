@@ -1,11 +1,9 @@
 """Windows that are a constant and a cosine: rectangular, Hamming, Hann."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.windows.window import WINDOWS, WindowFamily, WindowParameter
-
-F64 = NDArray[np.float64]
 
 
 def rectangular(u: F64) -> F64:

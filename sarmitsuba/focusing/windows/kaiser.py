@@ -1,11 +1,9 @@
 """Kaiser's window: nearly the most energy in a main lobe of a chosen width."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.windows.window import WINDOWS, WindowFamily, WindowParameter
-
-F64 = NDArray[np.float64]
 
 
 def kaiser(u: F64, beta: float) -> F64:

@@ -1,11 +1,9 @@
 """Taylor's window: nearly equal side lobes of a chosen level next to the main lobe."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.windows.window import WINDOWS, WindowFamily, WindowParameter
-
-F64 = NDArray[np.float64]
 
 
 def taylor(u: F64, n_bar: float, level_db: float) -> F64:

@@ -4,12 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.registry import Registry
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.places import WGS84, crs_named
 from sarmitsuba.importing.polygons import require_shapely
 from sarmitsuba.importing.reading import read_xml
 from sarmitsuba.importing.source_format import SOURCES, CitySource, Solid, SourceFormat
-
-F64 = NDArray[np.float64]
 
 _PARTS = {"RoofSurface": "roofs", "OuterFloorSurface": "roofs", "Window": "windows", "Door": "windows"}
 _SURFACES = ("WallSurface", "GroundSurface", "ClosureSurface", "OuterCeilingSurface", *_PARTS)

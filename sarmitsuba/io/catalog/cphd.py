@@ -17,6 +17,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
@@ -36,8 +37,6 @@ from sarmitsuba.radar.radar import Radar
 if TYPE_CHECKING:
     import lxml.etree
 
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
 
 # length of the transformed profile over the receive window: the standard wants 1.1 of what is said to be good, and
 # profiles end in the side lobes of points at their edge

@@ -21,8 +21,8 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 from h5py._objects import phil as h5py_lock
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw_data import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError, RadarError
@@ -275,7 +275,7 @@ def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File
         raise DataError(f"{path}: cannot read {wanted}: {reason or type(error).__name__}") from error
 
 
-def _write_planes(file: h5py.File, kind: _Kind, data: NDArray[np.complex64], layers: Sequence[Layer]) -> None:
+def _write_planes(file: h5py.File, kind: _Kind, data: C64, layers: Sequence[Layer]) -> None:
     """Every layer, and the sums that are not layers themselves."""
     paths = [_path_of(layer, kind.root) for layer in layers]
     sums: dict[str, tuple[str, int | None]] = {
@@ -327,7 +327,7 @@ def _make_scales(file: h5py.File, kind: _Kind) -> None:
             file[scale].make_scale(axis)
 
 
-def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: NDArray[np.complex64]) -> None:
+def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: C64) -> None:
     row_bytes = max(1, plane.shape[1] * plane.itemsize)
     rows = int(np.clip(_CHUNK_BYTES // row_bytes, 1, max(1, plane.shape[0])))
     # not compressed: echoes and speckle are noise to a byte compressor
@@ -339,9 +339,7 @@ def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: NDArray[np.comp
             made.dims[i].attach_scale(file[scale])
 
 
-def _read_planes(
-    file: h5py.File, kind: _Kind, planes_too: bool
-) -> tuple[NDArray[np.complex64], tuple[Layer, ...]]:
+def _read_planes(file: h5py.File, kind: _Kind, planes_too: bool) -> tuple[C64, tuple[Layer, ...]]:
     """The planes that ``/layers`` names; without it the channels. Unless they are wanted, zeros of no size."""
     if groups.has(file, "layers"):
         names = groups.dataset(file, "layers").asstr()[()]

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.io.formats import FORMATS, FileFormat
@@ -168,7 +169,7 @@ def _numbers(path: Path, name: str, value: object) -> NDArray[np.number]:
     return array
 
 
-def _real(path: Path, name: str, array: NDArray[np.number]) -> NDArray[np.float64]:
+def _real(path: Path, name: str, array: NDArray[np.number]) -> F64:
     if np.iscomplexobj(array):
         raise DataError(f"{path}: {name} is complex; real numbers are needed")
     return np.asarray(array, dtype=np.float64)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.errors import OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
@@ -17,7 +17,7 @@ from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.version import __version__
 
 
-def named_planes(image: SarImage) -> dict[str, NDArray[np.complex64]]:
+def named_planes(image: SarImage) -> dict[str, C64]:
     """Planes by EXR layer: ``VV``, and ``VV.order1`` ... where bounce orders are kept apart; subsets are added."""
     planes = {channel: image.total(channel) for channel in image.channels}
     for channel in image.channels:

@@ -8,8 +8,8 @@ pixels that were projected back stand at the carrier.
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
@@ -20,8 +20,6 @@ from sarmitsuba.io.sicd_document import Axes, document, image_of
 from sarmitsuba.radar.collection import Collection, signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.radar import Radar
-
-C64 = NDArray[np.complex64]
 
 
 def write_image(path: Path, image: SarImage) -> None:

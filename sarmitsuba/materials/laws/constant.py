@@ -1,8 +1,8 @@
 """Sigma0 the same at every angle."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
 from sarmitsuba.units import power_from_db
 
@@ -14,7 +14,7 @@ class Constant(DiffuseLaw):
     title = "sigma0 the same at every angle"
     level = "sigma0"
 
-    def sigma0(self, surface: Surface, wavelength: float, theta: NDArray[np.float64]) -> Sigma0:
+    def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
         """See the class."""
         sigma = np.full_like(theta, float(power_from_db(surface.diffuse_level_db)))
         return Sigma0(sigma, sigma)

@@ -1,8 +1,8 @@
 """Gamma the same at every angle: constant return for each unit of beam cross section."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
 from sarmitsuba.units import power_from_db
 
@@ -17,7 +17,7 @@ class ConstantGamma(DiffuseLaw):
     title = "sigma0 = gamma cos(theta)"
     level = "gamma"
 
-    def sigma0(self, surface: Surface, wavelength: float, theta: NDArray[np.float64]) -> Sigma0:
+    def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
         """See the class."""
         gamma = float(power_from_db(surface.diffuse_level_db))
         sigma = np.asarray(gamma * np.cos(theta))

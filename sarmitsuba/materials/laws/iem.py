@@ -1,9 +1,10 @@
 """Integral-equation model of a rough surface: co-polar backscatter, single scattering."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammaln
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse_law import (
     LAWS,
@@ -30,7 +31,7 @@ def iem_backscatter(
     rms_height: float,
     correlation_length: float,
     correlation: Correlation = "exponential",
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[F64, F64]:
     r"""Return sigma0 (linear) for hh and vv by the integral-equation model with transition reflectivity.
 
     .. math::
@@ -104,9 +105,9 @@ def _one_angle(
 
 
 def _transition(
-    n: NDArray[np.float64],
-    log_poisson: NDArray[np.float64],
-    spectrum: NDArray[np.float64],
+    n: F64,
+    log_poisson: F64,
+    spectrum: F64,
     x: float,
     eps: complex,
     sin2: float,
@@ -144,16 +145,16 @@ class IntegralEquation(DiffuseLaw):
         self,
         surface: Surface,
         wavelength: float,
-        sine: NDArray[np.float64],
-        cosine: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        sine: F64,
+        cosine: F64,
+    ) -> F64:
         """See `small_slope_spectrum`: it and this law meet for small heights and about the mirror direction."""
         k, s = 2.0 * np.pi / wavelength, surface.rms_height
         if k * s < 1e-12:
             return np.zeros((cosine.size, sine.size))
         return small_slope_spectrum(sine, cosine, k, s, correlation_length_of(surface, self.name))
 
-    def sigma0(self, surface: Surface, wavelength: float, theta: NDArray[np.float64]) -> Sigma0:
+    def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
         """See `iem_backscatter`."""
         length = correlation_length_of(surface, self.name)
         k, s = 2.0 * np.pi / wavelength, surface.rms_height

@@ -1,12 +1,10 @@
 """Kirchhoff model in the limit of geometrical optics: mirrors of random slope."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface, correlation_length_of
 from sarmitsuba.materials.fresnel import fresnel
-
-F64 = NDArray[np.float64]
 
 # Rms slopes between which geometrical optics is evaluated: a mirror below, nothing comes back above
 _SLOPES = (1e-6, 1e6)

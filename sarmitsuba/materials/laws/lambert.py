@@ -1,8 +1,8 @@
 """Lambert's law: a surface of equal brightness in all directions."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
 from sarmitsuba.units import power_from_db
 
@@ -14,7 +14,7 @@ class Lambert(DiffuseLaw):
     title = "sigma0 = 4 A cos^2(theta), equally bright in all directions"
     level = "sigma0 at normal incidence, 4 times the albedo"
 
-    def sigma0(self, surface: Surface, wavelength: float, theta: NDArray[np.float64]) -> Sigma0:
+    def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
         """See the class."""
         albedo = float(power_from_db(surface.diffuse_level_db)) / 4.0
         sigma = np.asarray(4.0 * np.asarray(albedo) * np.cos(theta) ** 2)

@@ -1,8 +1,6 @@
 """No diffuse return: the surface only reflects."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
 
 
@@ -14,7 +12,7 @@ class NoDiffuse(DiffuseLaw):
     scatters = False
     blocks_as_vacuum = False
 
-    def sigma0(self, surface: Surface, wavelength: float, theta: NDArray[np.float64]) -> Sigma0:
+    def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
         """Zero at every angle."""
         return Sigma0.none(theta)
 

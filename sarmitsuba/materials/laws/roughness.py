@@ -1,13 +1,11 @@
 """Lambert-like scattering of exactly the power that the rms height takes from the coherent wave."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import simpson
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
 from sarmitsuba.materials.fresnel import fresnel
-
-F64 = NDArray[np.float64]
 
 
 def shared_energy_sigma0(theta: F64, reflectivity: F64, rms_phase: float) -> F64:

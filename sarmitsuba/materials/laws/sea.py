@@ -3,14 +3,12 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.bragg import bragg_amplitudes
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface, WindWaves, permittivity_of
 from sarmitsuba.materials.sea_spectrum import SeaState
 from sarmitsuba.parameters import Param
-
-F64 = NDArray[np.float64]
 
 # waves up to this share of the radar's wavenumber tilt the shorter ones; a third to a fifth is usual
 TILTING = 0.25

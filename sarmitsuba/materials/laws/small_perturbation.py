@@ -1,8 +1,8 @@
 """First-order small-perturbation model: Bragg scattering of slightly rough surfaces."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.bragg import bragg_factors
 from sarmitsuba.materials.diffuse_law import (
     LAWS,
@@ -13,8 +13,6 @@ from sarmitsuba.materials.diffuse_law import (
     permittivity_of,
 )
 from sarmitsuba.materials.roughness_spectrum import Correlation, roughness_spectrum
-
-F64 = NDArray[np.float64]
 
 
 def small_perturbation_sigma0(

@@ -1,9 +1,9 @@
 """Small-slope approximation: Bragg scattering, and the lobe about the mirror direction where roughness grows."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.bragg import bragg_factors
 from sarmitsuba.materials.diffuse_law import (
@@ -15,8 +15,6 @@ from sarmitsuba.materials.diffuse_law import (
     permittivity_of,
 )
 from sarmitsuba.materials.roughness_spectrum import roughness_spectrum
-
-F64 = NDArray[np.float64]
 
 # Largest k s of the series, whose length grows with (k s)^2
 _LARGEST_ROUGHNESS = 100.0

@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.vegetation.medium import NODES, Covariance, VolumeMedium, node_cosines
 from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
 from sarmitsuba.materials.vegetation.plant_pieces import OverGround, Piece
 from sarmitsuba.registry import Registry
-
-F64 = NDArray[np.float64]
 
 # turns of an axis about the wave, and angles from it beside those that the lobes of long pieces need
 _LEAST_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 24, 96, 6.0

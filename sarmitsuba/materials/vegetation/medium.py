@@ -3,12 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.materials.change import coherence_after
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 # nodes of the tables, uniform in the cosine to the vertical from 0 to 1
 NODES = 17

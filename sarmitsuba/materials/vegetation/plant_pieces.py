@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import hankel1, j1, jv
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.materials.vegetation.thin_cylinder import LONGEST, ThinRod, thin_rod
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 Pair = tuple[C128, C128]
 
 # k a |sqrt(eps)| from which on a cylinder returns over the ground by its series, and k a up to which the field within a

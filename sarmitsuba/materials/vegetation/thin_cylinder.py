@@ -15,12 +15,10 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 from scipy.special import hankel2, jv, spherical_jn
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
+from sarmitsuba.arrays import C128, F64
 
 # polynomials: so many and one more for every unit of half the length times the wavenumber; k l from which on
 # the rod is taken as endless

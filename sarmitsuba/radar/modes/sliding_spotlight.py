@@ -4,8 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.parameters import Param, Value
-from sarmitsuba.radar.mode import F64, MODES, AimGeometry, RadarMode, TrackAxes
+from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes
 from sarmitsuba.radar.track import Track
 
 

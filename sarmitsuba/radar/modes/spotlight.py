@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.parameters import Value
-from sarmitsuba.radar.mode import F64, MODES, AimGeometry, RadarMode, TrackAxes, towards
+from sarmitsuba.radar.mode import MODES, AimGeometry, RadarMode, TrackAxes, towards
 from sarmitsuba.radar.track import Track
 
 

@@ -13,9 +13,9 @@ from math import prod
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.effects.effect import EFFECTS, Decision, Effect, effects
@@ -30,9 +30,6 @@ from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.timing import Clock
-
-C64 = NDArray[np.complex64]
-F64 = NDArray[np.float64]
 
 # blocks spread over the aperture that are traced both ways at least, most of them, and most pulses of one where
 # every pulse is traced

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
@@ -188,7 +188,7 @@ def predict(
     return planned, prediction
 
 
-def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _TracingForecast:
+def _tracing(run: Run, sampling: SamplingPlan, data: C64, clock: Clock) -> _TracingForecast:
     """Settle the blocks of pulses as the run does, trace one of them again, and take all others to be like it."""
     run.timer = StageTimer(clock)
     rays = run.rays(sampling, 0)
@@ -244,7 +244,7 @@ def _points_seconds(run: Run, clock: Clock) -> float:
 
 
 def _focus_seconds(
-    scene: Scene, layers: tuple[Layer, ...], data: NDArray[np.complex64], clock: Clock
+    scene: Scene, layers: tuple[Layer, ...], data: C64, clock: Clock
 ) -> tuple[float, int, float]:
     """Seconds to focus all pulses, from two numbers of pulses onto the whole grid; pixels; what the first time adds."""
     radar = scene.radar

@@ -5,15 +5,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64, F32
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
 
-F32 = NDArray[np.float32]
 Source = Literal["ray sampling, from two sets of rays", "ray sampling, from passes"]
 SUBSETS: Source = "ray sampling, from two sets of rays"
 PASSES: Source = "ray sampling, from passes"
@@ -72,9 +71,7 @@ class ErrorBars:
         }
 
 
-def subset_planes(
-    data: NDArray[np.complex64], layers: Sequence[Layer], channel: str
-) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
+def subset_planes(data: C64, layers: Sequence[Layer], channel: str) -> tuple[C64, C64]:
     """Estimate of a channel (sum of its subsets) and half the difference of the subsets' own estimates, orders summed.
 
     Raises
@@ -94,9 +91,7 @@ def subset_planes(
     return planes[0] + planes[1], planes[0] * each[0] - planes[1] * each[1]
 
 
-def estimate_error(
-    data: NDArray[np.complex64], layers: Sequence[Layer], *, window: int = 5, pixels: bool = True
-) -> ErrorBars:
+def estimate_error(data: C64, layers: Sequence[Layer], *, window: int = 5, pixels: bool = True) -> ErrorBars:
     r"""Sampling error of the sum of two subsets from their difference.
 
     Subsets are stored as their share (``SUBSET_SHARES``) of their own estimate, so that they add up to the weighted
@@ -142,9 +137,7 @@ def estimate_error(
     )
 
 
-def estimate_pass_error(
-    change: NDArray[np.complex64], mean: NDArray[np.complex64], channels: tuple[str, ...], share: float
-) -> ErrorBars:
+def estimate_pass_error(change: C64, mean: C64, channels: tuple[str, ...], share: float) -> ErrorBars:
     r"""Sampling error of the weighted mean of passes from what the last of them changed.
 
     Passes are weighted by their rays, so were their errors independent and as the rays, the mean's would be

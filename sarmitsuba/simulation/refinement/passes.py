@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw_data import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError
@@ -226,7 +226,7 @@ class _PassImage:
         assert passes.data is not None
         return self._raw(passes.data, passes.layers)
 
-    def _raw(self, data: NDArray[np.complex64], layers: tuple[Layer, ...]) -> RawData:
+    def _raw(self, data: C64, layers: tuple[Layer, ...]) -> RawData:
         scene, radar = self.scene, self.scene.radar
         flown = radar.track if radar.recorded is not None else None
         return RawData(

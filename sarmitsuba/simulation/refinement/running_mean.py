@@ -17,6 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C64
 from sarmitsuba.echo.raw_data import Layer, RawData, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
 from sarmitsuba.finite import check_pulses
@@ -111,14 +112,14 @@ class Passes:
     fingerprint: str
     count: int = 0
     seconds: float = 0.0
-    data: NDArray[np.complex64] | None = None
+    data: C64 | None = None
     layers: tuple[Layer, ...] = ()
     history: list[tuple[float, float]] = field(default_factory=list)
     metadata: dict[str, object] = field(default_factory=dict)
     levels: list[int] = field(default_factory=list)
     weight: float = 0.0
     rays: int = 0
-    change: NDArray[np.complex64] | None = None
+    change: C64 | None = None
     share: float = 1.0
     ratio_db: float | None = None
     source: Source = SUBSETS
@@ -270,7 +271,7 @@ def _whole(value: object, least: int, most: int) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
 
 
-def _check_values(data: NDArray[np.complex64], most: float) -> None:
+def _check_values(data: C64, most: float) -> None:
     """Raise a DataError where echoes are not numbers, or stronger than any can be."""
     check_pulses(data)
     largest = max(float(np.abs(plane).max(initial=0.0)) for plane in data)
@@ -280,7 +281,7 @@ def _check_values(data: NDArray[np.complex64], most: float) -> None:
         )
 
 
-def by_channel(data: NDArray[np.complex64], layers: Sequence[Layer]) -> NDArray[np.complex64]:
+def by_channel(data: C64, layers: Sequence[Layer]) -> C64:
     """Sum of the layers of every channel, (n_channels, ...)."""
     return np.stack([sum_of_channel(data, layers, c, "passes") for c in channels_of(layers)])
 

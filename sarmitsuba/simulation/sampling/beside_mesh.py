@@ -1,9 +1,8 @@
 """What stands beside the mesh in the lit part of a scene: wires."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from sarmitsuba.arrays import F64
 
 
 def clipped(segments: F64, low: F64, high: F64) -> F64:

@@ -3,16 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.sampling.launch_window import across_sector, sectors
 from sarmitsuba.simulation.sampling.movers import TIMES, azimuth_shift
-
-F64 = NDArray[np.float64]
 
 # amplitude below which a scatterer is left out
 _NOTHING = 1e-6

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.block import choose_block_length
 from sarmitsuba.echo.direct import box_slant_range
@@ -20,8 +20,6 @@ from sarmitsuba.simulation.sampling.small_parts import expected_finer_rays
 from sarmitsuba.trace.edges import edges_of
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, Purpose, lattice
 from sarmitsuba.trace.scene_tables import TraceScene
-
-F64 = NDArray[np.float64]
 
 # rays per wavelength that curved and small parts want (a sphere of ka = 60 is then within 0.1 dB of physical optics)
 RAYS_PER_WAVELENGTH = 4.5

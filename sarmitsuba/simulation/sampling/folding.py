@@ -4,8 +4,8 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.aperture_weights import direction_gain
 from sarmitsuba.radar.swath import beam_bandwidth
@@ -15,8 +15,6 @@ from sarmitsuba.simulation.points import point_history
 from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
 from sarmitsuba.units import db_from_power
-
-F64 = NDArray[np.float64]
 
 # ghosts of a point that are named: those above this part of its own power
 _LEAST = 1e-4

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
@@ -12,8 +12,6 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.beside_mesh import clipped
 from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
-
-F64 = NDArray[np.float64]
 
 # rad that the line of sight to the scene's middle turns over the pulses of one launch plane. A plane seen 10 degrees
 # off its normal has tubes wider by 1.5 per cent; one seen edge-on lights nothing

@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.echo.block import BlockPlan, plan_block
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
-
-F64 = NDArray[np.float64]
 
 # times of a sector at which what moves is looked at
 TIMES = 9

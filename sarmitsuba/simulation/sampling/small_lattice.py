@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.trace.launch import LaunchFrame, project
-
-F64 = NDArray[np.float64]
 
 # triangles are cut until they are no longer than so many steps of the lattice: what the track does between the antennas
 # differs from end to end of a long one
@@ -73,7 +72,7 @@ def nodes_over(
     lattice: Lattice,
     rim: float = RIM,
     reach: tuple[float, float] = (np.inf, np.inf),
-    piece: NDArray[np.int64] | None = None,
+    piece: I64 | None = None,
     most: float = np.inf,
     stretches: float = LONGEST,
 ) -> tuple[F64, F64]:
@@ -176,7 +175,7 @@ class _Outlines:
         ends = (ring[[pick(ring[:, 1])], 0] for pick in (np.argmin, np.argmax))
         return _Outlines(ring.min(axis=0)[None], ring.max(axis=0)[None], left, right, *ends)
 
-    def _rows(self, rim: float, most: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _rows(self, rim: float, most: float) -> tuple[I64, I64]:
         """First row of each outline, and how many it has."""
         first, last = (
             np.clip(v, -most, most).astype(np.int64)
@@ -188,7 +187,7 @@ class _Outlines:
         """Rows of all outlines together."""
         return int(self._rows(rim, most)[1].sum())
 
-    def runs(self, rim: float, most: float) -> list[NDArray[np.int64]]:
+    def runs(self, rim: float, most: float) -> list[I64]:
         """Rows with their first and last columns, (n_runs, 3) each, of the nodes within ``rim`` along both axes."""
         first, count = self._rows(rim, most)
         total = np.cumsum(count)
@@ -225,7 +224,7 @@ class _Outlines:
         return ends[0] - rim, ends[1] + rim
 
 
-def _stretches(corners: F64, piece: NDArray[np.int64], longest: float) -> NDArray[np.int64]:
+def _stretches(corners: F64, piece: I64, longest: float) -> I64:
     """Number of the stretch of its piece of surface that each triangle lies on, no longer than ``longest``."""
     if not len(corners):
         return np.zeros(0, dtype=np.int64)
@@ -241,7 +240,7 @@ def _stretches(corners: F64, piece: NDArray[np.int64], longest: float) -> NDArra
     return np.asarray(stretch, dtype=np.int64)
 
 
-def _rings(seen: Sequence[F64], stretch: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.intp], F64]]:
+def _rings(seen: Sequence[F64], stretch: I64) -> Iterator[tuple[NDArray[np.intp], F64]]:
     """Triangles whose rows are laid out together, and the convex hull (m, 2) of what all antennas see of them.
 
     Those of a stretch whose hull is no larger than their outlines side by side, and has far fewer rows.
@@ -302,7 +301,7 @@ def _hull_lines(points: F64, pairs: Iterable[tuple[int, int]]) -> tuple[F64, F64
     return kept[0], kept[1]
 
 
-def _union(start: NDArray[np.int64], stop: NDArray[np.int64], most: float) -> NDArray[np.int64]:
+def _union(start: I64, stop: I64, most: float) -> I64:
     """Whole numbers that runs ``start ... stop`` hold, each once, in order; ``most`` bounds how many."""
     order = np.argsort(start, kind="stable")
     start, reached = start[order], np.maximum.accumulate(stop[order])

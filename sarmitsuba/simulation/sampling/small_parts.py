@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F32, F64
 from sarmitsuba.simulation.sampling.small_lattice import (
     LONGEST,
     RIM,
@@ -18,9 +19,8 @@ from sarmitsuba.simulation.sampling.small_lattice import (
 from sarmitsuba.trace.launch import LatticeLevel, LaunchFrame, LaunchGrid, Purpose, morton
 from sarmitsuba.trace.scene_tables import TraceScene
 
-F64 = NDArray[np.float64]
 # places of rays in a launch plane; distance between them, and least and largest need of the faces that they serve
-Nodes = tuple[NDArray[np.float32], NDArray[np.float32]]
+Nodes = tuple[F32, F32]
 Density = tuple[float, tuple[float, float]]
 
 # rays that finer lattices may have in all: so many, or a share of the plain lattice's where that has more

@@ -1,16 +1,14 @@
 """What water under wind asks of the sampling: room for its range rates, blocks over which it moves evenly."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse import water_in
 from sarmitsuba.materials.diffuse_law import WindWaves
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.movers import BEAM_CHANGE, MOTION_PHASE, SHORTEST, beam_change
-
-F64 = NDArray[np.float64]
 
 # standard deviations of a velocity that are kept: one scatterer in a million is faster
 SIGMAS = 5.0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
@@ -26,7 +27,6 @@ from sarmitsuba.trace.state import Contribution, Kernel, KernelSettings
 if TYPE_CHECKING:
     from sarmitsuba.trace.kernel import LaneArrays
 
-F64 = NDArray[np.float64]
 
 # points that the level is estimated from, about: two per cent of a level that half of them have a part in
 PILOT_POINTS = 30_000
@@ -263,7 +263,7 @@ class PairEcho:
     slant_range : (n,) float64, m
     """
 
-    amplitude: NDArray[np.complex128]
+    amplitude: C128
     slant_range: F64
 
 

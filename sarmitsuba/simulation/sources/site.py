@@ -4,8 +4,8 @@ from abc import ABC, abstractmethod
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.mesh.sharp_edges import SharpEdges
@@ -16,8 +16,6 @@ from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
 from sarmitsuba.trace.launch import project
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.wire_nodes import longest_step
-
-F64 = NDArray[np.float64]
 
 # antenna positions that pairs are looked for from: at least, and one every so many rad of the track's turn
 LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)

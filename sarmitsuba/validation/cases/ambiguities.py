@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.link.ambiguity import azimuth_ambiguity_ratio
 from sarmitsuba.radar.radar import Radar
@@ -16,8 +16,6 @@ from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import Parameter, make_scene, unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
-
-F64 = NDArray[np.float64]
 
 FREQUENCY = 9.65e9
 WAVELENGTH = 299792458.0 / FREQUENCY

@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.radar.antenna import Antenna
@@ -21,8 +21,6 @@ from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import Parameter, make_scene
 from sarmitsuba.validation.comparison import Case, Comparison
-
-F64 = NDArray[np.float64]
 
 WIDTH = np.radians(2.0)  # of the beam, both ways
 RANGE = 500.0

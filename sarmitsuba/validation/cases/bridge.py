@@ -1,9 +1,9 @@
 """Where the image shows a bridge over water: its multiple returns."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation import targets
@@ -25,8 +25,6 @@ from sarmitsuba.validation.slant_profiles import (
     profile,
     scene_of,
 )
-
-F64 = NDArray[np.float64]
 
 
 def bridge(quick: bool = False) -> Case:

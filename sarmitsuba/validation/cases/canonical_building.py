@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.units import db_from_power
@@ -16,7 +16,6 @@ from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.patch import CELL, RAYS_PER_CELL, diffuse_flags
 from sarmitsuba.validation.targets import PERMITTIVITY
 
-F64 = NDArray[np.float64]
 SOIL, WALL = PERMITTIVITY["soil"], PERMITTIVITY["concrete"]
 # ground lit through the wall, m: whole cells deep and long, since a cell lit in part returns less than its share
 DEEP, LONG = 12.0, 24.0

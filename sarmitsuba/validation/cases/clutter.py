@@ -5,12 +5,12 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal.windows import taylor
 from scipy.special import gammainc
 from scipy.stats import kstest
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64, I64
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.image.sar_image import SarImage
@@ -28,7 +28,6 @@ from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import ground_scene, unwarned
 from sarmitsuba.validation.comparison import CONFIDENCE, CRITICAL_DISTANCE, Case, Comparison
 
-F64 = NDArray[np.float64]
 LEVEL_DB = -10.0
 # resolution cell and correlation length of the focused image, m; its pixels are a cell apart
 CELL, LENGTH = 1.0, 6.0
@@ -351,7 +350,7 @@ def _turned(turn: float) -> F64:
     return np.array([[c, -s, 0.5 - 0.5 * c + 0.5 * s], [s, c, 0.5 - 0.5 * s - 0.5 * c], [0.0, 0.0, 1.0]])
 
 
-def _places(image: SarImage, half: float, turn: float) -> NDArray[np.int64]:
+def _places(image: SarImage, half: float, turn: float) -> I64:
     """Number of the texel of each pixel, -1 within 3 cells of an edge or outside."""
     points = image.grid.positions()
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))

@@ -1,9 +1,9 @@
 """Paths over two diffuse scatterers: a bowl in closed form, and two plates by a sum over all pairs of their facets."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.surface_samples import surface_samples
@@ -17,8 +17,6 @@ from sarmitsuba.validation import targets
 from sarmitsuba.validation.band_sampling import wavelength
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
-
-F64 = NDArray[np.float64]
 
 RADIUS, SEGMENTS, ALBEDO = 2.0, 96, 0.3
 # m, between points, also where few looks are taken, and the antenna's distance

@@ -1,9 +1,9 @@
 """Edges of metal: physical optics with fringe currents against wedges and plates in closed form."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.trace.edges import FringeCurrents, edges_of
@@ -13,8 +13,6 @@ from sarmitsuba.validation import targets
 from sarmitsuba.validation.band_sampling import BANDS, bands, wavelength
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
-
-F64 = NDArray[np.float64]
 
 # sides of the plate and of the prisms' cross-sections, and lengths of their edges, wavelengths; no two bands alike
 WIDTH = {"L": 4.0, "C": 5.0, "X": 6.3, "Ka": 7.5}
@@ -144,7 +142,7 @@ def _prism(corners: F64, height: float) -> Geometry:
     return targets.geometry([(np.concatenate([low, high]), faces.astype(np.int32))])
 
 
-def _keller(corners: F64, height: float, lam: float, azimuth: F64) -> NDArray[np.complex128]:
+def _keller(corners: F64, height: float, lam: float, azimuth: F64) -> C128:
     """(2, n) amplitudes, field along and across the upright edges, phase about the middle of the bounds."""
     look = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     total = np.zeros((2, azimuth.size), dtype=np.complex128)

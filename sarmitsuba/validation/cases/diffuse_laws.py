@@ -1,9 +1,9 @@
 """Every diffuse law over angle through the kernel."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.material import Material
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.band_sampling import X_WAVELENGTH
@@ -12,7 +12,6 @@ from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.patch import mean_power
 from sarmitsuba.validation.targets import PERMITTIVITY
 
-F64 = NDArray[np.float64]
 SOIL = PERMITTIVITY["soil"]
 LAWS = (
     Material("constant", pec=True, diffuse_law="constant", diffuse_level_db=-12.0),

@@ -1,9 +1,9 @@
 """Fresnel reflection inside the compiled kernel and through double bounces of real materials."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
@@ -14,11 +14,10 @@ from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.targets import PERMITTIVITY
 
-C128 = NDArray[np.complex128]
 ROUNDING = "float32 arithmetic, 6e-8 per operation, and 1e-5 asked for"
 
 
-def kernel_fresnel(cosine: NDArray[np.float64], permittivity: complex) -> tuple[C128, C128]:
+def kernel_fresnel(cosine: F64, permittivity: complex) -> tuple[C128, C128]:
     """Return TE and TM coefficients as the compiled kernel computes them, in float32."""
     ensure_backend()
     chi = mi.Complex2f(dr.opaque(mi.Float, permittivity.real - 1.0), dr.opaque(mi.Float, permittivity.imag))

@@ -3,13 +3,12 @@
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.validation import full_wave
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 
-F64 = NDArray[np.float64]
 CO_POLAR = ((0, "HH"), (2, "VV"))
 # dB below the peak of a cut: what is compared and what the plot shows
 FLOOR, DRAWN = 3.0, 50.0
@@ -65,7 +64,7 @@ def scene(name: str, quick: bool = False) -> Case:
     )
 
 
-def _where_it_ends(exact: full_wave.C128, got: full_wave.C128) -> str:
+def _where_it_ends(exact: C128, got: C128) -> str:
     """The figures of all directions in words."""
     text = []
     for i, channel in CO_POLAR:
@@ -84,7 +83,7 @@ def _where_it_ends(exact: full_wave.C128, got: full_wave.C128) -> str:
     )
 
 
-def _db(amplitude: full_wave.C128) -> F64:
+def _db(amplitude: C128) -> F64:
     return np.asarray(20.0 * np.log10(np.maximum(np.abs(amplitude), 1e-12)))
 
 

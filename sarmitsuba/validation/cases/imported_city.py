@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_FLATTENING, EARTH_RADIUS
 from sarmitsuba.importing.convert import import_scene
 from sarmitsuba.importing.import_options import ImportOptions
@@ -19,7 +19,6 @@ from sarmitsuba.validation.chain import chain, track_distance
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.slant_profiles import BLACK, BRIGHT, SLANT_RANGE, diffuse_only, incidence
 
-F64 = NDArray[np.float64]
 # m: between middles, so that no roof is in another's shadow or layover; cells; beside a roof in what is measured
 PITCH, CELL, RIM = 58.0, 0.5, 1.0
 # the centroid of n cells of speckle on a length l is off by l / sqrt(12 n), 0.29 cells on a square; four times that

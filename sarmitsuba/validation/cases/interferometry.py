@@ -4,15 +4,14 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import height_map
+from sarmitsuba.arrays import F64
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.interferometric_pairs import WAVELENGTH, Pair, RadarSetting, pair_of, phase_law
 
-F64 = NDArray[np.float64]
 TOPIC = "interferometry"
 # edge of level ground, and of the image on it, resolution cells in slant range
 GROUND_CELLS, IMAGE_CELLS = 110.0, 80.0

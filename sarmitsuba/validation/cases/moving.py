@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
@@ -19,7 +19,6 @@ from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import Parameter, bandwidth, chain, make_scene
 from sarmitsuba.validation.comparison import Case, Comparison
 
-F64 = NDArray[np.float64]
 RANGE, SPEED, CELL, FREQUENCY = 5e3, 150.0, 1.0, 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY
 # m, edges of the corner and of the wall

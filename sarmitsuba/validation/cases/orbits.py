@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_RADIUS, EARTH_ROTATION, SPEED_OF_LIGHT
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
@@ -20,8 +20,6 @@ from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

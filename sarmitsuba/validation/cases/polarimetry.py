@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.polarimetry import (
@@ -15,6 +14,7 @@ from sarmitsuba.analysis.polarimetry import (
     span,
     stokes,
 )
+from sarmitsuba.arrays import F64
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry, PointTarget
@@ -24,7 +24,6 @@ from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import Parameter, bandwidth, chain, make_scene
 from sarmitsuba.validation.comparison import Case, Comparison
 
-F64 = NDArray[np.float64]
 CELL = 1.0
 # pixels about a target, m, and the edge of the plate, the dihedral and the trihedral, 32 wavelengths
 EXTENT, EDGE = 16.0, 1.0

@@ -1,8 +1,8 @@
 """Rooms behind walls that let waves through, by the whole chain."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.materials.material import Material
@@ -16,7 +16,6 @@ from sarmitsuba.validation.cases.slabs import BOARD, SOURCE, WALLS, dyad
 from sarmitsuba.validation.chain import chain, make_scene
 from sarmitsuba.validation.comparison import Case, Comparison
 
-F64 = NDArray[np.float64]
 ROOM_BAND = 600e6  # Hz
 
 

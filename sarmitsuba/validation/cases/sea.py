@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.materials.laws.sea import TILTING, two_scale_sigma0
 from sarmitsuba.materials.material import Material
@@ -17,7 +17,6 @@ from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.patch import COUNT_DB, LOOKS, diffuse_flags, mean_power, standard_error
 
-F64 = NDArray[np.float64]
 C_BAND, KU_BAND = 5.3e9, 13.6e9
 # what altimeters see straight down under the world's mean wind of 7 m/s (Witter and Chelton, J. Geophys. Res. 96, 1991)
 ALTIMETER_DB = 11.1

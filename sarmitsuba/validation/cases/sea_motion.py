@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.materials.material import Material
@@ -18,7 +17,6 @@ from sarmitsuba.validation.cases.sea import ALL_IN_LAW
 from sarmitsuba.validation.chain import Parameter, bandwidth, chain, make_scene, unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
 
-F64 = NDArray[np.float64]
 RANGE, SPEED, FREQUENCY, LOOK = 3e3, 150.0, 9.65e9, 40.0
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY
 # m: range cell of raw data, in which the more cells the better; azimuth cell of an aperture somewhat longer than the

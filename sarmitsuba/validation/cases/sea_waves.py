@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.theory import sea as theory
@@ -13,7 +13,6 @@ from sarmitsuba.validation.cases.sea_motion import COARSE, LOOK, RANGE, SPEED, W
 from sarmitsuba.validation.chain import chain
 from sarmitsuba.validation.comparison import Case, Comparison
 
-F64 = NDArray[np.float64]
 # m: waves longer than this are drawn; of ground range that one centroid is taken over; of the image along the track
 LONG, WINDOW, IMAGE = 15.0, 6.0, 160.0
 # nodes over a window

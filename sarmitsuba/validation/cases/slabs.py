@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import VACUUM_IMPEDANCE
 from sarmitsuba.materials.material import Material
@@ -17,8 +17,6 @@ from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 SOURCE = "ITU-R P.2040-3 (single-layer slab); Born and Wolf, section 7.6"
 ROUNDING = "float32 arithmetic: 6e-8 of the electrical thickness, up to 160 rad"
 GLASS, BRICK, BOARD = 6.31 - 0.19j, 3.91 - 0.06j, 2.73 - 0.13j

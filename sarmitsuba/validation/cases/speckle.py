@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 from scipy.integrate import simpson
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
@@ -16,8 +16,6 @@ from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import ground_scene
 from sarmitsuba.validation.comparison import CONFIDENCE, CRITICAL_DISTANCE, Case, Comparison
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 LEVEL_DB = -10.0
 # cells per axis: 0.88^2 of their square are kept, 1.1e5 in the full run
 CELLS_QUICK, CELLS = 360.0, 400.0

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import Interferogram
@@ -18,7 +17,6 @@ from sarmitsuba.validation.interferometric_pairs import (
     phase_law,
 )
 
-F64 = NDArray[np.float64]
 TOPIC = "interferometry"
 # edges of level ground and of the image on it, resolution cells in slant range
 GROUND_CELLS, IMAGE_CELLS = 90.0, 64.0

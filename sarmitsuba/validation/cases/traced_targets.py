@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.units import db_from_power
@@ -22,8 +22,6 @@ from sarmitsuba.validation.chain import (
     track_distance,
 )
 from sarmitsuba.validation.comparison import Case, Comparison
-
-F64 = NDArray[np.float64]
 
 
 def traced_rcs(quick: bool = False) -> Case:

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
@@ -16,8 +16,6 @@ from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import Parameter, bandwidth, make_scene, unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
-
-F64 = NDArray[np.float64]
 
 FREQUENCY, CELL = 9.65e9, 1.0
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -1,9 +1,9 @@
 """PRF jitter and staggered PRF: what uneven pulses leave beside a focused point."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.simulation.raw import simulate
@@ -11,8 +11,6 @@ from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import Parameter, make_scene, unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
-
-F64 = NDArray[np.float64]
 
 RANGE, SPEED, PRF, FREQUENCY = 10e3, 100.0, 100.0, 9.65e9
 WAVELENGTH = 299792458.0 / FREQUENCY

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
 from sarmitsuba.materials.named_materials import MATERIALS
@@ -22,7 +22,6 @@ from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
 
-F64 = NDArray[np.float64]
 BANDS = {"L": 1.27e9, "C": 5.4e9, "X": 9.65e9}
 CHANNELS = ("HH", "VV", "HV")
 

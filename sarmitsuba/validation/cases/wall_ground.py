@@ -1,9 +1,9 @@
 """Double bounce of a wall on the ground."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import F64
 from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.units import db_from_power
@@ -22,7 +22,7 @@ def wall_ground(quick: bool = False) -> Case:
     look = targets.from_azimuth(np.zeros_like(theta), np.radians(90.0 - theta))
     shape = targets.wall_and_ground(height, length, ground)
 
-    def double(wall: Material, floor: Material) -> NDArray[np.float64]:
+    def double(wall: Material, floor: Material) -> F64:
         result = monostatic_rcs(
             shape,
             (wall, floor),

@@ -3,9 +3,9 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.scene import Scene
@@ -17,9 +17,6 @@ from sarmitsuba.validation import targets
 from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
-
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
 
 CHANNELS = ("HH", "HV", "VV")
 # what drawn rods are made of, k a and relative permittivity: from hair-thin wires to lamp posts
