@@ -96,6 +96,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         where = "" if error.filename is None else f"{one_line(error.filename, 200)}: "
         console.complain(f"{where}{reason_of(error)}")
         return EXIT_USER
-
-
-__all__ = ["EXIT_INTERRUPTED", "EXIT_OK", "EXIT_USER", "build_parser", "main"]

@@ -16,15 +16,3 @@ EARTH_ROTATION = 7.292115e-5  # rad/s
 # share of the coherent rays, and weight in the image, of each set that error bars keep apart; 0: all rays together.
 # Three to one: sets of different density differ by what their density blurs, too, which equal ones would share
 SUBSET_SHARES: dict[int, float] = {0: 1.0, 1: 0.75, 2: 0.25}
-
-__all__ = [
-    "BOLTZMANN",
-    "EARTH_FLATTENING",
-    "EARTH_GRAVITY",
-    "EARTH_RADIUS",
-    "EARTH_ROTATION",
-    "SPEED_OF_LIGHT",
-    "SUBSET_SHARES",
-    "VACUUM_IMPEDANCE",
-    "VACUUM_PERMITTIVITY",
-]

@@ -168,6 +168,3 @@ def _version(name: str) -> str | None:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return None
-
-
-__all__ = ["Check", "Report", "examine", "measure_ray_rate"]

@@ -58,18 +58,3 @@ class SarmitsubaWarning(UserWarning):
 
 class ExtensionError(SarmitsubaError):
     """A registered entry or a user's extension module that cannot be found or used."""
-
-
-__all__ = [
-    "BackendError",
-    "ClusterError",
-    "DataError",
-    "ExtensionError",
-    "OutputError",
-    "RadarError",
-    "ResourceError",
-    "SarmitsubaError",
-    "SarmitsubaWarning",
-    "SceneError",
-    "plain_line",
-]

@@ -45,6 +45,3 @@ def exclusive(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **kwargs)
 
     return alone
-
-
-__all__ = ["backend_lock", "exclusive"]

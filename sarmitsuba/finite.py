@@ -37,6 +37,3 @@ def check_pulses(data: C64, where: str = "") -> None:
         f"{where}{len(bad)} of {data.shape[1]} pulses hold NaN or infinite numbers, the first is pulse {bad[0]}; set "
         "them to zero"
     )
-
-
-__all__ = ["all_finite", "check_pulses"]

@@ -117,6 +117,3 @@ def _writable_bytes() -> int:
     except OSError:
         return 1 << 62
     return pages * os.sysconf("SC_PAGE_SIZE")
-
-
-__all__ = ["survive"]

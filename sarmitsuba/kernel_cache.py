@@ -90,6 +90,3 @@ def _private(found: os.stat_result) -> bool:
     """Whether a folder is this user's and nobody else can write in it; a group of the user's number is theirs."""
     others = stat.S_IWOTH if found.st_gid == found.st_uid else stat.S_IWOTH | stat.S_IWGRP
     return found.st_uid == os.getuid() and not found.st_mode & others
-
-
-__all__ = ["CACHE_VARIABLE", "prepare_kernel_cache"]

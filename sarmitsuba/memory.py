@@ -108,6 +108,3 @@ def _container(limit: str, use: str, statistics: str, cache: str) -> int | None:
     except (OSError, ValueError, IndexError):  # "max", or no such container
         return None
     return max(0, bound - used + reclaimable)
-
-
-__all__ = ["USABLE", "check_fits", "free_memory", "held_memory", "in_bytes", "peak_memory"]

@@ -366,18 +366,3 @@ def _compact(value: float) -> str:
 
 def _text(value: float, unit: str) -> str:
     return f"{_compact(value)} {unit}".strip()
-
-
-__all__ = [
-    "Param",
-    "ParamTable",
-    "Value",
-    "described",
-    "did_you_mean",
-    "filled",
-    "float_value",
-    "one_line",
-    "params_of",
-    "printable",
-    "string_value",
-]

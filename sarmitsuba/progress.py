@@ -81,6 +81,3 @@ class Journey:
         elapsed = self._clock() - self._begin
         left = elapsed * (whole - done) / done if done > 0.0 else float("inf")
         return Standing(done / whole if whole else 1.0, elapsed, left)
-
-
-__all__ = ["Journey", "Progress", "Standing", "silent"]

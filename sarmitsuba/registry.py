@@ -164,6 +164,3 @@ def load_extension(module_or_file: str, *, again: bool = True) -> None:
         spec.loader.exec_module(module)
     except (ImportError, SyntaxError) as error:
         raise ExtensionError(f"{module_or_file}: cannot be imported: {error}") from error
-
-
-__all__ = ["ENTRY_POINTS", "Registry", "late", "load_extension"]

@@ -116,15 +116,3 @@ def is_inside(name: str | Path, folder: Path) -> bool:
     except (OSError, ValueError):  # longer than the system takes, or with a null character
         return ".." not in Path(name).parts and not Path(name).is_absolute()
     return Path(place).is_relative_to(os.path.realpath(folder))
-
-
-__all__ = [
-    "LARGEST",
-    "check_regular",
-    "check_unpacked",
-    "is_inside",
-    "most_unpacked",
-    "open_regular",
-    "read_bytes",
-    "read_text",
-]

@@ -58,5 +58,3 @@ class KernelArray(Protocol):
 
 
 Samples = TypeVar("Samples", F64, KernelArray)
-
-__all__ = ["KernelArray", "Samples"]

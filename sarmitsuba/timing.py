@@ -45,6 +45,3 @@ class StageTimer:
     def total(self) -> float:
         """Seconds since the timer was made."""
         return self.clock() - self._begin
-
-
-__all__ = ["Clock", "StageTimer"]

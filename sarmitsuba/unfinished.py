@@ -27,6 +27,3 @@ def remove_unfinished() -> None:
             remove()
         except (OSError, SarmitsubaError):
             continue
-
-
-__all__ = ["remove_unfinished", "removed_if_stopped"]

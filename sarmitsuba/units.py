@@ -15,6 +15,3 @@ def db_from_power(power: ArrayLike) -> F64:
 def power_from_db(value_db: ArrayLike) -> F64:
     """Return ``10**(value_db / 10)`` as float64."""
     return np.asarray(10.0 ** (np.asarray(value_db, dtype=np.float64) / 10.0))
-
-
-__all__ = ["db_from_power", "power_from_db"]

@@ -55,6 +55,3 @@ class ClusterAddress:
     def threads(self) -> int:
         """Cores of each worker on this machine."""
         return max(1, n_threads() // max(1, self.workers))
-
-
-__all__ = ["ClusterAddress"]

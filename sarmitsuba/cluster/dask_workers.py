@@ -182,6 +182,3 @@ def open_workers(address: ClusterAddress, extensions: Sequence[str] = ()) -> Ite
         ) from None
     with client:
         yield DaskWorkers(client, address.scheduler, extensions)
-
-
-__all__ = ["DaskWorkers", "open_workers"]

@@ -54,6 +54,3 @@ def shared(focuser: Focuser, workers: DaskWorkers) -> Focuser:
 
 def _same(tiles: Tiles) -> Tiles:
     return tiles
-
-
-__all__ = ["SharedBackprojection", "shared"]

@@ -144,6 +144,3 @@ class ClusterPlan:
 def _share(parts: int, workers: int) -> float:
     """Of the work, what the busiest worker does: whole parts; all of it where this process does it alone (0 parts)."""
     return -(-parts // workers) / parts if parts else 1.0
-
-
-__all__ = ["ClusterPlan"]

@@ -82,6 +82,3 @@ def run_task(plugin: str, task: object) -> object:
 def version() -> str:
     """Of sarmitsuba in a worker."""
     return __version__
-
-
-__all__ = ["SLOT", "ToolPlugin", "run_task", "version"]

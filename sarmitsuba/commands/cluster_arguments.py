@@ -48,6 +48,3 @@ def open_workers(args: argparse.Namespace, console: Console, method: str) -> "It
     with opened(ClusterAddress.parse(args.cluster), getattr(args, "extension", ())) as workers:
         console.say(f"cluster {workers.name}: {workers.n_workers} workers")
         yield workers
-
-
-__all__ = ["add_cluster_argument", "check_cluster_argument", "open_workers"]

@@ -201,6 +201,3 @@ class _LogHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self._console._line(plain_line(f"{record.name}: {record.getMessage()}"), sys.stderr)
-
-
-__all__ = ["Console"]

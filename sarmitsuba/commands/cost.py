@@ -159,6 +159,3 @@ def _save(folder: "OutputFolder", report: "CostReport", name: str, text: str) ->
     figure = cost_figure(points, front, (best.seconds, best.error_db), target, name)
     with folder.writing(PLOT) as path:
         save_figure(figure, path)
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run", "table"]

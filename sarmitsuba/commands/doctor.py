@@ -36,6 +36,3 @@ def run(args: argparse.Namespace, console: Console) -> int:
             console.say(f"{'':<{width}}  {'':<8}-> {check.remedy}")
     console.say("ready" if report.ok else "not ready: follow the advice at the lines marked MISSING")
     return 0 if report.ok else 1
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

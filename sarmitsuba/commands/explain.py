@@ -65,6 +65,3 @@ def run(args: argparse.Namespace, console: Console) -> int:
         facts, text = {**facts, "cluster": plan.as_dict()}, f"{text}\n{plan}"
     console.say(json.dumps(facts, indent=2) if args.json else text)
     return 0
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -384,16 +384,3 @@ def _compare(
     assert image is not None
     results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
     return results.draw_into(folder, COMPARISON, lambda: focusers_figure(found), console)
-
-
-__all__ = [
-    "COMPARISON",
-    "HELP",
-    "NAME",
-    "add_arguments",
-    "add_focus_arguments",
-    "check_focus_arguments",
-    "check_focusing",
-    "focus_into",
-    "run",
-]

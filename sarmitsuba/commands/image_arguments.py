@@ -47,6 +47,3 @@ def _image_names() -> list[str]:
 
 def _first(folder: Path, names: list[str]) -> Path | None:
     return next((folder / name for name in names if os.path.isfile(folder / name)), None)
-
-
-__all__ = ["add_image_arguments", "files_of_run", "image_file"]

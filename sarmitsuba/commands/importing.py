@@ -141,6 +141,3 @@ def _anchor(text: str) -> tuple[float, float, float]:
             f"{text!r} is not LAT,LON or LAT,LON,H in degrees and metres, such as 48.137,11.575"
         ) from None
     return latitude, longitude, above
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -93,6 +93,3 @@ def relief_of(scene: "Scene") -> float:
 
 def _changed(args: argparse.Namespace, output: Path, **changes: object) -> argparse.Namespace:
     return argparse.Namespace(**{**vars(args), "output": str(output), **changes})
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "relief_of", "run"]

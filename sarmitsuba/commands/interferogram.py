@@ -193,6 +193,3 @@ def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:
             "more coherent half"
         )
     return lines
-
-
-__all__ = ["HELP", "NAME", "SECOND", "add_arguments", "add_pair_arguments", "run"]

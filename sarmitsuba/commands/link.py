@@ -51,6 +51,3 @@ def run(args: argparse.Namespace, console: Console) -> int:
     )
     console.say(json.dumps(budget.as_dict(), indent=2) if args.json else str(budget))
     return EXIT_IMPOSSIBLE if budget.impossible else 0
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -94,6 +94,3 @@ def run(args: argparse.Namespace, console: Console) -> int:
         save(figure, target)
     console.say(str(target))
     return 0
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -99,6 +99,3 @@ def run(args: argparse.Namespace, console: Console) -> int:
         for name, draw in figures.items():
             console.say(str(draw_into(folder, name, draw, console)))
     return 0
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -88,6 +88,3 @@ def run(args: argparse.Namespace, console: Console) -> int:
         path = draw_into(folder, PLOT, lambda: quality_figure(image, report), console)
     console.say(str(path))
     return 0
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -374,6 +374,3 @@ def _page(
 def _azimuth_window(aspects: "Aspects", window: str) -> str:
     """None over a whole circle, whose aperture has no ends."""
     return "rectangular" if aspects.whole_circle else window
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run", "table_of"]

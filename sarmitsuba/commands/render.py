@@ -366,6 +366,3 @@ def _image_only(
     folder.clear(run_hash)
     record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
     return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -337,25 +337,3 @@ def radar_record(radar: Radar) -> dict[str, object]:
         "noise_temperature_k": radar.noise_temperature,
         "losses": radar.losses,
     }
-
-
-__all__ = [
-    "BLOCKS",
-    "PASSES",
-    "PICTURE",
-    "PICTURE_ORDERS",
-    "RECORD",
-    "RUN_HASH",
-    "Formats",
-    "draw_into",
-    "expected_names",
-    "least_bytes",
-    "picture_name",
-    "radar_record",
-    "save_pictures",
-    "save_raw",
-    "save_record",
-    "saved_raw",
-    "store_image",
-    "versions",
-]

@@ -95,6 +95,3 @@ def definition(text: str) -> tuple[str, str]:
     if not equals or not name:
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
     return name, value
-
-
-__all__ = ["add_scene_arguments", "definition", "mesh_record", "scene_of"]

@@ -73,6 +73,3 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
             shutil.copyfile(source, temporary)
         written.append(path)
     return written
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "copy_scene", "run"]

@@ -57,6 +57,3 @@ def run(args: argparse.Namespace, console: Console) -> int:
         finally:
             studio.close()
     return 0
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -109,6 +109,3 @@ def _validate(
 def _facts() -> dict[str, str]:
     names = ("mitsuba", "drjit", "numpy", "scipy")
     return {"sarmitsuba": sarmitsuba.__version__} | {n: importlib.metadata.version(n) for n in names}
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -87,6 +87,3 @@ def _write(target: Path, payload: "dict[str, Value]") -> None:
     from sarmitsuba.page.write import write_page
 
     write_page(target, payload)
-
-
-__all__ = ["HELP", "NAME", "PAGE", "add_arguments", "run", "view_folder"]

@@ -55,6 +55,3 @@ class WorkClock:
         out = {stage: self.stage_seconds + counted.get(stage, 0.0) for stage in measured}
         self._elapsed += sum(out.values())
         return out
-
-
-__all__ = ["StudyClock", "WallClock", "WorkClock"]

@@ -58,6 +58,3 @@ def measure_front(
             continue
         measured[index[id(pick)]] = proof.measure(pick.changes)
         progress()
-
-
-__all__ = ["measure_front"]

@@ -142,6 +142,3 @@ def _distance(a: Changes, b: Changes) -> float:
         elif key == "focuser":
             total += value != b[key]
     return total
-
-
-__all__ = ["AFFECTS", "FLOOR_DB", "CostModel", "corrected"]

@@ -104,6 +104,3 @@ class Proof:
                 seconds, run_trial(self.scene, setting, pass_index=pass_index, clock=self.clock).seconds
             )
         return ProofRun(error, seconds)
-
-
-__all__ = ["Proof", "ProofRun", "Reference"]

@@ -173,15 +173,3 @@ def options_of(changes: Changes) -> str:
         words.append(f"-D sar_path.{key}={text}")
     words += [f"--{key} {changes[key]}" for key in ("method", "focuser") if key in changes]
     return " ".join([*words, "--no-error-bars"])
-
-
-__all__ = [
-    "Candidate",
-    "CostReport",
-    "Recommendation",
-    "Row",
-    "options_of",
-    "pareto",
-    "recommend",
-    "reference_text",
-]

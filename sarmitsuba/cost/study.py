@@ -203,6 +203,3 @@ def _candidates(task: _Task, model: CostModel, proof: Proof) -> list[Candidate]:
     # what the study switches off, the recommended line must
     off = {k: False for k in ("keep_orders", "keep_subsets") if getattr(task.scene.settings, k)}
     return [replace(c, changes={**c.changes, **off}) for c in found]
-
-
-__all__ = ["study_cost"]

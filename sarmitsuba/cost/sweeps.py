@@ -257,6 +257,3 @@ def _stages_of(trial: Trial, launch_seconds: float) -> dict[str, float]:
     seconds = trial.stages.get("trace", 0.0)
     launches = min(launch_seconds * trial.statistics.key_pulses, 0.95 * seconds)
     return {**out, "launches": launches, "rays": seconds - launches}
-
-
-__all__ = ["REFERENCE_DEPTH", "SPACINGS", "Sweeps", "sweep_all", "whole_stages"]

@@ -90,6 +90,3 @@ def field_of_proof(
             piece = crop(scene, share)
             return piece, factor, _middle(piece) + ", the whole aperture"
     return None, 0.0, ""
-
-
-__all__ = ["REFERENCES", "SWEEP_SHARE", "field_of_proof", "piece_to_sweep"]

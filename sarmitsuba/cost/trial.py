@@ -208,6 +208,3 @@ def flush_caches() -> None:
     if "drjit" not in sys.modules:
         return
     dr.flush_malloc_cache()
-
-
-__all__ = ["Trial", "TrialSetting", "compiling", "flush_caches", "mean_image", "memory", "run_trial"]

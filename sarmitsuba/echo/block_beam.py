@@ -88,6 +88,3 @@ def _leg_gain(
     azimuth = component(pointing.azimuth_axis[pulses])
     gain = radar.antenna.two_way_amplitude(azimuth, np.zeros_like(azimuth))
     return np.asarray(np.where(component(boresight) > 0.0, gain, 0.0))
-
-
-__all__ = ["azimuth_gain", "step_within_beam"]

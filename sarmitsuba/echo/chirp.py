@@ -87,6 +87,3 @@ def to_chirped(raw: RawData) -> RawData:
             work *= spectrum
             out[layer, pick] = scipy.fft.ifft(work, axis=-1, workers=-1, overwrite_x=True)[:, :n_fast]
     return replace(raw, data=out, domain="chirped")
-
-
-__all__ = ["chirp_spectrum", "n_fast_chirped", "pulse_samples", "to_chirped"]

@@ -160,6 +160,3 @@ def finish(
     offset = radar.window.start_range[plan.start : plan.stop] - plan.range0
     cell, n_samples = radar.waveform.range_cell, radar.window.n_samples
     return to_window(grid, offset, plan.fine, cell, n_samples, plan.kernel, share)
-
-
-__all__ = ["DirectPlan", "box_distance", "box_slant_range", "finish", "plan_direct", "spread_reference"]

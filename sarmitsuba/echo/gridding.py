@@ -329,6 +329,3 @@ def _horner(coefficients: list[float], x: Samples) -> Samples:
     for c in coefficients[-3::-1]:
         value = value * x + c
     return value
-
-
-__all__ = ["OVERSAMPLING", "FineGrid", "GriddingKernel", "fine_grid", "gridding_kernel", "to_window"]

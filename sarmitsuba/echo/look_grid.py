@@ -192,6 +192,3 @@ class LookGrid:
             spectrum *= factor
             out[layer] = scipy.fft.ifftn(spectrum, axes=axes, workers=-1, overwrite_x=True)
         return out
-
-
-__all__ = ["BeamFan", "LookGrid"]

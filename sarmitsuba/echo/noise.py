@@ -115,6 +115,3 @@ def _in_band(rng: np.random.Generator, shape: tuple[int, int], power: float, rad
     gain = np.sqrt(gain * (n_fft / gain.sum())).astype(np.float32)
     white = _white(rng, (shape[0], n_fft), power) * (gain * np.float32(np.sqrt(n_fft)))
     return np.asarray(scipy.fft.ifft(white, axis=-1, workers=-1, overwrite_x=True)[:, : shape[1]])
-
-
-__all__ = ["add_noise", "noise_generator", "noise_power"]

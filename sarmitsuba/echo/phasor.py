@@ -34,6 +34,3 @@ def phase_ramp(step: F64, first: int, count: int) -> C64:
     fine = np.exp(1j * np.multiply.outer(step, np.arange(min(_STRIDE, count))))
     product = coarse.astype(np.complex64)[:, :, None] * fine.astype(np.complex64)[:, None, :]
     return product.reshape(len(step), -1)[:, :count]
-
-
-__all__ = ["phase_ramp", "unit_phasor"]

@@ -98,6 +98,3 @@ def widest_shift(radar: Radar, box: F64, pulses: slice) -> float:
         return 0.0
     corners = np.array([[x, y, z] for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]])
     return radar.range_per_rate * 1.1 * max(float(np.abs(radar.range_rate(p, pulses)).max()) for p in corners)
-
-
-__all__ = ["InPulse", "carrier_range", "standing_still", "widest_shift"]

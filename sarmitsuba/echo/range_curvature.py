@@ -192,6 +192,3 @@ def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b
         range_rate,
         np.asarray(np.mean(at_carrier**2 + over_band**2, axis=1)),
     )
-
-
-__all__ = ["Curvature", "CurvatureFit", "KeyState", "fit_curvature", "key_state", "sample_paths"]

@@ -162,6 +162,3 @@ class RawData:
     def total(self, channel: str | None = None) -> C64:
         """Sum of all layers of a channel (default: the first), (n_pulses, n_fast) complex64."""
         return sum_of_channel(self.data, self.layers, channel, "raw data")
-
-
-__all__ = ["Layer", "RawData", "channels_of", "sum_of_channel"]

@@ -81,6 +81,3 @@ class SubBands:
     def _of_range(self, index: int, cycles_per_metre: F64) -> F64:
         every = self.shares(self.center_frequency + 0.5 * SPEED_OF_LIGHT * cycles_per_metre)
         return np.asarray(every[index])
-
-
-__all__ = ["RangeFilter", "SubBands"]

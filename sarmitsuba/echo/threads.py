@@ -68,6 +68,3 @@ def _controller() -> _BlasController | None:
         return None
     found: _BlasController = ThreadpoolController()
     return found
-
-
-__all__ = ["n_threads", "one_blas_thread", "parallel_map"]

@@ -263,6 +263,3 @@ class SceneContext:
     def wavenumber(self) -> float:
         """Wave number at the carrier, rad/m."""
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
-
-
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "SamplingFacts", "SceneContext"]

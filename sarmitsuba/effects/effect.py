@@ -133,6 +133,3 @@ def effects() -> tuple[Effect, ...]:
 def switchable_effects() -> tuple[Effect, ...]:
     """Those with a switch in the scene file, in the order of the plan."""
     return tuple(effect for effect in effects() if effect.documentation)
-
-
-__all__ = ["EFFECTS", "Assessment", "Decision", "Effect", "effects", "switchable_effects"]

@@ -76,6 +76,3 @@ class KernelFlags:
     def reciprocal(self, channel: str) -> tuple[str, str]:
         """Channels of a path and of the reversed one; after one bounce they are one path."""
         return (channel, channel[::-1] if self.multi_bounce else channel)
-
-
-__all__ = ["FlagValue", "KernelFlags"]

@@ -355,6 +355,3 @@ def _first_nonzero(rows: F64) -> F64:
     """First component of each row that is not nearly zero."""
     big = np.abs(rows) > 1e-6
     return np.asarray(rows[np.arange(len(rows)), np.argmax(big, axis=1)])
-
-
-__all__ = ["ShapeAnalysis"]

@@ -56,6 +56,3 @@ def _something_behind(faces: F64, points: F64, antenna: F64, slack: float) -> bo
         if any(bool((height * side < -slack).any()) for side in np.unique(sides) if side):
             return True
     return False
-
-
-__all__ = ["seen_through"]

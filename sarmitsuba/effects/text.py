@@ -16,6 +16,3 @@ def length(metres: float) -> str:
     return (
         f"{1e3 * metres:.3g} mm" if metres < 1.0 else f"{float(f'{metres:.3g}'):g} m"
     )  # 1140 m, not 1.14e+03
-
-
-__all__ = ["length", "names"]

@@ -282,24 +282,3 @@ def incidence_angle(radar: Radar, point: ArrayLike) -> F64:
     """Angle between the vertical and the line of sight from mid-aperture at points (..., 3), rad."""
     line = radar.track.center_position - np.asarray(point, dtype=np.float64)
     return np.asarray(np.arccos(np.clip(line[..., 2] / np.linalg.norm(line, axis=-1), -1.0, 1.0)))
-
-
-__all__ = [
-    "antennas_gain",
-    "aperture_weights",
-    "band_weights",
-    "beam_turn",
-    "dimness",
-    "direction_gain",
-    "ends_rounding",
-    "flight",
-    "ground_cell_area",
-    "image_places",
-    "incidence_angle",
-    "leaves_beam",
-    "look_directions",
-    "matched_weights",
-    "pulse_ranges",
-    "range_gradients",
-    "weights_difference",
-]

@@ -157,14 +157,3 @@ def without_trend(radar: Radar, error: F64, weight: F64) -> F64:
     mean = float(share @ error)
     slope = float((share * time) @ (error - mean)) / float((share * time) @ time)
     return np.asarray(error - mean - slope * time)
-
-
-__all__ = [
-    "AUTOFOCUSERS",
-    "AutofocusTask",
-    "Autofocuser",
-    "correct_ranges",
-    "parse_autofocus",
-    "remove_error",
-    "without_trend",
-]

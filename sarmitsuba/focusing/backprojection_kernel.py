@@ -478,16 +478,3 @@ def between_nodes(
         if m:
             out[-m] = [(e[0] - o[0], e[1] - o[1]) for e, o in pairs], (cos, -sin)
     return [out[place] for place in line.places]
-
-
-__all__ = [
-    "AXES_STRIDE",
-    "PULSE_STRIDE",
-    "ApertureBand",
-    "Beam",
-    "LanePixels",
-    "ProfileBatch",
-    "Scales",
-    "Weighting",
-    "accumulate",
-]

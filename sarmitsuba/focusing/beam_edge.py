@@ -72,6 +72,3 @@ def beam_edge_warning(radar: Radar, grid: ImageGrid, window: Window, cell: float
         f"ground that it lights raise their level by {level[wrong].min():.2g} dB to {level.max():.3g} dB or more; "
         "shrink image_extent_azimuth, widen the beam, or take an azimuth window of low side lobes"
     )
-
-
-__all__ = ["beam_edge_warning", "false_level"]

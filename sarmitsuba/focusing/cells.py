@@ -168,6 +168,3 @@ def _cell_rows(
         "range": grid.range[columns].tolist(),
         "ratio": ratio.tolist(),
     }
-
-
-__all__ = ["AzimuthCells", "CellPolynomial", "CellTable", "azimuth_cells", "fit_columns"]

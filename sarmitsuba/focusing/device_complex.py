@@ -35,6 +35,3 @@ def weighted_sum(weights: list[float], values: list[Complex]) -> Complex:
     for weight, value in zip(weights, values, strict=True):
         re, im = dr.fma(weight, value[0], re), dr.fma(weight, value[1], im)
     return re, im
-
-
-__all__ = ["TWO_PI", "cis", "scaled", "times", "weighted_sum"]

@@ -197,6 +197,3 @@ def _of_the_radar(
         point = grid.positions_on_line(grid.azimuth.size // 2)[grid.range.size // 2]
         facts["nesz"] = noise_equivalent_sigma0(radar, point, focused.pulse_weights(point), range_window)
     return facts
-
-
-__all__ = ["focus"]

@@ -106,6 +106,3 @@ def compare_focusers(
             similar = coherence(image.data, exact.data)
         results.append(FocuserResult(focuser.name, refusal, image, seconds, error, similar))
     return tuple(results)
-
-
-__all__ = ["FocuserResult", "compare_focusers"]

@@ -246,6 +246,3 @@ def _request_from_window(radar: Radar) -> ImageRequest:
         spacing_azimuth=0.0,
         spacing_range=0.0,
     )
-
-
-__all__ = ["default_grid", "image_request", "natural_spacing"]

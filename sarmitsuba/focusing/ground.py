@@ -71,6 +71,3 @@ def to_ground(pixels: C64, slant: ImageGrid, rho: F64, carrier: float) -> C64:
     )
     flat = pixels.reshape(-1, slant.range.size)
     return np.asarray((matrix @ flat.T).T, dtype=np.complex64).reshape(*pixels.shape[:2], rho.size)
-
-
-__all__ = ["slant_below", "slant_ranges", "to_ground"]

@@ -50,6 +50,3 @@ def pulse_contributions(
         weight = matched_weights(radar, point, azimuth_window) * inside * distance**2
         out[start : start + step] = value * weight * np.exp(1j * np.mod(wavenumber * distance, 2.0 * np.pi))
     return out
-
-
-__all__ = ["pulse_contributions"]

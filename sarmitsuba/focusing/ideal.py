@@ -106,6 +106,3 @@ def ideal_echoes(radar: Radar, positions: ArrayLike, rcs: ArrayLike = 1.0, phase
         radar=radar,
         metadata={"source": "ideal point echoes"},
     )
-
-
-__all__ = ["ideal_echoes", "ideal_radar"]

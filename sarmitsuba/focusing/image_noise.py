@@ -70,6 +70,3 @@ def noise_equivalent_sigma0(
     """
     area = ground_cell_area(radar, np.asarray(point, dtype=np.float64), weights, range_window)
     return noise_equivalent_rcs(radar, point, weights, range_window) / area
-
-
-__all__ = ["noise_equivalent_rcs", "noise_equivalent_sigma0"]

@@ -322,6 +322,3 @@ def resample(smooth: C64, look: Look) -> C64:
             total += row * tx
         out[start : start + _BATCH] = total
     return out.reshape(look.image.shape)
-
-
-__all__ = ["Look", "form_image", "look_size", "plan_look", "resample"]

@@ -330,6 +330,3 @@ def _wavenumbers(radar: Radar, grid: LookGrid, geometry: LookGeometry, place: F6
     ranges = pulse_ranges(radar, near)
     ahead, along = np.linalg.solve(change, ranges[0] - ranges[1])
     return along, ahead
-
-
-__all__ = ["LEAST_AGREEMENT", "LookGeometry", "geometries", "passing_time", "sweeps"]

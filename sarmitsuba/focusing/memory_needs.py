@@ -56,6 +56,3 @@ def check_image_fits(grid: ImageGrid, n_layers: int, making: int) -> None:
         focusing_bytes(grid, n_layers, making),
         "make its extents smaller or its pixel spacings wider",
     )
-
-
-__all__ = ["backprojection_bytes", "check_image_fits", "focusing_bytes", "look_bytes"]

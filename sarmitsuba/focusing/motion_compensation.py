@@ -411,15 +411,3 @@ def needs_compensation(
             "range varies over the beam; shrink the image or take focuser backprojection"
         )
     return plan, residual
-
-
-__all__ = [
-    "LARGEST_RESIDUAL",
-    "MOTION_COMPENSATIONS",
-    "Residual",
-    "Straightening",
-    "compensate_motion",
-    "compensation_residual",
-    "needs_compensation",
-    "plan_straightening",
-]

@@ -92,6 +92,3 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
     area = float(np.sum(np.abs(response) ** 2)) * (2.0 * farthest / n)
     alike = 2.0 * np.pi * float(np.sum(share**2 / step))
     return area / alike
-
-
-__all__ = ["WIDE_BEAM", "beam_over_cell"]

@@ -74,6 +74,3 @@ class WithOptions:
             for field in dataclasses.fields(self)
         ]
         return "; options ".join([self.title, ", ".join(options)]) if options else self.title
-
-
-__all__ = ["OptionValue", "WithOptions", "option"]

@@ -221,15 +221,3 @@ def _range_bounds(grid: ImageGrid, along: F64, antenna: F64) -> tuple[F64, F64]:
     far_a = np.maximum(np.abs(a - along[0]), np.abs(a - along[1]))
     far_c = np.maximum(np.abs(c - across[0]), np.abs(c - across[1]))
     return near, np.sqrt(far_a**2 + far_c**2 + drop**2)
-
-
-__all__ = [
-    "LONGEST_LINE",
-    "PixelLines",
-    "expansion_error",
-    "grid_lines",
-    "may_leave_window",
-    "nodes_needed",
-    "plan_line",
-    "point_lines",
-]

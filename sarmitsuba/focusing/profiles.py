@@ -181,13 +181,3 @@ def plan_spectrum(radar: Radar, window: Window, *, extra: int = 0) -> ProfilePla
     centred = centred * np.exp(2j * np.pi * scipy.fft.fftfreq(n_fft) * middle)
     gains *= n_fft / float(centred.real @ gains)
     return ProfilePlan(receive.n_samples, receive.sample_spacing, 1, 1, gains)
-
-
-__all__ = [
-    "MOST_BEYOND",
-    "ProfilePlan",
-    "band_weights",
-    "parse_interpolation",
-    "plan_profiles",
-    "plan_spectrum",
-]

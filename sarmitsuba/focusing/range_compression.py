@@ -85,6 +85,3 @@ def range_compress(raw: RawData, *, method: str = "matched") -> RawData:
             line = scipy.fft.ifft(work * response, axis=-1, workers=-1)
             out[layer, pick] = line[:, : radar.window.n_samples]
     return replace(raw, data=out, domain="compressed", metadata={**raw.metadata, "range_compression": method})
-
-
-__all__ = ["COMPRESSIONS", "compression_filter", "range_compress"]

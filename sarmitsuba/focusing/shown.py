@@ -76,6 +76,3 @@ def _energy(data: C64, raw: RawData, channel: str) -> float:
     step = -(-data.shape[1] // ROWS)
     some = sum_of_channel(data[:, ::step], raw.layers, channel, "raw data")
     return float(np.vdot(some, some).real * data.shape[1] / some.shape[0])
-
-
-__all__ = ["shown_share"]

@@ -50,6 +50,3 @@ def sliding_means(
         weights[[0, -1]] = 0.5 * (width - (2 * reach - 1))
         means = correlate1d(means, weights / width, axis=axis, mode=rim)
     return means
-
-
-__all__ = ["block_means", "block_middles", "sliding_means"]

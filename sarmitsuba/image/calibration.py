@@ -53,6 +53,3 @@ def calibrate(image: SarImage, measured_rcs: float, known_rcs: float) -> SarImag
     total = float(factor) * float(image.metadata.get("calibration_factor", 1.0))
     facts = {**image.metadata, "calibration_factor": total}
     return replace(image, data=(image.data * np.float32(factor)).astype(np.complex64), metadata=facts)
-
-
-__all__ = ["QUANTITIES", "backscatter", "calibrate"]

@@ -332,17 +332,3 @@ def _pair(a: NDArray[np.number], b: NDArray[np.number]) -> tuple[C128, C128]:
     if x.shape != y.shape:
         raise DataError(f"images of the shapes {x.shape} and {y.shape} cannot be compared pixel by pixel")
     return x.ravel(), y.ravel()
-
-
-__all__ = [
-    "Chip",
-    "CutMetrics",
-    "PointTargetMetrics",
-    "coherence",
-    "cut_metrics",
-    "equivalent_number_of_looks",
-    "image_error_db",
-    "point_target",
-    "point_target_in",
-    "windows_over",
-]

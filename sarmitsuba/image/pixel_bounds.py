@@ -66,6 +66,3 @@ def check_image(image: SarImage) -> None:
             f"image: incidence angles from {angle.min():g} to {angle.max():g} rad; each must be above 0 and at most "
             "pi / 2"
         )
-
-
-__all__ = ["check_grid", "check_image"]

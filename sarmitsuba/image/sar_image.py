@@ -289,6 +289,3 @@ class Multilook:
     def to_db(self, floor: float = -np.inf) -> F64:
         """The power in dB; nothing falls below ``floor``."""
         return to_db(self.power, floor)
-
-
-__all__ = ["ImageGrid", "Multilook", "Quantity", "SarImage", "to_db"]

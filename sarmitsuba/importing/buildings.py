@@ -78,6 +78,3 @@ def add_building(parts: Parts, building: Building, facades: FacadeBuilder) -> Ro
     under = np.column_stack([corners, np.full(len(corners), building.foot)])
     parts.add("walls", building.wall, under, faces[:, ::-1])
     return roof
-
-
-__all__ = ["FOOT", "Building", "add_building", "wall_segments"]

@@ -454,6 +454,3 @@ def _counts(
             f"{facades.n_triangles} triangles of at most {o.limit}"
         )
     return [*lines, f"{name}: {parts.n_triangles} triangles in all"]
-
-
-__all__ = ["MATERIALS", "Model", "make_model"]

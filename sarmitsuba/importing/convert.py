@@ -222,6 +222,3 @@ def _bsdf(material: str) -> str:
         f'        <string name="diffuse_law" value="{law}"/>\n'
         f'        <float name="diffuse_level_db" value="{level:g}"/>\n    </bsdf>\n\n'
     )
-
-
-__all__ = ["import_scene"]

@@ -282,6 +282,3 @@ _BALCONY = np.array(
 def _many(faces: NDArray[np.int_], corners: int, n: int) -> I32:
     """Faces of n bodies of so many corners each."""
     return (faces[None] + corners * np.arange(n)[:, None, None]).reshape(-1, 3).astype(np.int32)
-
-
-__all__ = ["KINDS", "FacadeBuilder", "FacadeOptions"]

@@ -72,6 +72,3 @@ class ImportOptions:
             raise SceneError(f'import: unit "{self.unit}" is unknown; choose one of {", ".join(UNITS)}')
         if self.up not in UPS:
             raise SceneError(f'import: up axis "{self.up}" is unknown; choose one of {", ".join(UPS)}')
-
-
-__all__ = ["HEIGHT", "STOREY", "ImportOptions"]

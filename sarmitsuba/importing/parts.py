@@ -40,6 +40,3 @@ class Parts:
         return np.array(
             [np.min([v.min(axis=0) for v in every], axis=0), np.max([v.max(axis=0) for v in every], axis=0)]
         )
-
-
-__all__ = ["Mesh", "Parts"]

@@ -115,17 +115,3 @@ def check_width(points: F64, where: str) -> None:
             f"{where}: reaches {far / 1e3:.4g} km from the scene's origin, more than {WIDEST / 1e3:.0f} km; give "
             "--anchor LAT,LON with --radius M to take a part"
         )
-
-
-__all__ = [
-    "LOCAL",
-    "WGS84",
-    "WIDEST",
-    "Places",
-    "check_width",
-    "crs_named",
-    "local_of_geodetic",
-    "middle",
-    "on_plane",
-    "projected",
-]

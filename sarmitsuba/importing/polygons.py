@@ -107,6 +107,3 @@ def triangulate_in_space(rings: Sequence[F64]) -> tuple[F64, I32] | None:
 
 def _cross(a: F64, b: F64) -> F64:
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-
-
-__all__ = ["MOST_CORNERS", "require_shapely", "triangulate", "triangulate_in_space", "why_unusable"]

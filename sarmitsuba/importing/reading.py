@@ -77,6 +77,3 @@ def read_xml(path: Path) -> ET.Element:
         raise SceneError(f"{path.name}: holds no element; export it again")
     except (ET.ParseError, xml.parsers.expat.ExpatError, ValueError, LookupError) as error:
         raise SceneError(f"{path.name}: malformed XML: {one_line(error)}; export it again") from error
-
-
-__all__ = ["read_bytes", "read_json", "read_xml"]

@@ -92,6 +92,3 @@ def _convex(corners: F64) -> bool:
     step = np.roll(corners, -1, axis=0) - corners
     after = np.roll(step, -1, axis=0)
     return bool((step[:, 0] * after[:, 1] > step[:, 1] * after[:, 0]).all())
-
-
-__all__ = ["GABLED", "PYRAMIDS", "Roof", "make_roof", "rise"]

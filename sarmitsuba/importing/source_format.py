@@ -155,6 +155,3 @@ def find_source(path: Path) -> SourceFormat:
     known = ", ".join(f"{entry.name} ({' '.join(entry.suffixes)})" for entry in SOURCES)
     what = "a folder without files of a known kind" if folder else f'of unknown suffix "{path.suffix}"'
     raise SceneError(f"{one_line(path.name)}: {what}; there are {known}")
-
-
-__all__ = ["SOURCES", "BuildingFootprint", "CitySource", "Solid", "SourceFormat", "find_source"]

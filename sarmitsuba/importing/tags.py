@@ -96,6 +96,3 @@ def _positive(
             source.assume(f"{what} that are no number from 0 to {most:g}, as if not there", name)
         return np.nan
     return number
-
-
-__all__ = ["Tags", "footprint", "is_building", "metres"]

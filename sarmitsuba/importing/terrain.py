@@ -184,6 +184,3 @@ def _whole(wanted: "Window", width: int, height: int, where: str) -> "Window":
     if right - left < 2 or bottom - top < 2:
         raise SceneError(f"{where}: the raster does not cover the buildings; give one that does")
     return Window(left, top, right - left, bottom - top)
-
-
-__all__ = ["MOST_SAMPLES", "HeightRaster", "read_raster", "terrain_mesh"]

@@ -152,6 +152,3 @@ def _triangles(active: NDArray[np.bool_]) -> I64:
         first, second = np.stack([c, a, m], axis=1), np.stack([b, c, m], axis=1)
         todo = np.concatenate([first[cut], second[cut]])
     return np.concatenate(done)
-
-
-__all__ = ["Network", "network"]

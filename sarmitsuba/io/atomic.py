@@ -100,6 +100,3 @@ def reason_of(error: OSError) -> str:
     if error.errno == errno.ENAMETOOLONG:
         return "the name is longer than this system takes; choose a shorter one"
     return " ".join(text.split())
-
-
-__all__ = ["atomic_path", "make_folder", "open_own", "part_name", "process_of_part", "reason_of"]

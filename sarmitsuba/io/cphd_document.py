@@ -243,6 +243,3 @@ def _channels(top: Element, recording: CphdRecording) -> None:
             for channel in recording.channels
         ],
     }
-
-
-__all__ = ["LAYOUT", "NAMESPACE", "VECTOR_BYTES", "CphdRecording", "GroundArea", "document"]

@@ -57,6 +57,3 @@ def json_value(text: str | bytes) -> Any:
         return json.loads(text)
     except RecursionError:
         raise ValueError("its entries are nested too deep") from None
-
-
-__all__ = ["json_value", "to_json"]

@@ -26,6 +26,3 @@ def formats_package(module: str, what: str) -> ModuleType:
         raise DataError(
             f"{what} the package {package} ({error}); pip install 'sarmitsuba[formats]'"
         ) from error
-
-
-__all__ = ["formats_package"]

@@ -160,6 +160,3 @@ def _naming(path: Path) -> Iterator[None]:
         yield
     except (RadarError, DataError) as error:
         raise DataError(f"{path}: {error}") from None
-
-
-__all__ = ["FORMATS", "FileFormat", "find_format", "read_image", "read_raw", "write_image", "write_raw"]

@@ -107,6 +107,3 @@ def north_up(image: SarImage, spacing: float = 0.0) -> NorthUp:
     ]
     magnitude = np.sqrt(np.stack(out)).reshape(-1, rows, columns)
     return NorthUp(magnitude.astype(np.float32), int(zone[5:]), float(west), float(top), spacing)
-
-
-__all__ = ["NorthUp", "north_up", "outline", "utm_zone"]

@@ -205,17 +205,3 @@ def _item(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset:
     if not isinstance(link, h5py.HardLink):
         raise DataError(f"{where} refers to another place; copy the data there")
     return group[name]
-
-
-__all__ = [
-    "FACTS",
-    "dataset",
-    "group_of",
-    "has",
-    "number",
-    "numbers",
-    "read_fields",
-    "texts_of",
-    "write_fields",
-    "write_number",
-]

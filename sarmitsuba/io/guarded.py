@@ -83,6 +83,3 @@ class GuardedFile(io.RawIOBase):
         if not self.closed:
             self._file.close()
         super().close()
-
-
-__all__ = ["GuardedFile"]

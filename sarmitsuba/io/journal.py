@@ -172,6 +172,3 @@ def remove_journal(path: Path) -> None:
         return
     if head == MAGIC[: len(head)]:
         path.unlink(missing_ok=True)
-
-
-__all__ = ["MAGIC", "Journal", "remove_journal"]

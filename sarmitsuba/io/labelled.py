@@ -74,6 +74,3 @@ def labelled_raw(raw: RawData) -> object:
             "bandwidth_hz": radar.waveform.bandwidth,
         },
     )
-
-
-__all__ = ["labelled_image", "labelled_raw"]

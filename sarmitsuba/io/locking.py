@@ -64,6 +64,3 @@ def _alive(process: int) -> bool:
     except OSError:
         return True
     return True
-
-
-__all__ = ["sole_writer"]

@@ -81,17 +81,3 @@ def refuse_document_type(tree: "lxml.etree._ElementTree", what: str) -> None:
 def said(error: BaseException) -> str:
     """A library's message in one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__
-
-
-__all__ = [
-    "DAMAGED",
-    "EPOCH",
-    "LETTERS",
-    "MODE_TYPES",
-    "OTHER_MODE",
-    "Element",
-    "plain_xml",
-    "polarisations",
-    "refuse_document_type",
-    "said",
-]

@@ -295,6 +295,3 @@ class OutputFile:
         else:
             with self._folder.writing(self.path.name) as path:
                 yield path
-
-
-__all__ = ["MANIFEST", "RESULTS", "OutputFile", "OutputFolder", "output_folder"]

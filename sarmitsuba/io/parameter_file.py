@@ -23,6 +23,3 @@ def read(path: Path | str) -> dict[str, Any]:
     if not isinstance(facts, dict):
         raise ValueError(f"{path}: holds no JSON object")
     return facts
-
-
-__all__ = ["read", "write"]

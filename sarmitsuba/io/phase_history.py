@@ -349,6 +349,3 @@ def _profiles(history: PhaseHistory, radar: Radar) -> C64:
         turn = level[pick] * np.exp(-1j * wave * center * reference[pick])
         data[pick] = line * turn[:, None]
     return data
-
-
-__all__ = ["PhaseHistory", "joined", "raw_of"]

@@ -446,6 +446,3 @@ def _collection(top: Element, anchor: Anchor) -> Collection:
         pulse_width=float(wave["TxPulseLength"]),
     )
     return Collection(signal, flight)
-
-
-__all__ = ["NAMESPACE", "Axes", "center_time", "document", "image_of"]

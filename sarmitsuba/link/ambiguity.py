@@ -117,6 +117,3 @@ def _off_boresight(sine: F64, squint: float) -> F64:
     """Sine of the angle off a boresight at ``squint`` (rad) of directions whose sine along the flight is ``sine``."""
     clipped = np.clip(sine, -1.0, 1.0)
     return np.asarray(clipped * np.cos(squint) - np.sqrt(1.0 - clipped**2) * np.sin(squint))
-
-
-__all__ = ["Gain", "azimuth_ambiguity_ratio", "range_ambiguity_ratio"]

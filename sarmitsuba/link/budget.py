@@ -302,5 +302,3 @@ _ROWS: tuple[tuple[str, Callable[[PlaceBudget], str]], ...] = (
     ("azimuth ambiguity (dB)", lambda p: _db(p.azimuth_ambiguity)),
     ("range ambiguity (dB)", lambda p: _db(p.range_ambiguity)),
 )
-
-__all__ = ["DataVolume", "LinkBudget", "link_budget"]

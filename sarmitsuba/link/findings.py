@@ -202,6 +202,3 @@ def _of_the_aperture(where: str, radar: Radar, place: PlaceBudget, given: RadarI
             )
         ]
     return []
-
-
-__all__ = ["Finding", "antenna_area", "findings"]

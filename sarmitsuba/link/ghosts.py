@@ -117,6 +117,3 @@ def range_ambiguity(radar: Radar, prf: float, point: F64, radius: float) -> floa
     return range_ambiguity_ratio(
         gain, slant, boresight.height, prf, boresight.look_angle, earth_radius=radius
     )
-
-
-__all__ = ["Vantage", "azimuth_ambiguity", "earth_radius", "range_ambiguity", "vantage", "vantage_of"]

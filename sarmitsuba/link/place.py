@@ -187,6 +187,3 @@ def half_power_width(frequency: F64, weights: F64) -> float:
         if last > _REACH:
             return float("inf")
     return 2.0 * float(brentq(above_half, last - _STEP, last, xtol=1e-6)) / spread
-
-
-__all__ = ["PlaceBudget", "Processing", "half_power_width", "place_budget"]

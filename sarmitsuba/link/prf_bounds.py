@@ -226,6 +226,3 @@ def _without_nadir(band: Interval, until: float, since: float) -> list[Interval]
             parts += [(a, b) for a, b in ((low, min(high, start)), (max(low, stop), high)) if a < b]
         left = parts
     return left
-
-
-__all__ = ["PulseTiming", "free_bands", "overlap_share", "pulse_timing"]

@@ -294,6 +294,3 @@ def _offset(geometry: Geometry, places: F64) -> F64:
     if float(np.linalg.norm(center)) <= RECENTRE_DISTANCE:
         return np.zeros(3)
     return np.asarray(np.round(center))
-
-
-__all__ = ["RECENTRE_DISTANCE", "MeshSurface", "assemble", "seen_by"]

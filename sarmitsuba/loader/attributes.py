@@ -149,6 +149,3 @@ def _of_obj(path: Path, faces: I32, where: str) -> F64:
             "them, triangulated, or give map_extent"
         )
     return uv
-
-
-__all__ = ["at_corners", "corner_values"]

@@ -236,6 +236,3 @@ def _surface(mesh: SceneMesh, material: int, label: str) -> MeshSurface:
     return MeshSurface(
         mesh.name, vertices, faces, material, mesh.smooth, motion=mesh.motion, corner_values=values
     )
-
-
-__all__ = ["MaterialLike", "SceneMesh", "SceneVolume", "build_scene"]

@@ -85,6 +85,3 @@ def _given(description: RadarDescription | FilmDescription, names: frozenset[str
     if isinstance(description, RadarDescription):
         values |= {name: v for name, v in description.mode_parameters.items() if name in names}
     return values
-
-
-__all__ = ["changed"]

@@ -227,6 +227,3 @@ class Collector:
         return PointTarget(
             placed.name, position, float(power_from_db(rcs)), float(np.radians(phase)), placed.motion
         )
-
-
-__all__ = ["SAGITTA_OVER_WAVELENGTH", "Collector"]

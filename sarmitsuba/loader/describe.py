@@ -104,6 +104,3 @@ def _integrator(root: Element, radar_root: Element | None) -> Element:
             if element.plugin == tables.INTEGRATOR.plugin:
                 return element
     return Element("integrator", tables.INTEGRATOR.plugin, "", "integrator sar_path", root.folder, {})
-
-
-__all__ = ["Described", "describe"]

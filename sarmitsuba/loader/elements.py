@@ -83,6 +83,3 @@ def plain_value(value: object) -> Property:
     if isinstance(value, np.ndarray) or kind.startswith(("Array3", "ScalarVector3", "ScalarPoint3")):
         return np.array(value, dtype=np.float64)
     return Opaque("colour" if "Color" in kind else kind.lower())
-
-
-__all__ = ["Element", "Opaque", "Property", "plain_value", "walk"]

@@ -82,9 +82,6 @@ def _shapes() -> str:
     return "\n".join(rows)
 
 
-__all__ = ["fill_tables"]
-
-
 if __name__ == "__main__":
     import sys
     from pathlib import Path

@@ -106,6 +106,3 @@ def _scale(name: str, parts: list[MeshPart], turn: F64, options: MeshOptions) ->
 
 def _triangles(parts: list[MeshPart]) -> F64:
     return np.concatenate([part.vertices[part.faces] for part in parts])
-
-
-__all__ = ["SUFFIXES", "UNITS", "UPS", "MeshOptions", "add_mesh_file", "is_mesh_file", "upright"]

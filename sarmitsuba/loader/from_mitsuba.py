@@ -183,6 +183,3 @@ def _placed(shape: "mi.Shape", name: str) -> Placed:
     parameters = mi.traverse(shape)
     matrix = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4, -1)[:, :, 0]
     return Placed(Element("shape", plugin, name, where, Path(), {}), name, matrix)
-
-
-__all__ = ["scene_from_mitsuba"]

@@ -112,6 +112,3 @@ def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
             f"{text}: no such file, and no shipped {what} of that name{guess}; shipped: {', '.join(names)}"
         )
     raise SceneError(f"{text}: no such {what} file; check the path")
-
-
-__all__ = ["LibraryEntry", "list_radars", "list_scenes", "resolve", "resolve_radar", "scenes_dir"]

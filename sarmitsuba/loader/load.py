@@ -126,6 +126,3 @@ def _loaded(scene: object) -> "mi.Scene":
             f"{type(scene).__name__}: not a scene; give a file, a shipped name, a dict or an mi.Scene"
         )
     return scene
-
-
-__all__ = ["load_scene"]

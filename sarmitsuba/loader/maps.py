@@ -424,6 +424,3 @@ def _made(element: Element, make: Callable[[], T]) -> T:
         return make()
     except SceneError as error:
         raise SceneError(f"{element.where}: {error}") from None
-
-
-__all__ = ["CLASS_MAP", "MAP_NAMES", "MATERIAL_MAPS", "land_cover", "map_file", "with_maps"]

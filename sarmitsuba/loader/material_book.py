@@ -176,6 +176,3 @@ class MaterialBook:
             if isinstance(weight, int | float) and weight >= 0.5:
                 pick = inner[1]
         return self._material(pick, name, depth + 1)
-
-
-__all__ = ["MaterialBook"]

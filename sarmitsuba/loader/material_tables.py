@@ -233,14 +233,3 @@ HOLDER = ParamTable(
     doc="Sionna RT's wrapper around one nested material, whose meaning it takes.",
     params=(),
 )
-
-__all__ = [
-    "ABSORBER",
-    "HOLDER",
-    "ITU_RADIO_MATERIAL",
-    "LAND_COVER",
-    "POINT_SCATTERER",
-    "RADAR_MATERIAL",
-    "RADAR_WIRE",
-    "RADIO_MATERIAL",
-]

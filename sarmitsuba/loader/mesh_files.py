@@ -208,6 +208,3 @@ def read_shape(path: Path, index: int, where: str) -> tuple[F64, I32]:
     with _reading(path, where):
         vertices, faces = read_serialized(path, index)
         return vertices, _checked(vertices, faces, path, where)
-
-
-__all__ = ["MeshPart", "obj_materials", "read_mesh", "read_parts", "read_shape"]

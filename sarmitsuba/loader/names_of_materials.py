@@ -57,6 +57,3 @@ def check_chosen(chosen: Mapping[str, str], names: set[str], where: str) -> None
             raise SceneError(
                 f'{where}: "{one_line(kind)}" is no known material{did_you_mean(kind, MATERIALS.names)}; known: {known}'
             )
-
-
-__all__ = ["DEFAULT", "WORDS", "check_chosen", "kind_of"]

@@ -10,6 +10,3 @@ def warn_once(notes: list[str], text: str) -> None:
     if text not in notes:
         notes.append(text)
         warnings.warn(text, SarmitsubaWarning, stacklevel=4)
-
-
-__all__ = ["warn_once"]

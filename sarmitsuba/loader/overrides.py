@@ -111,6 +111,3 @@ def check_used(
                 what = f'"{prefix}" is a {ids[prefix]}, whose values only the file changes'
             guess = did_you_mean(prefix, takes) or f"; give one of {', '.join(sorted(plugins))}, or an id"
             raise SceneError(f"{label}: -D {prefix}.{name}={value}: {what}{guess}")
-
-
-__all__ = ["Overrides", "check_used", "split_parameters"]

@@ -118,6 +118,3 @@ def describe(table: ParamTable, given: Mapping[str, Property]) -> str:
 
 def _text(value: object) -> str:
     return np.array2string(value) if isinstance(value, np.ndarray) else str(value)
-
-
-__all__ = ["describe", "given_values", "plugins_dir", "register", "register_plugins"]

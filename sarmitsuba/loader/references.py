@@ -235,6 +235,3 @@ def _real(path: Path) -> Path:
 
 def _many(number: int) -> str:
     return str(number) if number < 10**9 else f"1e{len(str(number)) - 1}"
-
-
-__all__ = ["check_document", "check_files", "check_meshes"]

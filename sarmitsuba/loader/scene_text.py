@@ -159,6 +159,3 @@ def _check_encoding(data: bytes, name: str) -> None:
     if declared not in _ENCODINGS or b"\x00" in data or data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         what = "null characters or UTF-16" if declared in _ENCODINGS else one_line(declared.decode("latin-1"))
         raise SceneError(f"{name}: a scene file is in UTF-8, this one holds {what}; save it in UTF-8")
-
-
-__all__ = ["LARGEST_SCENE", "SceneText", "read_scene_text", "substituted_length"]

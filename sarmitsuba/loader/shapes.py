@@ -314,15 +314,3 @@ def _radius(element: Element) -> float:
             "radius"
         )
     return float(value)
-
-
-__all__ = [
-    "MAX_FACES",
-    "SHAPE_PARAMETERS",
-    "MeshReader",
-    "Placed",
-    "cylinder_axis",
-    "mesh_path",
-    "placed_shapes",
-    "sphere_center",
-]

@@ -256,6 +256,3 @@ def _constituents(values: Mapping[str, Value | None]) -> tuple[Constituent, ...]
             orientation = Orientation(float_value(values, f"{kind}_tilt_deg"), spread)
             found.append(Constituent(piece, density, float_value(values, f"{kind}_moisture"), orientation))
     return tuple(found)
-
-
-__all__ = ["RADAR_VOLUME", "VolumeBook", "closed_volume", "medium_of"]

@@ -122,6 +122,3 @@ def _curves(element: Element) -> list[F64]:
             f"{where}: {path.name} holds a curve of fewer than two points; give at least two rows each"
         )
     return out
-
-
-__all__ = ["LEAST_SLENDERNESS", "wires"]

@@ -189,6 +189,3 @@ def _parser_message(text: str, path: Path) -> str:
     if what.startswith("undefined parameter"):
         remedy = f"; give it a <default> or -D {what.rpartition('$')[2]}=value"
     return f"{file_name}{place}: {one_line(what, 200)}{remedy}"
-
-
-__all__ = ["parse_dict", "parse_file", "read_text"]

@@ -28,6 +28,3 @@ def bragg_amplitudes(cos_theta: F64, permittivity: complex) -> tuple[C128, C128]
     alpha_h, _ = fresnel(c, permittivity)
     alpha_v = (permittivity - 1.0) * (sin2 - permittivity * (1.0 + sin2)) / (permittivity * c + q) ** 2
     return c**2 * alpha_h, c**2 * alpha_v
-
-
-__all__ = ["bragg_amplitudes", "bragg_factors"]

@@ -402,21 +402,3 @@ def _exclusive(given: frozenset[str], where: str) -> None:
     ):
         if first in given and second in given:
             raise SceneError(f"{where}: {first} and {second} exclude each other; leave one out")
-
-
-__all__ = [
-    "ADAPTER_BSDFS",
-    "ORDINARY_BSDFS",
-    "ORDINARY_CORRELATION",
-    "ORDINARY_RMS_HEIGHT",
-    "adapter_note",
-    "named_material",
-    "ordinary_material",
-    "radar_material",
-    "rough",
-    "rough_note",
-    "scattering_surface",
-    "sionna_itu_name",
-    "sionna_material",
-    "wire_permittivity",
-]

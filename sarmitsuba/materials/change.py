@@ -67,6 +67,3 @@ def change_of(
             "coherence that is left at last, such as 0"
         )
     return stays, days
-
-
-__all__ = ["CHANGE", "change_of", "coherence_after"]

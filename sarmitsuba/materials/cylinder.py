@@ -173,14 +173,3 @@ def _log_derivative(n: NDArray[np.intp], y: C128) -> C128:
 def _finite(values: C128) -> C128:
     """Conjugated, zero where orders have long died out."""
     return np.asarray(np.conj(np.where(np.isfinite(values), values, 0.0)))
-
-
-__all__ = [
-    "LARGEST_KA",
-    "NUMBERS",
-    "CylinderTable",
-    "coefficients",
-    "cylinder_table",
-    "largest_ka",
-    "table_size",
-]

@@ -197,6 +197,3 @@ def _check(law: str, sigma0: Sigma0, theta: F64) -> None:
             raise ExtensionError(
                 f"diffuse law {law!r}: sigma0 must return {theta.size} finite values of at least 0 for hh and for vv"
             )
-
-
-__all__ = ["DiffuseTable", "SpectrumTable", "diffuse_tables", "spectrum_table", "water_in"]

@@ -197,16 +197,3 @@ def correlation_length_of(surface: Surface, law: str) -> float:
             f"above 0 for diffuse_law = {law}; give the correlation length of the surface height"
         )
     return surface.correlation_length
-
-
-__all__ = [
-    "LAWS",
-    "Bistatic",
-    "DiffuseLaw",
-    "Sigma0",
-    "Surface",
-    "WindWaves",
-    "correlation_length_of",
-    "law_parameters",
-    "permittivity_of",
-]

@@ -27,6 +27,3 @@ class Dispersion:
         if self.kind:
             return MATERIALS[self.kind].at(dict(self.values)).permittivity(frequency)
         return permittivity_from_conductivity(self.real, self.conductivity, frequency)
-
-
-__all__ = ["Dispersion"]

@@ -58,6 +58,3 @@ def fresnel(cos_theta: ArrayLike, permittivity: complex | ArrayLike) -> tuple[C1
     te = (1.0 - eps) / te_root / te_root
     tm = (eps - 1.0) / tm_root * (((eps + 1.0) * c * c - 1.0) / tm_root)
     return np.where(empty, 0.0, te), np.where(empty, 0.0, tm)
-
-
-__all__ = ["fresnel", "refracted_cosine"]

@@ -102,6 +102,3 @@ def _levels(values: F64 | None, shape: tuple[int, ...], most: int, own: float) -
         found = np.geomspace(least, float(positive[-1]), most)
         index = np.rint(np.log(np.maximum(values, least) / least) / np.log(found[1] / least))
     return np.asarray(found, dtype=np.float64), np.asarray(index, dtype=np.int64).reshape(shape)
-
-
-__all__ = ["MOST_LEVELS", "MOST_LEVELS_OF_TWO", "map_attributes", "varied", "with_parts"]

@@ -191,6 +191,3 @@ class SurfaceMaps:
             bitmap = replace(classes.bitmap, placement=classes.bitmap.placement.moved(offset))
             classes = replace(classes, bitmap=bitmap)
         return SurfaceMaps(level, classes)
-
-
-__all__ = ["ClassMap", "Material", "SurfaceMaps"]

@@ -85,12 +85,3 @@ def permittivity_from_conductivity(real: float, conductivity: float, frequency: 
     frequency : Hz
     """
     return complex(real, -conductivity / (2.0 * math.pi * frequency * VACUUM_PERMITTIVITY))
-
-
-__all__ = [
-    "MATERIALS",
-    "ConstantMaterial",
-    "NamedMaterial",
-    "material_parameters",
-    "permittivity_from_conductivity",
-]

@@ -27,6 +27,3 @@ def roughness_spectrum(order: F64, wavenumber: float, length: float, correlation
     if correlation == "gaussian":
         return np.asarray(length**2 / (2.0 * order) * np.exp(-(scaled**2) / (4.0 * order)))
     return np.asarray((length / order) ** 2 * (1.0 + (scaled / order) ** 2) ** -1.5)
-
-
-__all__ = ["Correlation", "roughness_spectrum"]

@@ -209,6 +209,3 @@ def _directions(spread: F64, rng: np.random.Generator) -> F64:
     below = (grid + 0.5 * np.pi + 0.5 * spread[:, None] * np.sin(2.0 * grid)) / np.pi
     at = rng.random(spread.size)
     return np.array([np.interp(u, row, grid) for u, row in zip(at, below, strict=True)])
-
-
-__all__ = ["Moments", "SeaState", "angular_frequency"]

@@ -106,13 +106,3 @@ def most_power_through(material: Material, wavelength: float, cos_theta: ArrayLi
 def lets_through(material: Material, wavelength: float) -> bool:
     """Whether what lies behind can be seen at all."""
     return not material.invisible and most_power_through(material, wavelength) > OPAQUE
-
-
-__all__ = [
-    "COSINES",
-    "SlabCoefficients",
-    "lets_through",
-    "most_power_through",
-    "slab_coefficients",
-    "through",
-]

@@ -229,20 +229,3 @@ def check_texture(shape: float, length: float, where: str) -> None:
             f"{where}: texture_shape = {shape:g} is not between {LEAST_SHAPE:g} and {GREATEST_SHAPE:g}; give one "
             "of these, or leave the texture out for an even surface"
         )
-
-
-__all__ = [
-    "ATTRIBUTE_TEXELS",
-    "FIELD_LIMIT",
-    "GREATEST_SHAPE",
-    "LEAST_SHAPE",
-    "QUANTILE_NODES",
-    "Bitmap",
-    "Placement",
-    "check_texture",
-    "in_plan",
-    "node_spacing",
-    "on_mesh",
-    "spline_weights",
-    "texture_amplitudes",
-]

@@ -53,6 +53,3 @@ def _fringe(n: F64, x: F64) -> F64:
     series = x * ((1.0 - r2) / 3.0 + np.square(x) * (1.0 - np.square(r2)) / 45.0)
     whole = 1.0 / (n * np.tan(safe / n)) - np.where(lit, 1.0 / np.tan(safe), 0.0)
     return np.asarray(np.where(small, series, whole))
-
-
-__all__ = ["fringe_backscatter"]

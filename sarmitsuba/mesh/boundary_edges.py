@@ -395,6 +395,3 @@ def _twins(key: I64) -> tuple[I64, I64]:
 def _unused(n: int) -> F64:
     """(n, N_EDGES, 4) boundary edges that limit nothing."""
     return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
-
-
-__all__ = ["FLAT_BEND", "N_EDGES", "Facets", "boundary_edges", "facets"]

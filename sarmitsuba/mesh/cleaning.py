@@ -197,6 +197,3 @@ def _unique_faces(vertex: I64, f: I64, mesh: I64) -> tuple[I64, I64, I64]:
     flipped_of_mesh = np.bincount(mesh[starts], n_flipped, n_meshes).astype(np.int64)
     copies_of_mesh = np.bincount(mesh[order[copy]], minlength=n_meshes)
     return np.sort(starts), copies_of_mesh - flipped_of_mesh, flipped_of_mesh
-
-
-__all__ = ["JoinedMeshes", "clean_mesh", "clean_meshes"]

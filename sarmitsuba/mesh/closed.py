@@ -27,6 +27,3 @@ def surface_area(vertices: F64, faces: I32) -> float:
     """Area of all faces, m^2."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-
-
-__all__ = ["enclosed_volume", "is_closed", "surface_area"]

@@ -87,6 +87,3 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     concave = np.einsum("ij,ij->i", normals[first] * outward[first, None], towards) > slack
     # a dish of very many facets is deep where none of its edges is
     return not concave.any() and one_sided(normals, a + middle, points, slack)
-
-
-__all__ = ["SLACK", "face_edges", "is_convex_body", "joined", "one_sided"]

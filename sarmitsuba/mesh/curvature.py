@@ -98,6 +98,3 @@ def _bent(normal: F64, group: I32 | I64) -> bool:
     mean = np.stack([np.bincount(group, normal[:, i]) for i in range(3)], axis=1)
     length = np.linalg.norm(mean, axis=1)
     return bool((length[count > 1] < (1.0 - 1e-9) * count[count > 1]).any())
-
-
-__all__ = ["LARGEST_SAGITTA", "facet_curvature"]

@@ -50,6 +50,3 @@ def up_axis(triangles: F64) -> int:
     level = [float(size[np.abs(normal[:, axis]) > _LEVEL * size].sum()) for axis in range(3)]
     span = np.ptp(triangles.reshape(-1, 3), axis=0)
     return 1 if level[1] > _MORE * level[2] and span[1] < span[2] else 2
-
-
-__all__ = ["TALLEST_WALL", "doubtful_unit", "up_axis"]

@@ -85,6 +85,3 @@ def read_obj(path: Path) -> ObjMesh:
         tuple(name.decode("utf-8", "replace") for name in materials),
         tuple(objects.get(i, b"").decode("utf-8", "replace") for i in (*range(len(materials)), -1)),
     )
-
-
-__all__ = ["ObjMesh", "read_obj"]

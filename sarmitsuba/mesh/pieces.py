@@ -184,14 +184,3 @@ SLANTED, LEAST_SLANT = 0.2, 0.01
 ROUND_RAYS = 150_000
 # convex flat parts that a piece of surface may have to be given rays for each of them
 MOST_PARTS = 32.0
-
-__all__ = [
-    "RAYS_ACROSS",
-    "SMOOTH_BEND",
-    "part_sizes",
-    "piece_of",
-    "piece_sizes",
-    "ray_needs",
-    "round_bodies",
-    "slant_factor",
-]

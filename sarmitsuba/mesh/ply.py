@@ -88,6 +88,3 @@ def read_ply(path: Path) -> tuple[F64, I64] | None:
     if header[5].startswith(b"u"):
         faces = faces.view("<u4")
     return corners.astype(np.float64), faces.astype(np.int64)
-
-
-__all__ = ["read_ply", "write_ply"]

@@ -109,6 +109,3 @@ class _Stream:
             if self.take(1) == b"\x00":
                 return
         raise ValueError(f"a name of more than {_LONGEST_NAME} bytes")
-
-
-__all__ = ["read_serialized"]

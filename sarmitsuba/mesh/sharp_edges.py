@@ -144,6 +144,3 @@ def _away(face: F64, other: F64) -> F64:
     """(n, 3) unit normals of faces on the side away from others, from inward vectors of both."""
     across = np.einsum("ei,ei->e", face, other)[:, None] * face - other
     return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
-
-
-__all__ = ["DIRECTIONS", "SharpEdges", "sharp_edges"]

@@ -86,6 +86,3 @@ def _unit_normals(v: F64, f: I64) -> F64:
     cross = np.cross(v[f[:, 1]] - v[f[:, 0]], v[f[:, 2]] - v[f[:, 0]])
     norm = np.linalg.norm(cross, axis=1, keepdims=True)
     return np.asarray(cross / np.where(norm > 0.0, norm, 1.0))
-
-
-__all__ = ["smooth_groups"]

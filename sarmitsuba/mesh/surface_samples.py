@@ -190,6 +190,3 @@ def _mixed(x: U32) -> U32:
     x = x ^ (x >> np.uint32(15))
     x = x * np.uint32(0x846CA68B)
     return np.asarray(x ^ (x >> np.uint32(16)), dtype=np.uint32)
-
-
-__all__ = ["SurfaceSamples", "surface_density", "surface_samples"]

@@ -223,6 +223,3 @@ def _mean_distance(v: F64, f: I32) -> float:
     area = np.linalg.norm(np.cross(p1 - p0, p2 - p0), axis=1)
     radial = sum(w * np.linalg.norm(x * p0 + y * p1 + z * p2, axis=1) for x, y, z, w in points)
     return float((area * radial).sum() / area.sum())
-
-
-__all__ = ["cube", "cylinder", "disk", "rectangle", "sphere"]

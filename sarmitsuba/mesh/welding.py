@@ -23,6 +23,3 @@ def weld(v: F64) -> I64:
     if not np.array_equal(bits, bits[first[label]]):
         _, label = np.unique(v + 0.0, axis=0, return_inverse=True)
     return np.asarray(label.reshape(-1), dtype=np.int64)
-
-
-__all__ = ["weld"]

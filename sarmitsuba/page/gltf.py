@@ -123,6 +123,3 @@ def _fewer(
         alive = np.flatnonzero((a != b) & (b != c) & (c != a))
         if alive.size <= most_faces:
             return np.asarray(cells * edge, dtype=np.float64), merged[alive], numbers[alive], edge
-
-
-__all__ = ["GRID", "MOST_FACES", "PageMesh", "drawn", "page_mesh"]

@@ -40,6 +40,3 @@ def on_plane(
         beside = np.sqrt(np.where(square >= 0.0, square, np.nan))
     level_xy = position[:2] + along[:, None] * unit + beside[:, None] * side
     return np.column_stack([level_xy, np.full(len(level_xy), height)])
-
-
-__all__ = ["on_plane"]

@@ -265,15 +265,3 @@ def _brightest(number: I64, amplitude: F64, power: F64, most: int) -> I64:
         rows = rows[:most]
         rows = rows[number[rows] != last]
     return np.asarray(rows[np.lexsort((-amplitude[rows], number[rows]))])
-
-
-__all__ = [
-    "FLOOR_DB",
-    "MOST_PATHS",
-    "MOST_PER_ORDER",
-    "ORDERS",
-    "PagePaths",
-    "cell_pixels",
-    "page_paths",
-    "pixels_of",
-]

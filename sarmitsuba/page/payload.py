@@ -231,6 +231,3 @@ def _paths(paths: PagePaths, scene: Scene, center: F64, channel: str) -> dict[st
         "material": table.material[there].astype(np.int16),
         "mesh": table.shape[there].astype(np.int32),
     }
-
-
-__all__ = ["Say", "Value", "grid_payload", "image_payload", "nested", "page_payload", "scene_payload"]

@@ -223,6 +223,3 @@ def page_grid(grid: ImageGrid) -> tuple[Header, Arrays]:
         "range": grid.range,
     }
     return header, arrays
-
-
-__all__ = ["PageProfiles", "page_center", "page_grid", "page_profiles"]

@@ -75,6 +75,3 @@ def _image(image: SarImage, sweep: RcsSweep, center: F64) -> dict[str, Value]:
         # what a point returns, not what an area does
         "channels": [image_payload(image, name) | {"cell_area": None} for name in sweep.result.channels],
     }
-
-
-__all__ = ["PAGE", "rcs_payload"]

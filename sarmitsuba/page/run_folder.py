@@ -148,6 +148,3 @@ def _check_same(path: Path, scene: Scene, raw: RawData) -> None:
         raise DataError(
             f"{path}: {scene.path} has changed since these results were made: its track is another one; render it again"
         )
-
-
-__all__ = ["RECORD", "RunFolder", "read_run"]

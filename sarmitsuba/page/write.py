@@ -137,6 +137,3 @@ def _modules(web: Traversable) -> dict[str, str]:
 def _bare(match: re.Match[str]) -> str:
     """An import of a file beside the module, by its bare name."""
     return f'{match.group(1)}"{_VENDOR_NAMES[match.group(3)]}"'
-
-
-__all__ = ["Packer", "write_page"]

@@ -347,13 +347,3 @@ def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowe
         else:
             high = prf
     return high
-
-
-__all__ = [
-    "MAX_PULSES",
-    "automatic_track",
-    "geometry_from_angles",
-    "geometry_of_track",
-    "given_track",
-    "known_azimuth_cell",
-]

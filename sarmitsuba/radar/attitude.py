@@ -94,6 +94,3 @@ def pointing_error(given: RadarInput) -> PointingError:
         s.pointing_jitter_slope,
         s.pointing_jitter_seed,
     )
-
-
-__all__ = ["PointingError", "pointing_error"]

@@ -11,5 +11,3 @@ BANDS: Mapping[str, float] = {
     "Ku": 16.7e9,
     "Ka": 35.0e9,
 }
-
-__all__ = ["BANDS"]

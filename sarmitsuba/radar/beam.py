@@ -69,6 +69,3 @@ def antenna_of(given: RadarInput, wavelength: float) -> Antenna:
         else:
             widths.append(float(np.radians(width)))
     return Antenna(s.pattern, gain, widths[0], widths[1])
-
-
-__all__ = ["antenna_of"]

@@ -226,6 +226,3 @@ def _window(
 
 def _warn(text: str) -> None:
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
-
-
-__all__ = ["build_radar"]

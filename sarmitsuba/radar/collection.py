@@ -135,6 +135,3 @@ class Collection:
 def signal_facts(radar: Radar) -> dict[str, object]:
     """What an image says of the signal, JSON-able: ``signal``."""
     return {"signal": asdict(Signal.of(radar))}
-
-
-__all__ = ["Collection", "Signal", "signal_facts"]

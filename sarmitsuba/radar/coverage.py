@@ -170,6 +170,3 @@ def _share_by_beam(radar: Radar, step: float, farthest: float) -> float:
 
 def _span(box: Box, axis: int) -> str:
     return f"{box.low[axis]:.6g} to {box.high[axis]:.6g} m"
-
-
-__all__ = ["ambiguities", "check_coverage"]

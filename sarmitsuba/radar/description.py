@@ -411,6 +411,3 @@ def _given(description: RadarDescription | FilmDescription) -> dict[str, object]
     plain = {name: v.item() if isinstance(v, np.generic) else v for name, v in values.items()}
     defaults = {f.name: f.default for f in fields(description)}
     return {name: v for name, v in plain.items() if v is not defaults[name] and v != defaults[name]}
-
-
-__all__ = ["SENSOR", "RadarDescription", "RadarInput"]

@@ -73,6 +73,3 @@ def beam_doppler(radar: Radar) -> F64:
     """
     motion = np.einsum("ij,ij->i", radar.track.velocity, radar.pointing.boresight)
     return np.asarray(2.0 / radar.waveform.wavelength * motion)
-
-
-__all__ = ["DopplerHistory", "beam_doppler", "doppler_history"]

@@ -45,6 +45,3 @@ def effective_velocity_ratio(track: Track, point: F64, pulse: int) -> float:
     line = np.asarray(point - near.position)
     half = float(range_acceleration(near, line)[here])
     return half / float(np.sum(near.velocity[here] ** 2))
-
-
-__all__ = ["effective_velocity_ratio", "range_acceleration"]

@@ -276,6 +276,3 @@ def _is_time(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-__all__ = ["EphemerisPath", "StateVectors"]

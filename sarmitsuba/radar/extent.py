@@ -33,6 +33,3 @@ class Extent:
         """Lower and upper corner (3,) of the outline's box, from ``origin``, along the rows of ``axes``."""
         local = (self.outline - origin) @ axes.T
         return local.min(axis=0), local.max(axis=0)
-
-
-__all__ = ["Extent"]

@@ -108,6 +108,3 @@ FILM = ParamTable(
     },
     params=params_of(FilmDescription),
 )
-
-
-__all__ = ["FILM", "FilmDescription"]

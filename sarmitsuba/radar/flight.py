@@ -103,6 +103,3 @@ def flight_facts(radar: Radar) -> dict[str, object]:
 def _scaled(time: F64, first: float, last: float) -> F64:
     """Times as -1 ... 1 over the span."""
     return np.asarray((time - 0.5 * (first + last)) / max(0.5 * (last - first), 1e-300))
-
-
-__all__ = ["Flight", "flight_facts"]

@@ -115,6 +115,3 @@ def _with_beam(radar: Radar) -> None:
         raise RadarError(
             "footprint: pattern = isotropic lights everything and has no outline; take gaussian or rectangular"
         )
-
-
-__all__ = ["Lit", "lit", "outline"]

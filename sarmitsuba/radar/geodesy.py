@@ -136,6 +136,3 @@ class Anchor:
     def from_geodetic(self, geodetic: ArrayLike) -> F64:
         """Points in the file's frame, (..., 3) float64 m, of latitude and longitude in rad and height in m."""
         return self.from_ecef(ecef_of_geodetic(geodetic))
-
-
-__all__ = ["Anchor", "ecef_of_geodetic", "geodetic_of_ecef"]

@@ -100,6 +100,3 @@ def height_error(radar: Radar, request: ImageRequest, places: F64) -> HeightErro
     error = 20.0 * np.log10(np.maximum(own, _LEAST) / np.maximum(pixel, _LEAST)) * lit
     worst = int(np.argmax(np.abs(error)))
     return HeightError(float(error[worst]), float(height[worst]), float(height.min()), float(height.max()))
-
-
-__all__ = ["NOTED_DB", "WARNED_DB", "HeightError", "height_error"]

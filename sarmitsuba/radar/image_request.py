@@ -198,6 +198,3 @@ def image_box(image: ImageRequest, scene: Box) -> Box:
     low = np.array([*(middle - half), min(plane, float(scene.low[2]))])
     high = np.array([*(middle + half), max(plane, float(scene.high[2]))])
     return Box(scene.origin, scene.axes, low, high)
-
-
-__all__ = ["MAX_CELLS", "MAX_PIXELS", "ImageRequest", "build_image_request", "faded_box", "image_box"]

@@ -53,6 +53,3 @@ def later(track: Track, delay: F64) -> Track:
     lag = delay[:, None]
     position = track.position + lag * track.velocity + 0.5 * lag**2 * acceleration
     return Track(track.time, position, track.velocity + lag * acceleration)
-
-
-__all__ = ["later", "moving_in_pulse"]

@@ -29,6 +29,3 @@ def wandering(time: F64, axes: int, rms: float, corner: float, slope: float, see
     series = np.fft.irfft(noise[:, 0] + 1j * noise[:, 1], n, axis=-1)[:, : time.size].T
     series = series - series.mean(axis=0)
     return np.asarray(rms * series / np.maximum(np.sqrt(np.mean(series**2, axis=0)), 1e-300))
-
-
-__all__ = ["wandering"]

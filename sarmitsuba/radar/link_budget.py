@@ -75,6 +75,3 @@ def _need_temperature(radar: Radar) -> None:
             f"radar: noise_temperature = {radar.noise_temperature:g} K must be above 0 for a signal-to-noise "
             f"ratio; set noise_temperature (290 K times the receiver's noise factor)"
         )
-
-
-__all__ = ["nesz", "received_power", "snr"]

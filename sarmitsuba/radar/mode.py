@@ -204,6 +204,3 @@ def mode_parameters() -> tuple[Param, ...]:
 def right_of(along: F64) -> F64:
     """(3,) horizontal vector to the right of a horizontal direction."""
     return np.array([along[1], -along[0], 0.0])
-
-
-__all__ = ["MODES", "AimGeometry", "RadarMode", "TrackAxes", "mode_parameters", "right_of", "towards"]

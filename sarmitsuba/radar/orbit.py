@@ -279,6 +279,3 @@ def _brackets(x: F64, y: F64) -> list[tuple[float, float]]:
     """Neighbours between which y changes its sign."""
     pick = np.flatnonzero(np.sign(y[:-1]) * np.sign(y[1:]) <= 0.0)
     return [(float(x[i]), float(x[i + 1])) for i in pick]
-
-
-__all__ = ["CircularOrbit", "OrbitRequest", "circular_orbit", "geometry_of_path", "orbit_of"]

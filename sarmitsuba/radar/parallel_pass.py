@@ -28,6 +28,3 @@ def parallel_pass(given: RadarInput, track: Track, geometry: AimGeometry) -> tup
     sideways = s.pass_offset_across * right_of(along) + s.pass_offset_up * np.array([0.0, 0.0, 1.0])
     moved = track.moved(sideways + s.pass_offset_along * along)
     return moved, replace(geometry, center=geometry.center + sideways)
-
-
-__all__ = ["parallel_pass"]

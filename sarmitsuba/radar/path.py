@@ -50,6 +50,3 @@ class StraightPath(FlightPath):
         """See the class."""
         position = np.asarray(self.center + time[:, None] * self.flight)
         return position, np.broadcast_to(self.flight, position.shape).copy()
-
-
-__all__ = ["FlightPath", "StraightPath"]

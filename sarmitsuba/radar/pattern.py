@@ -51,5 +51,3 @@ class Pattern(ABC):
 
 
 PATTERNS: Registry[Pattern] = Registry("antenna pattern", "sarmitsuba.radar.patterns")
-
-__all__ = ["PATTERNS", "SINC_HALF_POWER", "Pattern"]

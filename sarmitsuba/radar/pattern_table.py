@@ -168,6 +168,3 @@ def _checked(path: Path, name: str, rows: F64) -> F64:
     if not angle[0] <= 0.0 <= angle[-1]:
         raise RadarError(f"{where} leaves out the boresight, 0 deg; count its angles from there")
     return checked
-
-
-__all__ = ["CUTS", "PatternCut", "PatternTable"]

@@ -71,10 +71,3 @@ def _azimuth_cell(radar: Radar) -> float:
     look = radar.track.position - radar.aim_point
     sine = (look @ radar.track.along) / np.linalg.norm(look, axis=1)
     return radar.waveform.wavelength / (2.0 * max(float(np.ptp(sine)), 1e-30))
-
-
-__all__ = [
-    "doubtful_angles",
-    "doubtful_pixels",
-    "doubtful_track",
-]

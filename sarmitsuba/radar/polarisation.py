@@ -62,16 +62,3 @@ def isotropic_response(channel: str) -> complex:
 def linear_letters(channels: Sequence[str]) -> set[str]:
     """Of H and V, those that channels send or receive."""
     return {letter for channel in channels for _, part in linear_parts(channel) for letter in part}
-
-
-__all__ = [
-    "CHANNELS",
-    "COMPACT",
-    "LINEAR",
-    "RECEIVED",
-    "TRANSMITTED",
-    "isotropic_response",
-    "linear_letters",
-    "linear_parts",
-    "read_channels",
-]

@@ -92,6 +92,3 @@ def _sequence(text: str, where: str) -> tuple[float, ...]:
     if steps.size < 2 or not np.isfinite(steps).all() or steps.min() <= 0.0:
         raise wrong
     return tuple(float(step) for step in steps / steps.mean())
-
-
-__all__ = ["PulseIntervals", "pulse_intervals"]

@@ -300,6 +300,3 @@ class Radar:
         return replace(
             self, track=track, recorded=recorded, receiver=receiver, aim_point=aim, offset=np.zeros(3)
         )
-
-
-__all__ = ["Radar", "ReceiveWindow"]

@@ -68,6 +68,3 @@ def bistatic_angle(track: Track, receiver: Track, point: F64) -> F64:
     a, b = (one.position - point for one in (track, receiver))
     sine = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.arctan2(sine, np.einsum("ni,ni->n", a, b)))
-
-
-__all__ = ["LARGEST_ANGLE", "bistatic_angle", "receiver_track"]

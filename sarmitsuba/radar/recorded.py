@@ -114,6 +114,3 @@ def of_same_pulses(name: str, track: Track, flown: Track, what: str) -> Track:
             "the same pulses"
         )
     return track
-
-
-__all__ = ["TrackError", "of_same_pulses", "recorded_track"]

@@ -97,6 +97,3 @@ class BeamOverPath:
             middle = 0.5 * (low + high)
             low, high = (low, middle) if passes(middle) else (middle, high)
         return 2.0 * high
-
-
-__all__ = ["BeamOverPath"]

@@ -130,11 +130,3 @@ def receive_window(
     if not far_range:
         n = int(next_fast_len(max(n, 2)))
     return ReceiveWindow(start + follow, sample_spacing, n)
-
-
-__all__ = [
-    "Box",
-    "beam_bandwidth",
-    "doppler_bandwidth",
-    "receive_window",
-]

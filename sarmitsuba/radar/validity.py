@@ -164,6 +164,3 @@ def _check_unit(name: str, vectors: F64) -> None:
     if not (np.abs(length - 1.0) <= _UNIT).all():
         worst = length[np.nanargmax(np.abs(np.nan_to_num(length, nan=1e9) - 1.0))]
         raise RadarError(f"radar: {name} holds a vector of length {worst:g}; give unit vectors")
-
-
-__all__ = ["FARTHEST", "check_anchor", "check_bounds", "check_radar", "check_request"]

@@ -47,6 +47,3 @@ class Waveform:
     def range_cell(self) -> float:
         """Slant-range cell c / (2 B), m; the unweighted -3 dB width is 0.886 of it."""
         return SPEED_OF_LIGHT / (2.0 * self.bandwidth)
-
-
-__all__ = ["Waveform"]

@@ -127,6 +127,3 @@ class PointTarget:
     def position_at(self, time: F64) -> F64:
         """(..., 3) float64, m, scene frame, at times (...,) in s."""
         return np.asarray(self.position + self.motion.displacement(time))
-
-
-__all__ = ["Geometry", "PointTarget"]

@@ -89,5 +89,3 @@ def _triple(name: str, value: object, unit: str, bound: float) -> Triple:
 
 
 STILL = Motion()
-
-__all__ = ["MAX_ACCELERATION", "MAX_SPEED", "STILL", "Motion"]

@@ -84,6 +84,3 @@ class ScattererTarget:
 def positions_of(targets: tuple[ScattererTarget, ...]) -> F64:
     """(n, 3) float64, m, scene frame."""
     return np.array([target.position for target in targets], dtype=np.float64).reshape(-1, 3)
-
-
-__all__ = ["SCATTERERS", "ScattererKind", "ScattererTarget", "positions_of", "scatterer_tables"]

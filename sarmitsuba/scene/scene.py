@@ -144,6 +144,3 @@ class Scene:
         png = late("sarmitsuba.view.notebook", "scene_png")(self)
         assert isinstance(png, bytes)
         return png
-
-
-__all__ = ["Scene"]

@@ -54,6 +54,3 @@ class TraceSettings:
     time_limit: float = 0.0
     default_rms_height: float = 1e-3
     effects: Mapping[str, Switch] = field(default_factory=dict)
-
-
-__all__ = ["METHODS", "TOLERANCE_DB", "Method", "Switch", "TraceSettings"]

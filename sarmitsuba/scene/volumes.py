@@ -43,6 +43,3 @@ class Volume:
     def bounds(self) -> F64:
         """(2, 3) lower and upper corner, m."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
-
-
-__all__ = ["Volume"]

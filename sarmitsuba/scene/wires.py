@@ -58,6 +58,3 @@ class WireTarget:
 def wire_ends(wires: tuple[WireTarget, ...]) -> F64:
     """(2 n_wires, 3) float64 ends of all wires, m, scene frame."""
     return np.concatenate([wire.ends for wire in wires]) if wires else np.zeros((0, 3))
-
-
-__all__ = ["WireTarget", "wire_ends"]

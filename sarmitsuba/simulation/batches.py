@@ -151,6 +151,3 @@ def built(scene: Scene) -> TraceScene:
     geometry, materials, seed = scene.geometry, scene.materials, scene.settings.seed
     made = build_trace_scene(geometry, materials, wavelength, antenna, scene.source_places, seed)
     return replace(made, passages=passages_of(scene))
-
-
-__all__ = ["Batch", "BatchTracer", "TraceJob", "Traced", "Workers", "built"]

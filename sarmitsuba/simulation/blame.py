@@ -102,6 +102,3 @@ def check_traced(
         return
     what = culprit() or "the sum of the echoes"
     raise SceneError(f"{where}: {what} is not a finite number; {REMEDY}")
-
-
-__all__ = ["NotFinite", "blamed", "check_traced"]

@@ -404,6 +404,3 @@ def _ratio_db(error: C64, signal: C64) -> float:
     """Energy over energy, dB; -inf where there is no signal."""
     a, b = (float(np.sum(v.real**2 + v.imag**2, dtype=np.float64)) for v in (error, signal))
     return 10.0 * float(np.log10(a / b)) if a > 0.0 and b > 0.0 else -np.inf
-
-
-__all__ = ["Blocks", "partition"]

@@ -141,6 +141,3 @@ def geometry_of(scene: Scene) -> TraceScene | None:
         scene.geometry, scene.materials, scene.radar.waveform.wavelength, places=scene.places
     )
     return replace(made, passages=passages_of(scene))
-
-
-__all__ = ["FAR", "Aspects", "FarSite", "geometry_of", "outline_of", "target_middle"]

@@ -70,6 +70,3 @@ def _program() -> str:
     for path in sorted(package.rglob("*.py")):
         digest.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
-
-
-__all__ = ["fingerprint"]

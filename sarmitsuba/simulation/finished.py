@@ -149,6 +149,3 @@ class FinishedBlocks:
                 f"{self.path}: {self.found} finished blocks of an interrupted run of this scene, used again"
             )
         return ""
-
-
-__all__ = ["FinishedBlocks"]

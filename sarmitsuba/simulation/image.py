@@ -406,6 +406,3 @@ def spread_points(
         for q, ty in enumerate(taps_y):
             np.add.at(out, (i + p, j + q), value * tx * ty)
     return out.astype(np.complex64)
-
-
-__all__ = ["Imager", "spread_points"]

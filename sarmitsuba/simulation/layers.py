@@ -53,6 +53,3 @@ class LayerPlan:
     def of_subset(self, index: int) -> slice:
         """Where the layers of the ``index``-th subset are."""
         return slice(index * self.per_subset, (index + 1) * self.per_subset)
-
-
-__all__ = ["LayerPlan"]

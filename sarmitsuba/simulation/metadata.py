@@ -57,6 +57,3 @@ def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, obje
             if not motion.still
         },
     }
-
-
-__all__ = ["image_metadata", "raw_metadata"]

@@ -55,6 +55,3 @@ def _off_planes(
             height = side * ((point - a) @ normal + step @ normal)
             step += (np.maximum(clearance - height, 0.0) * side)[:, None] * normal
     return step
-
-
-__all__ = ["ON_SURFACE", "off_surfaces"]

@@ -420,6 +420,3 @@ def _widened(table: PathTable, most: int) -> PathTable:
     }
     points = np.pad(table.points, (*pad, (0, 0)), constant_values=np.nan)
     return filled(table, {**numbers, "points": points})
-
-
-__all__ = ["KINDS", "PathTable", "PathTracer", "joined", "trace_paths"]

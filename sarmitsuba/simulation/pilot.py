@@ -408,6 +408,3 @@ def _trace(
     power[:3] = np.square(np.abs(field)).mean(axis=-1).swapaxes(0, 1)
     power[3] = np.square(np.abs(field.sum(axis=1))).mean(axis=-1)
     return power, float(accumulator.going_on.numpy().max())
-
-
-__all__ = ["ORDERS", "examine", "plan_in", "plan_scene", "run_pilot", "worth_a_pilot"]

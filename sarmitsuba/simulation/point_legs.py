@@ -153,6 +153,3 @@ def _device(kind: type, rows: F64) -> "mi.Vector3d":
 def _rows(vector: "mi.Vector3f") -> F64:
     """(n, 3) of a vector of the device."""
     return np.asarray(vector, np.float64).T
-
-
-__all__ = ["PointLegs", "over_band", "takes_part"]

@@ -235,6 +235,3 @@ def _ranges_and_rates(
 def _mean(values: Sequence[F64]) -> F64:
     """Of one antenna or two."""
     return values[0] if len(values) == 1 else np.asarray(0.5 * (values[0] + values[1]))
-
-
-__all__ = ["PointEcho", "add_points", "point_echo", "point_history"]

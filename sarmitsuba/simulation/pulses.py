@@ -135,6 +135,3 @@ class EveryPulse(Pulses):
     def profiles(self, grid: NDArray[np.complexfloating], share: RangeFilter | None) -> C64:
         """See :class:`Pulses`."""
         return finish(grid, self.plan, self.radar, share=share)
-
-
-__all__ = ["AntennaStates", "EveryPulse", "KeyPulse", "Pulses"]

@@ -255,6 +255,3 @@ def _speckle(rng: np.random.Generator, spectra: list[F64]) -> C64:
     white *= spectra[1].astype(np.float32)
     power = np.sqrt(2.0 * np.mean(spectra[0] ** 2) * np.mean(spectra[1] ** 2) / white.size)
     return np.asarray(scipy.fft.ifft2(white, workers=-1, overwrite_x=True) / np.float32(power))
-
-
-__all__ = ["Raster"]

@@ -198,6 +198,3 @@ def _check_heights(scene: Scene) -> list[str]:
     if abs(found.error_db) >= WARNED_DB:
         warnings.warn(text, SarmitsubaWarning, stacklevel=3)
     return [text]
-
-
-__all__ = ["echoes", "simulate"]

@@ -386,6 +386,3 @@ def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth:
         slabs=slabs,
         transmission=slabs,
     )
-
-
-__all__ = ["BouncesLeft", "RcsResult", "monostatic_rcs", "probed"]

@@ -195,6 +195,3 @@ class Rows:
             points[there, bounce], faces[there, bounce] = self.hit_point[at], self.hit_labels[at, 1]
             last[there] = self.hit_labels[at, 0]
         return points, faces
-
-
-__all__ = ["Gate", "Recording", "Rows"]

@@ -100,6 +100,3 @@ def render(
         )
     image = replace(image, metadata={**image.metadata, "method": name, "seconds": dict(run.timer.seconds)})
     return with_error_bars(image)
-
-
-__all__ = ["render"]

@@ -194,6 +194,3 @@ class Run:
                     f"seen, {2 * window.half_x:.3g} m x {2 * window.half_y:.3g} m as the radar sees it; set "
                     "ray_spacing to a fraction of that"
                 )
-
-
-__all__ = ["Ready", "Run"]

@@ -116,6 +116,3 @@ class SamplingReport:
             "block_error_db": round(self.block_error_db, 1) if np.isfinite(self.block_error_db) else None,
             "grid_bytes": self.grid_bytes,
         }
-
-
-__all__ = ["LatticeSpacings", "SamplingReport", "TraceStatistics"]

@@ -234,12 +234,3 @@ def polarisation_up(radar: Radar, center: F64, antenna: F64) -> tuple[float, flo
     if abs(look[2]) > np.cos(np.radians(1.0)):  # within a degree of nadir H and V lose their meaning
         up = radar.across
     return (float(up[0]), float(up[1]), float(up[2]))
-
-
-__all__ = [
-    "MAX_GRID_BYTES",
-    "MAX_LANES",
-    "Tracer",
-    "polarisation_up",
-    "pulse_batch",
-]

@@ -266,16 +266,3 @@ def _scaled(shape: ET.Element, size: float) -> None:
     if transform is None:
         transform = ET.SubElement(shape, "transform", {"name": "to_world"})
     ET.SubElement(transform, "scale", {"value": repr(float(size))})
-
-
-__all__ = [
-    "WINDOW",
-    "BenchState",
-    "View",
-    "command",
-    "first_state",
-    "save",
-    "scene_xml",
-    "surfaces",
-    "view_of",
-]

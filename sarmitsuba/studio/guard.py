@@ -104,6 +104,3 @@ def check_host(host: str) -> None:
             f"studio: --host {host} could be reached by others; it is served to this machine alone "
             f"({', '.join(LOOPBACK)}), and from elsewhere through `ssh -L 8080:127.0.0.1:8080`"
         )
-
-
-__all__ = ["Guard", "check_host"]

@@ -167,6 +167,3 @@ def _shrink(scene: Scene) -> float:
     distance = float(np.linalg.norm(radar.track.center_position - radar.aim_point))
     extent = max(scene.geometry.diameter, scene.image.extent_azimuth, scene.image.extent_range)
     return min(1.0, NEARNESS * extent / distance)
-
-
-__all__ = ["BeamCone", "Body", "Plane", "beam_at", "bodies", "image_plane", "track_shown"]

@@ -307,6 +307,3 @@ def rcs_text(view: View) -> str:
 
 def _short(value: float) -> float:
     return float(f"{value:.2g}")
-
-
-__all__ = ["AS_IT_IS", "Studio", "grey_levels", "rcs_text"]

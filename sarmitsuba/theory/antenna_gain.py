@@ -71,13 +71,3 @@ def mispointed_level(gain: Gain, half_aperture: float, error: float, squint: flo
     nominal = gain(off_boresight(sine, squint))
     true = gain(off_boresight(sine, squint + error))
     return float((np.sum(nominal * true * track) / np.sum(nominal**2 * track)) ** 2)
-
-
-__all__ = [
-    "Gain",
-    "doppler_centroid",
-    "gaussian_gain",
-    "mispointed_level",
-    "off_boresight",
-    "uniform_aperture_gain",
-]

@@ -86,6 +86,3 @@ def azimuth_ghost_level(
     turn = np.exp(-4j * np.pi / wavelength * (apart - step * x))
     ghost = np.sum(nominal * true * np.sinc(apart / range_cell) * turn)
     return float(abs(ghost) ** 2 / np.sum(nominal * own) ** 2)
-
-
-__all__ = ["azimuth_ghost", "azimuth_ghost_level"]

@@ -76,6 +76,3 @@ def corner_line(transmitter: F64, receiver: F64, start: F64, end: F64, wavelengt
     line = start + s[:, None] * (end - start)
     path = 2.0 * bistatic_range(transmitter, line, receiver)
     return complex(np.exp(-2j * np.pi / wavelength * path).mean())
-
-
-__all__ = ["bistatic_po", "bistatic_range", "corner_line"]

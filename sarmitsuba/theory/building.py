@@ -160,6 +160,3 @@ def canonical_building(
         double_coherent=float(coherent),
         triple=float(wall**2 * back * area),
     )
-
-
-__all__ = ["BuildingRcs", "GroundModel", "canonical_building", "kirchhoff_sigma0"]

@@ -299,17 +299,3 @@ def wall_ground_amplitude(
         r_te, r_tm = (-1.0, 1.0) if eps is None else fresnel(cosine, eps)
         te, tm = te * r_te, tm * r_tm
     return np.asarray(-scale * te), np.asarray(scale * tm)
-
-
-__all__ = [
-    "DihedralAmplitudes",
-    "coherent_loss",
-    "cylinder_rcs",
-    "dihedral",
-    "disc_rcs",
-    "plate_amplitude",
-    "plate_rcs",
-    "rolled_dihedral",
-    "trihedral_rcs",
-    "wall_ground_amplitude",
-]

@@ -102,6 +102,3 @@ def averaged_shape(shape: float, length: float, axes: Sequence[tuple[F64, F64]])
         share = power / power.sum()
         left *= float(share @ asked_correlation(place[:, None] - place[None, :], length) @ share)
     return shape / left
-
-
-__all__ = ["asked_correlation", "averaged_shape", "k_cdf", "k_moment", "texture_correlation"]

@@ -113,6 +113,3 @@ def _diffused(field: F64, d: F64, normal: F64, s: F64) -> F64:
 
 def _unit(v: F64) -> F64:
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12))
-
-
-__all__ = ["PairReturn", "lambertian_bowl", "pair_sum"]

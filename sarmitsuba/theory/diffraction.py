@@ -352,17 +352,3 @@ def plate_along_its_sheet(
         fringe = sign / np.sqrt(np.pi) * (first * np.exp(1j * x) + second * share * np.exp(-1j * x))
         levels.append(np.asarray(height**2 * np.abs(optics + fringe) ** 2))
     return levels[0], levels[1]
-
-
-__all__ = [
-    "WedgeFrame",
-    "edge_on_rcs",
-    "fringe_coefficients",
-    "fringe_strip",
-    "optics_coefficients",
-    "plate_along_its_sheet",
-    "plate_with_edges",
-    "sheet_transition",
-    "wedge_coefficients",
-    "wedge_current_series",
-]

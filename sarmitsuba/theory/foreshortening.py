@@ -154,13 +154,3 @@ def foreshortening(slope: float, incidence_angle: float) -> float:
     incidence_angle : theta on flat ground, rad
     """
     return float(np.sin(incidence_angle - slope))
-
-
-__all__ = [
-    "BridgeReturns",
-    "BuildingReturns",
-    "bridge_returns",
-    "building_returns",
-    "foreshortening",
-    "slant_offset",
-]

@@ -66,6 +66,3 @@ def _mismatch(first: F64, second: C128) -> C128:
     total = first + second
     none = total == 0.0
     return np.asarray(np.where(none, 0.0, (first - second) / np.where(none, 1.0, total)))
-
-
-__all__ = ["fresnel", "normal_wavenumber"]

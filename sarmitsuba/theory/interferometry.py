@@ -203,20 +203,3 @@ def rms_coherence(coherence: float, looks: float) -> float:
     return float(
         np.sqrt(1.0 - (looks - 1.0) / looks * (1.0 - square) * hyp2f1(1.0, 1.0, looks + 1.0, square))
     )
-
-
-__all__ = [
-    "baseline_coherence",
-    "coherence_pdf",
-    "critical_baseline",
-    "expected_coherence",
-    "flat_earth_phase",
-    "height_of_ambiguity",
-    "interferometric_phase_cdf",
-    "interferometric_phase_pdf",
-    "interferometric_phase_sigma",
-    "rms_coherence",
-    "slope_phase_ramp",
-    "temporal_coherence",
-    "wall_phase_ramp",
-]

@@ -139,12 +139,3 @@ def minimum_antenna_area(
     swath or less bandwidth (Freeman et al., IEEE TGRS 38 (1) 2000). Curlander and McDonough (1991), ch. 1.
     """
     return float(4.0 * speed * wavelength * slant_range * np.tan(incidence_angle) / SPEED_OF_LIGHT)
-
-
-__all__ = [
-    "minimum_antenna_area",
-    "nesz_of_average_power",
-    "nesz_of_cells",
-    "point_snr",
-    "uniform_aperture_taper",
-]

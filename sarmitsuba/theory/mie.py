@@ -77,6 +77,3 @@ def sphere_po_amplitude(radius: float, wavelength: float) -> complex:
     x = 2.0 * np.pi * radius / wavelength
     integral = (np.exp(2j * x) * (1.0 - 2j * x) - 1.0) / (4.0 * x * x)
     return complex(2.0 * np.sqrt(np.pi) / wavelength * 2.0 * np.pi * radius**2 * integral)
-
-
-__all__ = ["sphere_mie", "sphere_po", "sphere_po_amplitude"]

@@ -181,6 +181,3 @@ def circular_cylinder(radius: float, wavelength: float) -> tuple[complex, comple
     soft = np.sum(sign * jv(n, x) / hankel2(n, x))
     hard = np.sum(sign * (jv(n - 1, x) - jv(n + 1, x)) / (hankel2(n - 1, x) - hankel2(n + 1, x)))
     return complex(2.0 / np.sqrt(k) * soft), complex(-2.0 / np.sqrt(k) * hard)
-
-
-__all__ = ["circular_cylinder", "strips_by_moments"]

@@ -164,16 +164,3 @@ def double_bounce_range_speed(direction: F64, normal: F64, velocity: F64) -> flo
     velocity : w, (3,) m/s
     """
     return float((velocity @ normal) * (direction @ normal))
-
-
-__all__ = [
-    "along_track_phase",
-    "apparent_place",
-    "azimuth_displacement",
-    "double_bounce_range_speed",
-    "quadratic_phase",
-    "range_acceleration",
-    "range_walk",
-    "smear_length",
-    "smear_loss_db",
-]

@@ -76,6 +76,3 @@ def start_stop_azimuth_shift(speed: float, slant_range: float) -> float:
     The way v 2 R / c until reception, half of it: the antenna is halfway on average.
     """
     return -speed * slant_range / SPEED_OF_LIGHT
-
-
-__all__ = ["chirp_range_shift", "moving_echo", "start_stop_azimuth_shift"]

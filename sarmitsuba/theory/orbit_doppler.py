@@ -111,6 +111,3 @@ def circular_orbit_doppler(
         rotation_doppler=float(2.0 / wavelength * side * radius * turn[1] * sin_look),
         yaw=float(np.arctan2(turn[1], rate - turn[2])),
     )
-
-
-__all__ = ["OrbitDoppler", "circular_orbit_doppler", "orbital_speed"]

@@ -93,16 +93,3 @@ def bragg_alpha(sigma_hh: ArrayLike, sigma_vv: ArrayLike) -> F64:
     r"""Alpha (rad) of first-order rough-surface scattering, :math:`\tan\alpha = |h - v| / (h + v)`."""
     h, v = (np.sqrt(np.asarray(x, dtype=np.float64)) for x in (sigma_hh, sigma_vv))
     return np.asarray(np.arctan2(np.abs(h - v), h + v))
-
-
-__all__ = [
-    "DIHEDRAL",
-    "DIPOLE",
-    "SPHERE",
-    "bragg_alpha",
-    "coherency_of",
-    "entropy_alpha",
-    "random_dipoles",
-    "rough_surface_coherency",
-    "turned",
-]

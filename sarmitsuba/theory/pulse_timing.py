@@ -73,6 +73,3 @@ def staggered_line(intervals: ArrayLike, order: ArrayLike) -> F64:
     start = np.concatenate([[0.0], np.cumsum(steps)[:-1]]) / steps.sum()
     phase = 2.0 * np.pi * np.multiply.outer(np.asarray(order, dtype=np.float64), start)
     return np.asarray(np.abs(np.exp(-1j * phase).mean(axis=-1)) ** 2)
-
-
-__all__ = ["jitter_noise", "jittered_response", "staggered_line", "staggered_lines"]

@@ -236,12 +236,3 @@ def shared_energy_sigma0(
         mean = 2.0 * quad(lambda mu, i=i: float(taken(mu, i)) * mu, 0.0, 1.0, limit=200)[0]
         pair.append(np.asarray(4.0 * (np.cos(theta) * taken(np.cos(theta), i)) ** 2 / mean))
     return pair[0], pair[1]
-
-
-__all__ = [
-    "height_spectrum",
-    "integral_equation_sigma0",
-    "shared_energy_sigma0",
-    "small_perturbation_sigma0",
-    "small_slope_sigma0",
-]

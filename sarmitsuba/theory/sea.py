@@ -309,21 +309,3 @@ def azimuth_spread(slant_range: float, deviation: float, speed: float) -> float:
     .. math:: \sigma_x = R \sigma_v / V
     """
     return float(slant_range * deviation / speed)
-
-
-__all__ = [
-    "approaching_share",
-    "azimuth_spread",
-    "band_integral",
-    "cmod5n",
-    "coherence",
-    "coherence_time",
-    "cox_munk",
-    "orbital_velocity",
-    "phase_speed",
-    "polarisation_ratio",
-    "sea_water_permittivity",
-    "speed_deviation",
-    "two_scale",
-    "wave_spectrum",
-]

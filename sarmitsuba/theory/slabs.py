@@ -211,6 +211,3 @@ def _joined(first: tuple[C128, C128], second: tuple[C128, C128]) -> tuple[C128, 
         np.asarray(first[0] + first[1] ** 2 * second[0] / rest),
         np.asarray(first[1] * second[1] / rest),
     )
-
-
-__all__ = ["SlabWaves", "layers_insertion", "slab", "slab_delay", "slab_insertion", "slab_shift"]

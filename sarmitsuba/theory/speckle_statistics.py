@@ -104,14 +104,3 @@ def received_power(
 def single_pulse_snr(power: float, pulse_width: float, noise_temperature: float = 290.0) -> float:
     r"""Return the SNR of one matched-filtered pulse, :math:`P_r \tau / (k_B T)`, linear."""
     return power * pulse_width / (BOLTZMANN * noise_temperature)
-
-
-__all__ = [
-    "SpeckleTest",
-    "equivalent_number_of_looks",
-    "intensity_test",
-    "phase_test",
-    "received_power",
-    "single_pulse_snr",
-    "speckle_cdf",
-]

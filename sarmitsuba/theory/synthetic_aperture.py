@@ -104,6 +104,3 @@ def circular_response(
     frequency = SPEED_OF_LIGHT / wavelength * (1.0 + 0.5 * relative_bandwidth * node)
     wavenumber = 4.0 * np.pi / SPEED_OF_LIGHT * np.sin(look_angle) * frequency
     return np.asarray(j0(np.asarray(distance)[..., None] * wavenumber) @ weight / 2.0)
-
-
-__all__ = ["Taper", "aperture_cell", "beam_cell", "beam_taper", "circular_response", "half_power_width"]

@@ -304,13 +304,3 @@ def post_amplitude(
         twice = mirrored @ dyad(up, -up) @ mirrored
         total.append(complex(straight + 2.0 * once + twice))
     return total[0], total[1]
-
-
-__all__ = [
-    "cylinder_series",
-    "dielectric_needle_series",
-    "line_amplitude",
-    "post_amplitude",
-    "thin_wire_moments",
-    "thin_wire_rcs",
-]

@@ -361,19 +361,3 @@ def thin_rod(
         ),
         (gain * (s2 * back[0] + c2 * back[1]), gain * back[1]),
     )
-
-
-__all__ = [
-    "crown_ground_sigma0",
-    "cylinder_at_broadside",
-    "isotropic_between",
-    "isotropic_orientation",
-    "layer_transmission",
-    "path_in_ball",
-    "path_in_box",
-    "plant_permittivity",
-    "sphere_cloud",
-    "thin_rod",
-    "trunk_ground_rcs",
-    "water_cloud_sigma0",
-]

@@ -295,15 +295,3 @@ def phase_factor(slant_range: mi.Float64, wavelength: float) -> mi.Complex2f:
     cycles = slant_range * dr.opaque(mi.Float64, 2.0 / wavelength)
     s, c = dr.sincos(mi.Float(cycles - dr.floor(cycles)) * (2.0 * dr.pi))
     return mi.Complex2f(c, -s)
-
-
-__all__ = [
-    "BlockAccumulator",
-    "DirectAccumulator",
-    "GridAccumulator",
-    "SumAccumulator",
-    "grid_cells",
-    "grid_numbers",
-    "phase_factor",
-    "rounded_size",
-]

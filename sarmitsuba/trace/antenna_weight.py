@@ -83,6 +83,3 @@ class BeamPattern:
         """Relative two-way amplitude."""
         numbers = device_numbers(mi.Float, self.antenna.numbers)
         return self.antenna.normalised(sin_azimuth, sin_elevation, numbers, dr)
-
-
-__all__ = ["BeamPattern", "fade"]

@@ -105,6 +105,3 @@ def facet_dyad(planes: Planes, chi: mi.Complex2f) -> Dyad:
 
     hh, hv, vh, vv = values()
     return hh, hv, vh, vv
-
-
-__all__ = ["Dyad", "Planes", "bragg_dyad", "facet_dyad"]

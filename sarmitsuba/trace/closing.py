@@ -196,6 +196,3 @@ def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contributi
         amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
         point=dr.select(condition, a.point, b.point),
     )
-
-
-__all__ = ["Receiver", "Receiving", "close_coherent", "receiver", "selected"]

@@ -149,6 +149,3 @@ def _reach(
         ends = (towards > 1e-3) & (((bits >> (INNER_BIT + i)) & 1) == 0)
         beyond = dr.select(ends, dr.minimum(beyond, height / dr.select(ends, towards, 1.0)), beyond)
     return 1.0 + beyond / dr.maximum(distance, 1e-12)
-
-
-__all__ = ["both_chains", "corner_share", "mirror_at"]

@@ -273,6 +273,3 @@ def _window(kernel: Kernel, pulse: mi.UInt32, position: mi.Vector3d, leaving: mi
 def _linear(flags: KernelFlags) -> tuple[str, ...]:
     """Linear channels of which those to record are sums."""
     return tuple(dict.fromkeys(part for c in flags.channels for _, part in linear_parts(c)))
-
-
-__all__ = ["PairSource"]

@@ -357,6 +357,3 @@ def _recorded(flags: KernelFlags, terms: Terms) -> Terms:
 def mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
     """Sum of the fixed tensors' values times the cell's random numbers."""
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
-
-
-__all__ = ["DiffuseReturns", "Slot", "close_diffuse", "mixed"]

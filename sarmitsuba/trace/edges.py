@@ -426,6 +426,3 @@ def _cot(u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float]:
     """cot((u + j v) / 2), real and imaginary part."""
     bottom = 2.0 * (dr.square(dr.sinh(0.5 * v)) + dr.square(dr.sin(0.5 * u)))
     return dr.sin(u) / bottom, -dr.sinh(v) / bottom
-
-
-__all__ = ["LONGEST", "FringeCurrents", "edges_of", "uncovered"]

@@ -21,6 +21,3 @@ def intersector(corners: F32) -> mi.Scene:
     params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
     params.update()
     return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
-
-
-__all__ = ["intersector"]

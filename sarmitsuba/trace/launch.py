@@ -253,17 +253,3 @@ class PulseBatch:
     def n_pulses(self) -> int:
         """Number of pulses in the launch."""
         return int(self.position.shape[0])
-
-
-__all__ = [
-    "LATTICE_TURN",
-    "LatticeLevel",
-    "LaunchFrame",
-    "LaunchGrid",
-    "PulseBatch",
-    "frame_towards",
-    "lattice",
-    "morton",
-    "project",
-    "window_of",
-]

@@ -222,6 +222,3 @@ def pattern_gain(
     if receiver is None:
         return gain * transmitting.received(home)
     return gain * BeamPattern(antenna, receiver, pulse, None).received(home)
-
-
-__all__ = ["Leg", "Surroundings", "antenna_basis", "pattern_gain", "straight_leg"]

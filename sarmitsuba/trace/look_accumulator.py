@@ -59,6 +59,3 @@ class ImageAccumulator(GridAccumulator):
         y = (s - dr.opaque(f64, look.azimuth0)) * dr.opaque(f64, 1.0 / look.azimuth_step)
         inside = self.spread(contribution, offset, (x, y), (look.kernel, look.kernel))
         return self.counted(state, contribution, contribution.active & ~inside)
-
-
-__all__ = ["ImageAccumulator"]

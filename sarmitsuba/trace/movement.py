@@ -148,6 +148,3 @@ def _state(motions: tuple[Motion, ...] | list[Motion], time: float) -> mi.Float6
     for row, motion in zip(rows, motions, strict=True):
         row[:3], row[4:7] = motion.displacement(time), motion.velocity_at(time)
     return device_array(mi.Float64, rows)
-
-
-__all__ = ["Movement", "Movers", "ShadowBoundary"]

@@ -282,6 +282,3 @@ def _none() -> SurfacePairs:
         np.zeros(0, np.uint32),
         0.0,
     )
-
-
-__all__ = ["FACING", "SurfacePairs", "find_pairs", "off_surface"]

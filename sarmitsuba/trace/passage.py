@@ -49,6 +49,3 @@ def passed(
     for passage in passages:
         fields = passage.through(origin, direction, distance, active, fields)
     return fields
-
-
-__all__ = ["Passage", "passed"]

@@ -482,17 +482,3 @@ def _curved_mirror(
 def _mirrored_step(step: mi.Vector3f, change: mi.Vector3f, d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:
     """Difference ``step`` of a tube's directions after a mirror whose normal changes by ``change`` over the tube."""
     return step - n * (2.0 * (dr.dot(step, n) + dr.dot(d, change))) - change * (2.0 * dr.dot(d, n))
-
-
-__all__ = [
-    "antenna_of",
-    "footprint",
-    "hit_point",
-    "intersect",
-    "launch",
-    "mirror",
-    "past_foci",
-    "reflect",
-    "reflected",
-    "through_passages",
-]

@@ -123,6 +123,3 @@ class Reflectors(Scatterers):
             {name: dr.gather(mi.Float, column, index) for name, column in numbers.items()},
         )
         return self.kind.amplitude(waves) * weight
-
-
-__all__ = ["LocalWaves", "Reflector", "Reflectors"]

@@ -191,6 +191,3 @@ def _spectrum_lookup(scene: TraceScene, material: mi.UInt32, change: mi.Vector3f
         for step in (0, SPECTRUM_SINES)
     )
     return dr.lerp(low, high, y - mi.Float(row))
-
-
-__all__ = ["ScatteringMatrix", "Struck", "diffuse_lookup", "speckle_coefficients"]

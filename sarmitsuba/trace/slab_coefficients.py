@@ -299,6 +299,3 @@ class _SlabQuotients:
         return (
             2.0 * c * cosine + self.both * sine_q + self.sheet * (self.direct * cosine + self.across * sine_q)
         )
-
-
-__all__ = ["SlabFactors", "SlabTables", "lets_waves_through", "slab"]

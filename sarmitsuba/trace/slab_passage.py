@@ -285,6 +285,3 @@ def _chosen(condition: mi.Bool, a: RayState, b: RayState) -> RayState:
         contributions=b.contributions,
     )
     return ray
-
-
-__all__ = ["MOST_SLABS", "Waiting", "along", "branched", "slab_factors"]

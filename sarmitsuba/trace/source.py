@@ -375,14 +375,3 @@ def _added(
         mode="symbolic",
     )
     return added, count
-
-
-__all__ = [
-    "MAX_LANES",
-    "Launch",
-    "Part",
-    "PointSource",
-    "Scatterers",
-    "Source",
-    "launches",
-]

@@ -311,16 +311,3 @@ def unit_phase(key: mi.UInt32, stream: int) -> mi.Complex2f:
 def unit_uniform(key: mi.UInt32, salt: int) -> mi.Float:
     """Uniform in 0 ... 1, both ends left out, from a hashed cell; ``salt`` picks independent ones."""
     return (mi.Float(mix(mix(key ^ salt)) >> 8) + 0.5) * (1.0 / 16777216.0)
-
-
-__all__ = [
-    "Node",
-    "ScattererLattice",
-    "SurfacePlace",
-    "cell_on",
-    "gaussian",
-    "mix",
-    "thinned",
-    "unit_phase",
-    "unit_uniform",
-]

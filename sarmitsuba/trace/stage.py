@@ -116,16 +116,3 @@ def echoed(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Cont
     for stage in stages_of(flags):
         echo = stage.at_echo(wavenumber, echo)
     return echo
-
-
-__all__ = [
-    "STAGES",
-    "Stage",
-    "arrived",
-    "changes_echoes",
-    "closed",
-    "echoed",
-    "launched",
-    "mirrored",
-    "stages_of",
-]

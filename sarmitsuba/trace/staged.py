@@ -45,6 +45,3 @@ class _StagedFollower(_Staged):
 
     def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> tuple[LaneArrays, mi.UInt32 | None]:
         return self.follower.visit(state, ray, hit)
-
-
-__all__ = ["through_stages"]

@@ -399,23 +399,3 @@ class Contribution:
     amplitudes: tuple[mi.Complex2f, ...]
     active: mi.Bool
     point: mi.Vector3d
-
-
-__all__ = [
-    "COHERENT",
-    "DIFFUSE",
-    "NO_HIT",
-    "RECIPROCAL",
-    "REVERSED",
-    "SCATTERER",
-    "Constants",
-    "Contribution",
-    "Hit",
-    "Kernel",
-    "KernelSettings",
-    "Lane",
-    "RayState",
-    "Reflection",
-    "TubeFootprint",
-    "TubeSpread",
-]

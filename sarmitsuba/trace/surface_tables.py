@@ -279,6 +279,3 @@ def _texture_tables(materials: Sequence[Material]) -> tuple[mi.Float | None, mi.
             numbers[i, 2] = crc32(m.name.encode())  # the same wherever the file lists the material
     tables = np.stack([texture_amplitudes(shape) for shape in shapes])
     return device_array(mi.Float, records), device_array(mi.Float, tables.astype(np.float32))
-
-
-__all__ = ["BitmapLayer", "SurfaceTables"]

@@ -37,6 +37,3 @@ class Surfaces:
     def at(self, wavelength: float) -> Surfaces:
         """The same: the kernel's wavenumber is all that changes."""
         return self
-
-
-__all__ = ["Surfaces"]

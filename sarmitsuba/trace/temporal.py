@@ -102,6 +102,3 @@ class Age:
         number = dr.floor(dr.select(late, 0.0, count) + unit_uniform(key, 0xE6546B64))
         latest = dr.select(late, dr.reinterpret_array(mi.UInt32, self.days), mi.UInt32(mi.Int32(number)))
         return late | (number != 0.0), mix(key ^ mix(latest + 0x3C6EF372))
-
-
-__all__ = ["Age"]

@@ -420,13 +420,3 @@ def _inside(surfaces: VolumeSurfaces, place: F64, volume: U32, short: float) -> 
     start = mi.Vector3f(dr.gather(mi.Vector3d, vector_rows(place), dr.arange(mi.UInt32, len(place))))
     length, _ = surfaces.within(start, _up(), dr.opaque(mi.Float, short), mi.Bool(True), is_own)
     return np.asarray(length.numpy() > 0.5 * short)
-
-
-__all__ = [
-    "VolumePassage",
-    "VolumeScatterers",
-    "VolumeSurfaces",
-    "scatterer_spacing",
-    "volume_passage",
-    "volume_scatterers",
-]

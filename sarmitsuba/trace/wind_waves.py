@@ -271,6 +271,3 @@ class Wave:
     amplitude: mi.Float
     sine: mi.Float
     cosine: mi.Float
-
-
-__all__ = ["BraggWave", "Drift", "WaterTables"]

@@ -289,6 +289,3 @@ def _azimuth(axis: mi.Vector3f, legs: Sequence[_WireLeg]) -> mi.Float:
     turn = dr.dot(legs[0].across, legs[1].across)
     side = dr.dot(dr.cross(legs[0].across, legs[1].across), axis)
     return dr.atan2(side, turn)
-
-
-__all__ = ["WireNodes", "WireScatterers", "cut", "longest_step"]

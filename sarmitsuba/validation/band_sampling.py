@@ -28,14 +28,3 @@ def spacing(lam: float, size: float) -> float:
 
 X_BAND = BANDS["X"]
 X_WAVELENGTH = wavelength("X")
-__all__ = [
-    "BANDS",
-    "PLATE_SIDE",
-    "RAYS_ACROSS",
-    "RIM",
-    "X_BAND",
-    "X_WAVELENGTH",
-    "bands",
-    "spacing",
-    "wavelength",
-]

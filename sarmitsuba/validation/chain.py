@@ -161,20 +161,3 @@ def ground_scene(
         **changes,
     }
     return make_scene(geometry, (material,), parameters, settings=settings or TraceSettings(max_depth=1))
-
-
-__all__ = [
-    "METHODS",
-    "RCS_DBSM",
-    "WINDOWS",
-    "Method",
-    "Parameter",
-    "bandwidth",
-    "chain",
-    "ground_scene",
-    "make_scene",
-    "peak_dbsm",
-    "point_scene",
-    "track_distance",
-    "unwarned",
-]

@@ -176,6 +176,3 @@ def summarise(cases: Sequence[Case]) -> Summary:
         n_comparisons=len(canonical),
         n_failed=failed,
     )
-
-
-__all__ = ["CONFIDENCE", "CRITICAL_DISTANCE", "TOPICS", "Case", "Comparison", "Summary", "summarise"]

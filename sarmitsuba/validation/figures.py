@@ -26,6 +26,3 @@ def _panel(c: Comparison) -> DeviationPanel:
         tolerance=c.tolerance,
         depth=c.drawn or (c.floor if in_db and np.isfinite(c.floor) and compared.any() else None),
     )
-
-
-__all__ = ["plot_case"]

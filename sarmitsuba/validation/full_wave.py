@@ -255,19 +255,3 @@ def bands(exact: C128, simulated: C128) -> list[LevelBand]:
             mean = 10.0 * np.log10(np.sum(got[here] ** 2) / np.sum(want[here] ** 2))
             out.append(LevelBand(near, far, int(here.sum()), float(mean), float(np.sqrt(np.mean(ratio**2)))))
     return out
-
-
-__all__ = [
-    "BELOW_PEAK",
-    "CHANNELS",
-    "SCENES",
-    "STORED",
-    "DirectionCut",
-    "FullWaveScene",
-    "LevelBand",
-    "bands",
-    "bodies",
-    "ground",
-    "simulated",
-    "stored",
-]

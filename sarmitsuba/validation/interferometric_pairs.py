@@ -213,6 +213,3 @@ def phase_law(label: str, away: F64, gamma: float, looks: float) -> Comparison:
         unit="",
         shown=45,
     )
-
-
-__all__ = ["FREQUENCY", "ROUGH", "WAVELENGTH", "Pair", "RadarSetting", "pair_of", "phase_law"]

@@ -128,6 +128,3 @@ def write(path: Path, text: str) -> None:
     """Write the page in one step."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-__all__ = ["report", "summary_lines", "write"]

@@ -39,6 +39,3 @@ def focused_peak(
     told = replace(echoes, radar=radar.as_recorded())
     image = focus(told, spot, range_window=window, azimuth_window=window)
     return float(abs(image.data[0, 0, 0]) ** 2)
-
-
-__all__ = ["empty_echoes", "focused_noise", "focused_peak"]

@@ -76,15 +76,3 @@ def mean_power(
         )
         total += np.mean(np.abs(result.amplitude[:, 0, :]) ** 2, axis=0)
     return total / seeds / size**2
-
-
-__all__ = [
-    "CELL",
-    "COUNT_DB",
-    "LOOKS",
-    "RAYS_PER_CELL",
-    "SIZE",
-    "diffuse_flags",
-    "mean_power",
-    "standard_error",
-]

@@ -42,6 +42,3 @@ def run_case(entry: CaseEntry, quick: bool = False) -> Case:
             f"validate: case {entry.name!r} of topic {entry.topic!r} returned {case.name!r} of {case.topic!r}"
         )
     return case
-
-
-__all__ = ["run_case", "select"]

@@ -149,27 +149,3 @@ def incidence(scene: Scene) -> float:
     """Angle of incidence at zero Doppler on level ground at the origin, rad."""
     antenna = scene.radar.track.center_position
     return float(np.arccos(antenna[2] / track_distance(scene.radar, np.zeros(3))))
-
-
-__all__ = [
-    "AZIMUTH_CELL",
-    "BLACK",
-    "BRIGHT",
-    "HALF_CELL",
-    "HEIGHT",
-    "LENGTH",
-    "MIRROR",
-    "RANGE_CELL",
-    "SCATTERER_CELL",
-    "WHERE",
-    "WIDTH",
-    "box",
-    "diffuse_only",
-    "edge",
-    "incidence",
-    "line",
-    "plane",
-    "profile",
-    "scene_of",
-    "setups",
-]

@@ -140,21 +140,3 @@ def from_azimuth(azimuth: ArrayLike, elevation: ArrayLike = 0.0) -> F64:
         np.asarray(azimuth, dtype=np.float64), np.asarray(elevation, dtype=np.float64)
     )
     return np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=-1)
-
-
-__all__ = [
-    "BLACK",
-    "PEC",
-    "PERMITTIVITY",
-    "cylinder",
-    "dihedral",
-    "disc",
-    "from_azimuth",
-    "geometry",
-    "parallelogram",
-    "plate",
-    "sphere",
-    "triangle",
-    "trihedral",
-    "wall_and_ground",
-]

@@ -47,6 +47,3 @@ def save_figure(figure: "Figure", path: Path) -> None:
     """Write a PNG; it appears whole or not at all."""
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=120)
-
-
-__all__ = ["cost_figure", "save_figure"]

@@ -114,6 +114,3 @@ def _draw(above: "Axes", below: "Axes", panel: DeviationPanel) -> None:
     below.set_ylim(-panel.reach, panel.reach)
     below.grid(alpha=0.3)
     below.tick_params(labelsize=7)
-
-
-__all__ = ["DeviationPanel", "save_deviation"]

@@ -274,19 +274,3 @@ def has_clutter(image: SarImage) -> bool | None:
     """Whether anything scatters diffusely, as the simulation says; None where an image does not say."""
     effect = image.metadata.get("effects", {}).get("effects", {}).get("diffuse", {})
     return bool(effect["on"]) if "on" in effect else None
-
-
-__all__ = [
-    "LARGEST",
-    "QUANTITIES",
-    "SMALLEST",
-    "Display",
-    "PictureOptions",
-    "Quantity",
-    "has_clutter",
-    "limits_db",
-    "magnification",
-    "of_order",
-    "prepare",
-    "screen_size",
-]

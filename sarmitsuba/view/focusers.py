@@ -74,6 +74,3 @@ def focusers_figure(results: Sequence[FocuserResult]) -> Figure:
         bar = figure.colorbar(difference, ax=panels[1].tolist(), shrink=0.8)
         bar.set_label("difference, dB of the brightest pixel", fontsize=8)
     return figure
-
-
-__all__ = ["focusers_figure"]

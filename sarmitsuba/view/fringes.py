@@ -122,6 +122,3 @@ def _show(
         vmax=vmax,
         aspect="equal",
     )
-
-
-__all__ = ["LEAST_COHERENCE", "interferogram_figure"]

@@ -140,6 +140,3 @@ def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     FigureCanvasAgg(figure).print_figure(buffer, format="png", dpi=100.0)
     return buffer.getvalue()
-
-
-__all__ = ["draw_beam", "image_figure", "image_png", "scene_plan", "scene_png"]

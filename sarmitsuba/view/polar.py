@@ -88,6 +88,3 @@ def _closed(angle: F64, lines: Sequence[F64], *, whole: bool) -> list[F64]:
     if not whole or float(np.ptp(angle)) * n / (n - 1) < 360.0 - 1e-6:
         return [angle, *lines]
     return [np.append(angle, angle[0] + 360.0), *(np.append(line, line[0]) for line in lines)]
-
-
-__all__ = ["AspectCurves", "aspect_figure"]

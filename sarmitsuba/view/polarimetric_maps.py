@@ -151,6 +151,3 @@ def _labels(axes: Axes, image: SarImage) -> None:
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.tick_params(labelsize=7)
     axes.set_aspect("equal")
-
-
-__all__ = ["composite_figure", "feasible_bounds", "maps_figure", "plane_figure"]

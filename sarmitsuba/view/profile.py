@@ -69,6 +69,3 @@ def profile(
     axes.ticklabel_format(axis="x", useOffset=False, style="plain")
     axes.grid(True, linewidth=0.3)
     return figure
-
-
-__all__ = ["cut", "profile"]

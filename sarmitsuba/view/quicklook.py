@@ -276,16 +276,3 @@ def _subtitle(image: SarImage, options: PictureOptions, display: Display) -> tup
         what = "complex values" if options.quantity == "phase" else "power"
         more.append(f"{what} of {display.averaged[0]} x {display.averaged[1]} pixels averaged")
     return ",  ".join(facts), ",  ".join(more)
-
-
-__all__ = [
-    "Drawing",
-    "bounce_orders",
-    "draw",
-    "panel",
-    "pixels",
-    "png",
-    "quicklook",
-    "quicklook_by_order",
-    "save",
-]

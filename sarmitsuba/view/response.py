@@ -88,6 +88,3 @@ def _cut_db(image: SarImage, channel: str, point: PointQuality, axis: str, x: F6
     columns = (point.range + direction[1] * x - grid.range[0]) / grid.range_spacing
     power = np.abs(piece.at(rows, columns)) ** 2
     return np.asarray(np.maximum(db_from_power(power / point.rcs), _FLOOR_DB))
-
-
-__all__ = ["quality_figure"]

@@ -154,6 +154,37 @@ def test_a_class_name_stands_once(house: Any) -> None:
     assert not {name: found for name, found in where.items() if len(found) > 1}
 
 
+def test_types_of_arrays_have_one_home(house: Any) -> None:
+    wrong = [
+        f"{module.where}:{node.lineno}"
+        for module in house
+        if module.room != "arrays"
+        for node in module.tree.body
+        if isinstance(node, ast.Assign) and re.fullmatch(r"NDArray\[np\.[a-z]+\d+\]", ast.unparse(node.value))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_lists_of_public_names_stand_where_names_are_passed_on(house: Any) -> None:
+    """A module's own public names are those without an underscore; ``__all__`` is for names from elsewhere."""
+    wrong = []
+    for module in house:
+        names: set[str] = set()
+        own: set[str] = set()
+        for node in module.tree.body:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                own.add(node.name)
+            elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                found = {n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)}
+                own |= found
+                if "__all__" in found and node.value is not None:
+                    names = set(ast.literal_eval(node.value))
+        if names and names <= own and not module.is_package:
+            wrong.append(module.where)
+    assert not wrong, "\n".join(wrong)
+
+
 def test_any_stays_at_the_boundary(house: Any) -> None:
     counts: Counter[str] = Counter()
     for module in house:

@@ -105,6 +105,3 @@ class Baseline:
             "share_of_critical": abs(self.perpendicular) / self.critical,
             "height_of_ambiguity_m": self.height_of_ambiguity if self.perpendicular else None,
         }
-
-
-__all__ = ["Baseline"]

@@ -72,6 +72,3 @@ def common_band_pair(
         for values in pair
     )
     return one, two, (share[0], share[1])
-
-
-__all__ = ["common_band_pair"]

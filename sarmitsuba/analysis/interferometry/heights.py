@@ -171,6 +171,3 @@ def phase_sigma(coherence: F64, looks: float) -> F64:
     """
     square = np.clip(coherence, 1e-6, 1.0) ** 2
     return np.asarray(np.minimum(np.sqrt((1.0 - square) / (2.0 * looks * square)), np.pi / np.sqrt(3.0)))
-
-
-__all__ = ["HeightMap", "height_map", "phase_sigma", "unwrapped_phase"]

@@ -288,13 +288,3 @@ def independent_looks(
         weight = np.where(lag == 0, 1.0, 2.0 * (1.0 - lag / n))
         found *= n / float(np.sum(weight * rho**2))
     return found
-
-
-__all__ = [
-    "Interferogram",
-    "automatic_looks",
-    "check_pair",
-    "independent_looks",
-    "interferogram",
-    "same_grid",
-]

@@ -60,6 +60,3 @@ def second_pass(
         if relief > 0.0:
             baseline = min(baseline, RELIEF_SHARE * turn * np.sin(incidence) / relief)
     return PassOffset(float(baseline * (normal @ right_of(along))), float(baseline * normal[2]), passes)
-
-
-__all__ = ["LEAST_COHERENCE", "RELIEF_SHARE", "PassOffset", "second_pass"]

@@ -134,6 +134,3 @@ class FixedAntennas:
         unit = line / distance
         sine = np.sum(unit * self.forward, axis=-1, keepdims=True)
         return np.asarray((self.forward - sine * unit) / distance)
-
-
-__all__ = ["FixedAntennas", "Viewpoint"]

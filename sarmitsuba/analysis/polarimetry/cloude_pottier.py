@@ -122,13 +122,3 @@ def orientation_angle(coherency: ArrayLike) -> F64:
     """
     t = hermitian(coherency)
     return np.asarray(0.25 * np.arctan2(2.0 * t[..., 1, 2].real, t[..., 1, 1].real - t[..., 2, 2].real))
-
-
-__all__ = [
-    "ALPHA_BOUNDS_DEG",
-    "ENTROPY_BOUNDS",
-    "ZONES",
-    "CloudePottier",
-    "cloude_pottier",
-    "orientation_angle",
-]

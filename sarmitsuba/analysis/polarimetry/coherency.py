@@ -112,16 +112,3 @@ def _moments(vector: C64, looks: tuple[int, int], sliding: bool) -> C128:
     ]
     full = [[rows[i][j] if j <= i else np.conj(rows[j][i]) for j in range(n)] for i in range(n)]
     return np.moveaxis(np.array(full), (0, 1), (-2, -1))
-
-
-__all__ = [
-    "coherency",
-    "coherency4",
-    "coherency_of_covariance",
-    "covariance",
-    "covariance_of_coherency",
-    "hermitian",
-    "lexicographic_vector",
-    "pauli_vector",
-    "span",
-]

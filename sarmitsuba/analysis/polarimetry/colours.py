@@ -55,6 +55,3 @@ def pauli_rgb(coherency: ArrayLike, *, white_db: float | None = None) -> U8:
     """Colours of T3 (rows, columns, 3, 3): red even bounces (T22), green T33, blue odd bounces and surfaces (T11)."""
     t = hermitian(coherency)
     return colours(np.stack([t[..., i, i].real for i in (1, 2, 0)], axis=-1), white_db=white_db)
-
-
-__all__ = ["SPAN_DB", "WHITE_PERCENTILE", "colours", "pauli_rgb"]

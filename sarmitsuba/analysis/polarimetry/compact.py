@@ -123,6 +123,3 @@ def _split(vector: Stokes, even: F64) -> F64:
     return np.stack(
         [polarised * (1.0 + even), np.where(lit, vector.s1 * (1.0 - m), 0.0), polarised * (1.0 - even)], -1
     )
-
-
-__all__ = ["Stokes", "m_chi", "m_delta", "stokes", "stokes_of"]

@@ -38,6 +38,3 @@ def check_looks(shape: tuple[int, ...], looks: tuple[int, int]) -> None:
             f"polarimetry: looks of {looks[0]} x {looks[1]} pixels of an image of {shape[0]} x {shape[1]}; give 1 or "
             "more, up to its size"
         )
-
-
-__all__ = ["averaged", "check_looks"]

@@ -191,14 +191,3 @@ def _median(values: F64) -> float:
 
 def _or_none(value: float) -> float | None:
     return value if np.isfinite(value) else None
-
-
-__all__ = [
-    "PolarimetryReport",
-    "automatic_looks",
-    "cell_pixels",
-    "m_chi_shares",
-    "pauli_shares",
-    "polarimetry_report",
-    "zone_shares",
-]

@@ -78,6 +78,3 @@ def quad_pol(image: SarImage) -> QuadPol:
             'polarisation to "HH,HV,VH,VV"'
         )
     return QuadPol(image.total("HH"), image.total(cross[0]), image.total(cross[-1]), image.total("VV"))
-
-
-__all__ = ["QuadPol", "quad_pol"]

@@ -190,6 +190,3 @@ def automatic_areas(
         )
         for name, b in ((name, best[name][1]) for name in ("even", "dark") if name in best)
     )
-
-
-__all__ = ["Area", "AreaQuality", "automatic_areas", "contrast", "entropy", "measure_area"]

@@ -217,6 +217,3 @@ class Carrier:
         line = foot + along[..., None] * grid.along + across[..., None] * grid.across
         x = line @ self.forward
         return np.asarray(x), np.asarray(np.linalg.norm(line - x[..., None] * self.forward, axis=-1))
-
-
-__all__ = ["Carrier", "Lobes"]

@@ -177,6 +177,3 @@ def _effects(data: _Read) -> ErrorPart:
         return ErrorPart("effects left out", math.nan, UNKNOWN, f"no bound of {', '.join(unknown)}")
     error = 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
     return ErrorPart("effects left out", error, MEASURED if measured else AT_MOST, ", ".join(named))
-
-
-__all__ = ["AT_MOST", "MEASURED", "UNKNOWN", "ErrorPart", "error_budget"]

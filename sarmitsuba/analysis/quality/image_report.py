@@ -290,6 +290,3 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
         "  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True))
         for row in (header, *rows)
     ]
-
-
-__all__ = ["QualityReport", "image_quality"]

@@ -163,6 +163,3 @@ def _enl(bands: F64) -> float:
     cross = bands @ bands.T
     norm = np.sqrt(np.outer(np.diag(cross), np.diag(cross)))
     return float(bands.shape[0] ** 2 / np.sum((cross / norm) ** 2))
-
-
-__all__ = ["Looks", "spectral_looks"]

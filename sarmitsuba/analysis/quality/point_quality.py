@@ -249,6 +249,3 @@ def _background_db(
 
 def _wrapped(phase: float) -> float:
     return math.remainder(phase, 2.0 * math.pi)
-
-
-__all__ = ["KnownPoint", "PointQuality", "find_points", "measure_known", "scene_points"]

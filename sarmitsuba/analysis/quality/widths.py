@@ -59,6 +59,3 @@ def predicted_irw(image: SarImage, lobes: Lobes, column: int) -> tuple[float, fl
     radial = image.range_resolution_cell / lobes.slope
     widths = [window_irw(str(window)) / window.broadening for window in windows_of(image)]
     return widths[0] * area / radial, widths[1] * radial / lobes.skew
-
-
-__all__ = ["grid_cells", "predicted_irw", "window_irw", "windows_of"]

@@ -118,5 +118,3 @@ def _integrated(history: C64) -> tuple[F64, F64]:
 
 
 AUTOFOCUSERS.register(PhaseGradient())
-
-__all__ = ["PhaseGradient"]

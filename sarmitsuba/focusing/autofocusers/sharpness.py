@@ -134,5 +134,3 @@ class MaximumContrast(_Sharpness):
 
 AUTOFOCUSERS.register(MinimumEntropy())
 AUTOFOCUSERS.register(MaximumContrast())
-
-__all__ = ["MaximumContrast", "MinimumEntropy"]

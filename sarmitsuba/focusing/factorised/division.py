@@ -122,6 +122,3 @@ class Plan:
             8 * section.samples + 24 * section.n_ranges * section.levels[-1].n_angles
             for section in self.sections
         )
-
-
-__all__ = ["PIXEL_SECONDS", "Plan", "Section", "SubimageLevel"]

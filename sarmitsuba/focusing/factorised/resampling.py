@@ -82,6 +82,3 @@ def resample(
         out.append(dr.fma(re, phasor[0], dr.fma(-im, phasor[1], state[2 * layer])))
         out.append(dr.fma(re, phasor[1], dr.fma(im, phasor[0], state[2 * layer + 1])))
     return out
-
-
-__all__ = ["Pixels", "resample"]

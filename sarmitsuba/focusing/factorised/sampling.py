@@ -118,17 +118,3 @@ def correction(sampling: SubimageSampling, n: int) -> F32:
     taps = np.linalg.lstsq(terms, np.ones_like(nu), rcond=None)[0]
     cosines = np.cos(2.0 * np.pi * np.outer(np.fft.fftfreq(n), order))
     return np.asarray(cosines @ taps, dtype=np.float32)
-
-
-__all__ = [
-    "CORRECTION",
-    "MARGIN_DB",
-    "RATIOS",
-    "TAPS",
-    "UPSAMPLING",
-    "SubimageSampling",
-    "choose_sampling",
-    "correction",
-    "refinement_error",
-    "refinement_weights",
-]

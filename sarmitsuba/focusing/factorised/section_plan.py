@@ -406,6 +406,3 @@ def _sights(radar: Radar, grid: ImageGrid, cuts: list[tuple[int, int]]) -> list[
                 return "the image leaves the receive window of pulses that serve it"
             out.append(sight)
     return out or "no pulse serves the image"
-
-
-__all__ = ["GUARD", "make_plan"]

@@ -307,6 +307,3 @@ def make_job(raw: RawData, profiles: ProfilePlan, plan: Plan, window: Window, gr
     middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
     reference = float(np.linalg.norm(middle - radar.track.center_position))
     return Job(types, raw, profiles, weights, weighting_of(types, radar, window), reference, plan.sampling)
-
-
-__all__ = ["Job", "make_job", "plan_bytes", "run_plan", "whole_weights"]

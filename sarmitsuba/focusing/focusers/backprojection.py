@@ -479,5 +479,3 @@ class Backprojection(Focuser):
 
 
 FOCUSERS.register(Backprojection())
-
-__all__ = ["TILE_PIXELS", "Backprojection", "Tile", "Tiles", "backproject", "backproject_numpy", "series_at"]

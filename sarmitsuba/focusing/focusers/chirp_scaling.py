@@ -132,5 +132,3 @@ class ChirpScaling(RowsFocuser):
 
 
 FOCUSERS.register(ChirpScaling())
-
-__all__ = ["ChirpScaling"]

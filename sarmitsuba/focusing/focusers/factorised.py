@@ -159,5 +159,3 @@ class Factorised(Focuser):
 
 
 FOCUSERS.register(Factorised())
-
-__all__ = ["Factorised"]

@@ -179,5 +179,3 @@ class OmegaK(RowsFocuser):
 
 
 FOCUSERS.register(OmegaK())
-
-__all__ = ["OmegaK", "omega_k"]

@@ -354,5 +354,3 @@ class PolarFormat(Focuser):
 
 
 FOCUSERS.register(PolarFormat())
-
-__all__ = ["LARGEST_PHASE", "PolarFormat", "polar_format", "pulse_weights", "refusal"]

@@ -117,5 +117,3 @@ class RangeDoppler(RowsFocuser):
 
 
 FOCUSERS.register(RangeDoppler())
-
-__all__ = ["RangeDoppler"]

@@ -220,6 +220,3 @@ def aperture_filter(
         spread = float((1.0 - middle**2) ** 1.5 / (k * rho))
         higher = _higher_orders(weight, bend, (-slope[0], slope[-1]), nodes, spread)
     return ApertureFilter(nodes, full.astype(np.complex64), tuple(ends), rho, higher)
-
-
-__all__ = ["ApertureFilter", "aperture_filter"]

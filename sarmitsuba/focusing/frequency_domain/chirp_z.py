@@ -204,6 +204,3 @@ class VirtualChirp:
         out *= unit_phasor(-0.5 * rate * factor[:, None] * one * at**2)
         out /= np.sqrt(one).astype(np.float32)
         return out
-
-
-__all__ = ["WIDTH", "ChirpZ", "VirtualChirp", "interpolate", "kernel_transform", "spread"]

@@ -196,15 +196,3 @@ def migration_refusal(radar: Radar, grid: ImageGrid, treatment: Treatment, bound
         f"{np.ptp(slant.range):.4g} m, squint {np.degrees(np.arcsin(law.sin_squint)):.3g} degrees, bandwidth "
         f"{100.0 * radar.waveform.bandwidth / radar.waveform.center_frequency:.3g} % of the carrier"
     )
-
-
-__all__ = [
-    "MAX_PHASE",
-    "Migration",
-    "Treatment",
-    "directions",
-    "migration_refusal",
-    "plan_migration",
-    "residual_phase",
-    "residual_power",
-]

@@ -61,6 +61,3 @@ class RowsFocuser(Focuser, ABC):
             ground = grid.azimuth.size * grid.range.size
             stages.append(_CALIBRATION * pixels + _RESAMPLED * n_layers * (pixels + ground))
         return max(stages) + _THREADS
-
-
-__all__ = ["RowsFocuser"]

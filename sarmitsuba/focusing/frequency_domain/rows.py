@@ -310,6 +310,3 @@ def _to_azimuth(
         out[:, start:stop] = sums(np.ascontiguousarray(columns[:, start:stop].T)).T
 
     _in_threads(work, columns.shape[1], max(1, _BATCH // sums.n_fft))
-
-
-__all__ = ["RangeLaw", "WavenumberBand", "focus_rows"]

@@ -108,6 +108,3 @@ def spectrum_work(radar: Radar, grid: ImageGrid) -> float:
     plan = plan_spectrum(radar, parse_window("rectangular"), extra=range_walk(radar, slant, geometry))
     count = plan.n_fft * radar.waveform.bandwidth / radar.window.sampling_rate
     return rows * count + mapped * (count * own_apertures(radar) + slant.range.size)
-
-
-__all__ = ["spectrum_rows", "spectrum_work", "stated_error_db"]

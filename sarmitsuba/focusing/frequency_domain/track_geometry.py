@@ -242,20 +242,3 @@ def boresight_sine(radar: Radar) -> float:
 def wavenumber(radar: Radar) -> float:
     """k_c, two-way wavenumber at the centre frequency, rad/m."""
     return 4.0 * np.pi / radar.waveform.wavelength
-
-
-__all__ = [
-    "TrackGeometry",
-    "aperture_middle",
-    "boresight_sine",
-    "lit_in_turn",
-    "own_apertures",
-    "range_walk",
-    "rate_factor",
-    "serving_pulses",
-    "slant_grid",
-    "track_geometry",
-    "track_period",
-    "track_refusal",
-    "wavenumber",
-]

@@ -121,6 +121,3 @@ def filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
     cos_angle = np.sqrt(np.clip(1.0 - sin_angle**2, 0.0, None))
     look = sin_angle[..., None] * grid.along + cos_angle[..., None] * broadside
     return direction_gain(radar, radar.track.center_index, look)
-
-
-__all__ = ["NODES", "filter_gain", "normalisation", "pulse_weights"]

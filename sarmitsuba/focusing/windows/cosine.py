@@ -33,5 +33,3 @@ WINDOWS.register(
     )
 )
 WINDOWS.register(WindowFamily("hann", "raised cosine, side lobes fall off fast", hann))
-
-__all__ = ["hamming", "hann", "rectangular"]

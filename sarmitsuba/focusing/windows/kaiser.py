@@ -19,5 +19,3 @@ WINDOWS.register(
         (WindowParameter("beta", 2.5, 0.0, 40.0, "0 is rectangular, 8.6 gives side lobes below -60 dB"),),
     )
 )
-
-__all__ = ["kaiser"]

@@ -43,5 +43,3 @@ WINDOWS.register(
         ),
     )
 )
-
-__all__ = ["taylor", "taylor_coefficients"]

@@ -130,6 +130,3 @@ def parse_window(text: str | Window) -> Window:
         if wrong:
             raise DataError(f"window {text!r}: {wrong}")
     return Window(name, parameters)
-
-
-__all__ = ["WINDOWS", "Window", "WindowFamily", "WindowParameter", "parse_window"]

@@ -137,5 +137,3 @@ def _part(surface: str, exterior: F64) -> str:
 
 
 SOURCES.register(SourceFormat("citygml", "buildings as polygons, LoD 1 to 3", (".gml", ".xml"), read_citygml))
-
-__all__ = ["read_citygml"]

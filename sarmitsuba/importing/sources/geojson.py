@@ -102,5 +102,3 @@ def _polygons(geometry: object) -> "Iterator[shapely.Polygon | str]":
 
 
 SOURCES.register(SourceFormat("geojson", "footprints with heights", (".geojson", ".json"), read_geojson))
-
-__all__ = ["read_geojson"]

@@ -41,5 +41,3 @@ def read_meshes(path: Path, options: ImportOptions) -> CitySource:
 
 
 SOURCES.register(SourceFormat("mesh", "meshes, materials by name", SUFFIXES, read_meshes, folders=True))
-
-__all__ = ["read_meshes"]

@@ -92,5 +92,3 @@ def _joined(ways: list[list[str]]) -> list[list[str]]:
 
 
 SOURCES.register(SourceFormat("osm", "OpenStreetMap extract", (".osm",), read_osm))
-
-__all__ = ["read_osm"]

@@ -12,5 +12,3 @@ def read_terrain(path: Path, options: ImportOptions) -> CitySource:
 
 
 SOURCES.register(SourceFormat("raster", "terrain", (".tif", ".tiff"), read_terrain))
-
-__all__ = ["read_terrain"]

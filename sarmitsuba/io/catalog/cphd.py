@@ -372,5 +372,3 @@ FORMATS.register(
         read_raw=read_raw,
     )
 )
-
-__all__ = ["read_raw", "write_raw"]

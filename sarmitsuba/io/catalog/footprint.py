@@ -56,5 +56,3 @@ FORMATS.register(
         name="kml", doc="outline of the image on the Earth, KML", suffixes=(".kml",), write_image=write_kml
     )
 )
-
-__all__ = ["write_geojson", "write_kml"]

@@ -54,5 +54,3 @@ FORMATS.register(
         write_image=write_image,
     )
 )
-
-__all__ = ["write_image"]

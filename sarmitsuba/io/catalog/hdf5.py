@@ -409,5 +409,3 @@ FORMATS.register(
         read_image=read_image,
     )
 )
-
-__all__ = ["CONVENTION", "FORMAT_VERSION", "FRAME", "read_image", "read_raw", "write_image", "write_raw"]

@@ -190,5 +190,3 @@ FORMATS.register(
         folders=True,
     )
 )
-
-__all__ = ["read_history", "read_raw"]

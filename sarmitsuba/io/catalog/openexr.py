@@ -76,5 +76,3 @@ def _where(image: SarImage) -> dict[str, object]:
 
 
 FORMATS.register(FileFormat("openexr", "complex image for image tools", (".exr",), write_image=write))
-
-__all__ = ["named_planes", "write"]

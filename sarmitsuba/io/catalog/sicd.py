@@ -127,5 +127,3 @@ FORMATS.register(
         objection=objection,
     )
 )
-
-__all__ = ["baseband", "objection", "read_image", "write_image"]

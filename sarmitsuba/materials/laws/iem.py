@@ -181,5 +181,3 @@ class IntegralEquation(DiffuseLaw):
 
 
 LAWS.register(IntegralEquation())
-
-__all__ = ["IntegralEquation", "iem_backscatter"]

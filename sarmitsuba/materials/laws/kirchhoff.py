@@ -69,5 +69,3 @@ class Kirchhoff(DiffuseLaw):
 
 
 LAWS.register(Kirchhoff())
-
-__all__ = ["Kirchhoff", "geometrical_optics_sigma0"]

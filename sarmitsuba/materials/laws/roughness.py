@@ -60,5 +60,3 @@ class RoughnessLaw(DiffuseLaw):
 
 
 LAWS.register(RoughnessLaw())
-
-__all__ = ["RoughnessLaw", "shared_energy_sigma0"]

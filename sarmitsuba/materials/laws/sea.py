@@ -218,5 +218,3 @@ def _at(theta: F64, row: F64) -> F64:
 
 
 LAWS.register(Sea())
-
-__all__ = ["TILTING", "Sea", "two_scale_sigma0"]

@@ -86,5 +86,3 @@ class SmallPerturbation(DiffuseLaw):
 
 
 LAWS.register(SmallPerturbation())
-
-__all__ = ["SmallPerturbation", "bragg_spectrum", "small_perturbation_sigma0"]

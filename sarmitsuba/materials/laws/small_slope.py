@@ -117,5 +117,3 @@ class SmallSlope(DiffuseLaw):
 
 
 LAWS.register(SmallSlope())
-
-__all__ = ["SmallSlope", "small_slope_spectrum"]

@@ -75,5 +75,3 @@ class ItuMaterial(NamedMaterial):
 
 for _name, _bands in ITU_BANDS.items():
     MATERIALS.register(ItuMaterial(_name, "ITU-R P.2040", _bands))
-
-__all__ = ["ITU_BANDS", "ItuMaterial"]

@@ -32,5 +32,3 @@ class PlantMaterial(NamedMaterial):
 
 
 MATERIALS.register(PlantMaterial("fresh_wood", "living wood, half of it water (Ulaby & El-Rayes 1987)", 0.5))
-
-__all__ = ["PlantMaterial"]

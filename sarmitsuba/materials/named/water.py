@@ -82,5 +82,3 @@ class Water(NamedMaterial):
 
 MATERIALS.register(Water("sea_water", "Klein and Swift, 35 g/kg unless given", 15.0, 35.0))
 MATERIALS.register(Water("fresh_water", "Klein and Swift, no salt", 15.0, 0.0, salt=False))
-
-__all__ = ["Water", "klein_swift"]

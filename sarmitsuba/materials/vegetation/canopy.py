@@ -191,6 +191,3 @@ def _summed(density: Sequence[float], parts: Sequence[Covariance]) -> Covariance
         power += number * part.power
         product += number * part.product
     return Covariance(power, product)
-
-
-__all__ = ["CANOPIES", "Canopy", "Constituent", "Orientation"]

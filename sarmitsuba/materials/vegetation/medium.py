@@ -110,6 +110,3 @@ def water_cloud(
     )
     taken = np.tile(np.asarray(extinction, dtype=np.float64), (NODES, 1))
     return VolumeMedium(name, taken, returned, returned)
-
-
-__all__ = ["NODES", "Covariance", "VolumeMedium", "node_cosines", "water_cloud"]

@@ -32,6 +32,3 @@ def plant_permittivity(moisture: float, frequency: float) -> complex:
     free = 4.9 + 75.0 / (1.0 + 1j * ghz / 18.0) - 18.0j * 1.27 / ghz
     bound = 2.9 + 55.0 / (1.0 + np.sqrt(1j * ghz / 0.18))
     return complex(dry + share_free * free + share_bound * bound)
-
-
-__all__ = ["plant_permittivity"]

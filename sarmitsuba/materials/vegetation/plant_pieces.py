@@ -439,6 +439,3 @@ def _splines(size: float, permittivity: complex) -> tuple[CubicSpline, CubicSpli
     nodes = np.linspace(0.0, 0.5 * np.pi, _NODES)
     first, second = (CubicSpline(nodes, table) for table in cylinder_coefficients(nodes, size, permittivity))
     return first, second
-
-
-__all__ = ["Leaf", "OverGround", "Piece", "Stick", "cylinder_coefficients", "cylinder_series"]

@@ -155,6 +155,3 @@ def symbols(h: F64, wavenumber: float, radius: float) -> tuple[C128, C128]:
     along = np.where(deep, -1.0 + 1.0 / np.maximum(np.abs(x), 1.0), along)
     across = ((wavenumber * radius / x) ** 2 - 0.5) * along - 0.5
     return np.asarray(along), np.asarray(across)
-
-
-__all__ = ["LONGEST", "ThinRod", "symbols", "thin_rod"]

@@ -78,5 +78,3 @@ class Circular(RadarMode):
 
 
 MODES.register(Circular())
-
-__all__ = ["CirclePath", "Circular"]

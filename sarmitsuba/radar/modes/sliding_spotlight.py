@@ -56,5 +56,3 @@ class SlidingSpotlight(RadarMode):
 
 
 MODES.register(SlidingSpotlight())
-
-__all__ = ["SlidingSpotlight"]

@@ -23,5 +23,3 @@ class Spotlight(RadarMode):
 
 
 MODES.register(Spotlight())
-
-__all__ = ["Spotlight"]

@@ -29,5 +29,3 @@ class Stripmap(RadarMode):
 
 
 MODES.register(Stripmap())
-
-__all__ = ["Stripmap"]

@@ -30,5 +30,3 @@ class Gaussian(Pattern):
 
 
 PATTERNS.register(Gaussian())
-
-__all__ = ["Gaussian"]

@@ -27,5 +27,3 @@ class Isotropic(Pattern):
 
 
 PATTERNS.register(Isotropic())
-
-__all__ = ["Isotropic"]

@@ -39,5 +39,3 @@ def _sinc(x: Samples, xp: ModuleType) -> Samples:
 
 
 PATTERNS.register(Rectangular())
-
-__all__ = ["Rectangular"]

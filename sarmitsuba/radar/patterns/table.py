@@ -50,5 +50,3 @@ def _looked_up(sine: Samples, numbers: Sequence[Samples | float], xp: ModuleType
 
 
 PATTERNS.register(Table())
-
-__all__ = ["Table"]

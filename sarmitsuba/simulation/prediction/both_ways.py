@@ -400,6 +400,3 @@ def share_of(on: bool, here: float, there: float) -> float:
     """
     with_it, without = (here, there) if on else (there, here)
     return max(0.0, 1.0 - without / with_it)
-
-
-__all__ = ["NOTHING", "measured_both_ways", "ratio_margin", "share_of", "switched"]

@@ -396,6 +396,3 @@ def _synthesis(sampling: SamplingPlan, layers: LayerPlan, most_rays: int) -> tup
     # spectrum of the grid, then profiles, their slope, both transforms and the samples
     profiles = 8 * together * plan.n_inner * (2 * plan.n_range_rate + 5 * n)
     return grid_numbers(plan.shape(slots), channels), most_rays, profiles
-
-
-__all__ = ["check_rays", "lattice_rays", "needs_of"]

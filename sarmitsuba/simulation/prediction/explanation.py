@@ -155,6 +155,3 @@ def _cost(share: float) -> str:
     if np.isnan(share):
         return "-"
     return f"{100 * share:.0f} %" if share >= LEAST_TOLD else f"< {100 * LEAST_TOLD:.0f} %"
-
-
-__all__ = ["Explanation", "explain"]

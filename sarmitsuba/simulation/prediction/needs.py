@@ -203,6 +203,3 @@ def duration(seconds: float) -> str:
     if seconds < 90.0:
         return f"{seconds:.1f} s" if seconds >= 1.0 else f"{1e3 * seconds:.0f} ms"
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
-
-
-__all__ = ["Needs", "duration"]

@@ -287,6 +287,3 @@ def _steady(measure: Callable[[], Mapping[str, float]]) -> dict[str, float]:
         again = dict(measure())
         best = min(best, again, key=lambda stages: sum(stages.values()))
     return best
-
-
-__all__ = ["MEASURED_MEMORY", "Prediction", "predict"]

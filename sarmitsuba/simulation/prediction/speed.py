@@ -241,17 +241,3 @@ def split_trace(full: Mapping[str, float], sparse: Mapping[str, float], fewer: f
     out["rays"] = min(max(rays, 0.05 * seconds), seconds)
     out["launches"] = seconds - out["rays"]
     return out
-
-
-__all__ = [
-    "USUAL_CORE",
-    "Machine",
-    "SpeedModel",
-    "Work",
-    "deep_tree",
-    "expected_work",
-    "glance",
-    "run_seconds",
-    "scatterers_met",
-    "split_trace",
-]

@@ -206,22 +206,3 @@ def with_error_bars(image: SarImage) -> SarImage:
         return image
     bars = estimate_error(image.data, image.layers, pixels=False)
     return replace(image, metadata={**image.metadata, "sampling_error": bars.as_dict()})
-
-
-__all__ = [
-    "PASSES",
-    "PASSES_SCATTER_DB",
-    "PASSES_SHARED_DB",
-    "PIXELS_TOGETHER",
-    "SHARED_DB",
-    "SHARED_SCATTER_DB",
-    "SUBSETS",
-    "ErrorBars",
-    "Source",
-    "error_bars",
-    "estimate_error",
-    "estimate_pass_error",
-    "has_subsets",
-    "subset_planes",
-    "with_error_bars",
-]

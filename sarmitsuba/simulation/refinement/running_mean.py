@@ -284,6 +284,3 @@ def _check_values(data: C64, most: float) -> None:
 def by_channel(data: C64, layers: Sequence[Layer]) -> C64:
     """Sum of the layers of every channel, (n_channels, ...)."""
     return np.stack([sum_of_channel(data, layers, c, "passes") for c in channels_of(layers)])
-
-
-__all__ = ["PassLayout", "Passes", "by_channel"]

@@ -19,6 +19,3 @@ def clipped(segments: F64, low: F64, high: F64) -> F64:
     kept = first <= last
     ends = [start[kept] + t[kept, None] * step[kept] for t in (first, last)]
     return np.concatenate(ends)
-
-
-__all__ = ["clipped"]

@@ -60,6 +60,3 @@ def check_small_parts(sampling: SamplingPlan, shortfalls: Sequence[Shortfall]) -
     )
     warnings.warn(text, SarmitsubaWarning, stacklevel=4)
     return [text]
-
-
-__all__ = ["check_sampling", "check_small_parts"]

@@ -110,6 +110,3 @@ def _faded(scene: Scene, beside: F64) -> F64:
     cell = max(azimuth_cell(scene), scene.radar.waveform.range_cell)
     t = np.minimum(beside / scene.image.fade_out(cell), 1.0)
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * t))
-
-
-__all__ = ["lit_points", "shares"]

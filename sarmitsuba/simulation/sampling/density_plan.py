@@ -416,13 +416,3 @@ def _spacings(
             half_cell = 0.5 * min(azimuth, scene.radar.waveform.range_cell)
             coherent = float(min(half_cell, np.sqrt(window.area / 1e5)))
     return RaySpacings(coherent, diffuse if flags.diffuse else 0.0)
-
-
-__all__ = [
-    "FOOTPRINT_PER_RESOLUTION",
-    "LOOK_SPACING",
-    "RAYS_PER_WAVELENGTH",
-    "RaySpacings",
-    "SamplingPlan",
-    "azimuth_cell",
-]

@@ -198,6 +198,3 @@ def _middle(scene: Scene) -> F64:
 
 def _unit(v: F64) -> F64:
     return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
-
-
-__all__ = ["check_folding"]

@@ -247,15 +247,3 @@ def across_sector(sector: Track, look: F64) -> F64:
     along = sector.along
     right = np.array([along[1], -along[0], 0.0])
     return right if right @ look >= 0.0 else -right
-
-
-__all__ = [
-    "SECTOR",
-    "LaunchWindow",
-    "across_sector",
-    "bounding_antennas",
-    "launch_window",
-    "launch_windows",
-    "mirrors_outside",
-    "sectors",
-]

@@ -147,6 +147,3 @@ def beam_change(radar: Radar, point: F64, length: int) -> float:
     half = max(1, min(length // 2, gain.size - 1))
     peak = float(gain.max())
     return float(np.abs(gain[half:] - gain[:-half]).max()) / peak if gain.size > 1 and peak > 0.0 else 0.0
-
-
-__all__ = ["azimuth_shift", "beam_change", "block_length", "fastest", "lit", "swept"]

@@ -21,6 +21,3 @@ def crop(scene: Scene, share: float, pulses: float = 1.0) -> Scene:
     )
     kept = max(2, round(scene.radar.track.n_pulses * pulses))
     return replace(scene, image=image, radar=middle_pulses(scene.radar, kept))
-
-
-__all__ = ["crop", "middle_pulses"]

@@ -71,6 +71,3 @@ class Rays:
             made.append(tuple(grid for grid in finer if grid.n_rays))
         self.shortfalls = tuple(short)
         return made
-
-
-__all__ = ["Rays"]

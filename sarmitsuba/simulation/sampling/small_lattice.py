@@ -340,6 +340,3 @@ def cut(triangles: F64, longest: float) -> tuple[F64, NDArray[np.intp]]:
     if not done:
         return triangles, owner
     return np.concatenate(done), np.concatenate(owners)
-
-
-__all__ = ["LONGEST", "RIM", "Lattice", "ManyNodesError", "cut", "nodes_over", "outline_area"]

@@ -237,6 +237,3 @@ def _finest(level: NDArray[np.int_], area: F64, spacing: float, budget: float) -
         if rays <= budget:
             return finest
     return 0
-
-
-__all__ = ["Shortfall", "expected_finer_rays", "with_small_parts"]

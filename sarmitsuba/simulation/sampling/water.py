@@ -86,6 +86,3 @@ def _rms(water: WindWaves, derivative: int) -> float:
     """Rms velocity (1) or acceleration (2) of the surface by the long waves, m/s or m/s^2."""
     omega, amplitude = water.waves[:, 2], water.waves[:, 4]
     return float(np.sqrt(0.5 * np.sum((amplitude * omega**derivative) ** 2)))
-
-
-__all__ = ["beam_tells", "block_length", "fastest", "waters"]

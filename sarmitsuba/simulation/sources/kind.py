@@ -90,15 +90,3 @@ def most_bounces(scene: Scene) -> int:
 def passages_of(scene: Scene) -> tuple[Passage, ...]:
     """Volumes of a scene as what takes a part of waves that pass; nothing in most scenes."""
     return (volume_passage(scene.volumes),) if scene.volumes else ()
-
-
-__all__ = [
-    "MOST_BOUNCES",
-    "SOURCES",
-    "Expected",
-    "SourceKind",
-    "expected_sources",
-    "most_bounces",
-    "passages_of",
-    "sources_of",
-]

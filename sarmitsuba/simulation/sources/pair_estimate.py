@@ -335,17 +335,3 @@ class _Kept:
             dr.scatter(self.memory, a.real, slot, active)
             dr.scatter(self.memory, a.imag, slot + 1, active)
         return state
-
-
-__all__ = [
-    "PILOT_POINTS",
-    "PairEcho",
-    "PairEstimate",
-    "estimate_pairs",
-    "expected_pair_points",
-    "pair_echo",
-    "pair_level",
-    "pilot_cell",
-    "run_pairs",
-    "scene_pairs",
-]

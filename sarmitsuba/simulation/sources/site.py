@@ -192,6 +192,3 @@ def _faded(window: LaunchWindow, places: F64) -> F64:
     beyond = np.abs(places) - [window.half_x, window.half_y]
     t = np.clip(beyond / window.taper, 0.0, 1.0)
     return np.asarray((0.5 + 0.5 * np.cos(np.pi * t)).prod(axis=1))
-
-
-__all__ = ["VIEW_TURN", "RunSite", "Site"]

@@ -29,6 +29,3 @@ def normal_change(
         )
 
     return apply
-
-
-__all__ = ["WIDEST_SPREAD", "normal_change"]

@@ -453,15 +453,3 @@ def part_integral(
     )
     s, c = dr.sincos(-(qu * place[0] + qv * place[1]))
     return filled * mi.Complex2f(c, s), place[0], place[1]
-
-
-__all__ = [
-    "Bounds",
-    "HalfPlane",
-    "Polygon",
-    "extent_lines",
-    "facet_lines",
-    "part_integral",
-    "phase_integral",
-    "selected",
-]

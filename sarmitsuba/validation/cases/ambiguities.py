@@ -239,5 +239,3 @@ def ambiguity_ratio(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("azimuth_ghosts", "antenna", azimuth_ghosts))
 CASES.register(CaseEntry("ambiguity_ratio", "antenna", ambiguity_ratio))
-
-__all__ = ["ambiguity_ratio", "azimuth_ghosts"]

@@ -349,5 +349,3 @@ def mispointing(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("beam_gain", "antenna", beam_gain))
 CASES.register(CaseEntry("mispointing", "antenna", mispointing))
-
-__all__ = ["beam_gain", "mispointing"]

@@ -106,5 +106,3 @@ def bridge(quick: bool = False) -> Case:
 
 
 CASES.register(CaseEntry("bridge", "geometry", bridge))
-
-__all__ = ["bridge"]

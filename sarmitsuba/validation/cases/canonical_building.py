@@ -110,5 +110,3 @@ def _building_closed(ground: Material, theta: float, channel: str) -> tuple[floa
 
 
 CASES.register(CaseEntry("canonical_building", "rough", canonical_building))
-
-__all__ = ["canonical_building"]

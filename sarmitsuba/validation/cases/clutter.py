@@ -381,5 +381,3 @@ def _by_place(label: str, want: F64, ratio: Sequence[float]) -> Comparison:
 CASES.register(CaseEntry("k_distribution", "statistics", k_distribution))
 CASES.register(CaseEntry("gamma_texture", "statistics", gamma_texture))
 CASES.register(CaseEntry("surface_maps", "radiometry", surface_maps))
-
-__all__ = ["gamma_texture", "k_distribution", "surface_maps", "texture_at"]

@@ -191,5 +191,3 @@ def _case(
 
 CASES.register(CaseEntry("pairs_in_a_bowl", "rough", bowl_case))
 CASES.register(CaseEntry("pairs_of_plates", "rough", plates_case))
-
-__all__ = ["bowl_case", "pair_power", "plates_case"]

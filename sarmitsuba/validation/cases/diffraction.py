@@ -166,5 +166,3 @@ def _keller(corners: F64, height: float, lam: float, azimuth: F64) -> C128:
 
 CASES.register(CaseEntry("edge_plate", "canonical", edge_plate))
 CASES.register(CaseEntry("edge_wedges", "canonical", edge_wedges))
-
-__all__ = ["edge_plate", "edge_wedges"]

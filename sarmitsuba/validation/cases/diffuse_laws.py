@@ -107,5 +107,3 @@ def _closed_law(material: Material, theta: F64) -> tuple[F64, F64]:
 
 
 CASES.register(CaseEntry("diffuse_laws", "rough", diffuse_laws))
-
-__all__ = ["diffuse_laws"]

@@ -97,5 +97,3 @@ def cross_polarisation(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("diffuse_level", "rough", diffuse_level))
 CASES.register(CaseEntry("cross_polarisation", "rough", cross_polarisation))
-
-__all__ = ["cross_polarisation", "diffuse_level"]

@@ -147,5 +147,3 @@ def rolled_dihedral(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("dihedral", "canonical", dihedral))
 CASES.register(CaseEntry("rolled_dihedral", "canonical", rolled_dihedral))
-
-__all__ = ["dihedral", "rolled_dihedral"]

@@ -122,5 +122,3 @@ def fresnel_end_to_end(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("fresnel_kernel", "materials", fresnel_kernel))
 CASES.register(CaseEntry("fresnel_end_to_end", "materials", fresnel_end_to_end))
-
-__all__ = ["fresnel_end_to_end", "fresnel_kernel", "kernel_fresnel"]

@@ -89,5 +89,3 @@ def _db(amplitude: C128) -> F64:
 
 for _name in full_wave.SCENES:
     CASES.register(CaseEntry(f"full_wave_{_name}", "full_wave", partial(scene, _name)))
-
-__all__ = ["scene"]

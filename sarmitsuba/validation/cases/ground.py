@@ -121,5 +121,3 @@ def _ground_level(setup: Setup, level: float, n_cells: float) -> tuple[float, fl
 
 CASES.register(CaseEntry("ground_sigma0", "radiometry", ground_sigma0))
 CASES.register(CaseEntry("ground_rays", "radiometry", ground_rays))
-
-__all__ = ["ground_rays", "ground_sigma0"]

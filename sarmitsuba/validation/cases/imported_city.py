@@ -140,5 +140,3 @@ def imported_city(quick: bool = False) -> Case:
 
 
 CASES.register(CaseEntry("imported_city", "geometry", imported_city))
-
-__all__ = ["imported_city"]

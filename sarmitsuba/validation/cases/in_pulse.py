@@ -104,5 +104,3 @@ def motion_in_pulse(quick: bool = False) -> Case:
 
 
 CASES.register(CaseEntry("motion_in_pulse", "antenna", motion_in_pulse))
-
-__all__ = ["motion_in_pulse"]

@@ -305,5 +305,3 @@ CASES.register(CaseEntry("interferometric_phase", TOPIC, interferometric_phase))
 CASES.register(CaseEntry("fringes", TOPIC, fringes))
 CASES.register(CaseEntry("wall_phase", TOPIC, wall_phase))
 CASES.register(CaseEntry("roof_height", TOPIC, roof_height))
-
-__all__ = ["baseline_coherence", "fringes", "interferometric_phase", "roof_height", "wall_phase"]

@@ -99,5 +99,3 @@ def building(quick: bool = False) -> Case:
 
 
 CASES.register(CaseEntry("building", "geometry", building))
-
-__all__ = ["building"]

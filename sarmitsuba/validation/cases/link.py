@@ -129,5 +129,3 @@ def closed_form(scene: Scene, budget: LinkBudget) -> float:
 
 
 CASES.register(CaseEntry("link", "radiometry", link))
-
-__all__ = ["link", "measured", "preset_scene"]

@@ -308,5 +308,3 @@ def along_track(quick: bool = False) -> Case:
 CASES.register(CaseEntry("moving_displacement", "geometry", displacement))
 CASES.register(CaseEntry("moving_smear", "geometry", smear))
 CASES.register(CaseEntry("along_track_phase", "geometry", along_track))
-
-__all__ = ["along_track", "displacement", "smear"]

@@ -333,5 +333,3 @@ for _entry in (
     CaseEntry("orbit_points", "orbits", orbit_points),
 ):
     CASES.register(_entry)
-
-__all__ = ["MISSIONS", "Mission", "orbit_doppler", "orbit_points", "orbit_scene", "orbit_squint"]

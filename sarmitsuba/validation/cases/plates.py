@@ -105,5 +105,3 @@ def disc(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("plate", "canonical", plate))
 CASES.register(CaseEntry("disc", "canonical", disc))
-
-__all__ = ["disc", "plate"]

@@ -139,5 +139,3 @@ def received_power(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("point_rcs", "radiometry", point_rcs))
 CASES.register(CaseEntry("received_power", "radiometry", received_power))
-
-__all__ = ["point_rcs", "received_power"]

@@ -328,5 +328,3 @@ def cross_polar_reciprocity(quick: bool = False) -> Case:
 CASES.register(CaseEntry("polarimetric_targets", "polarimetry", polarimetric_targets))
 CASES.register(CaseEntry("rough_ground_polarimetry", "polarimetry", rough_ground_polarimetry))
 CASES.register(CaseEntry("cross_polar_reciprocity", "polarimetry", cross_polar_reciprocity))
-
-__all__ = ["cross_polar_reciprocity", "polarimetric_targets", "rough_ground_polarimetry"]

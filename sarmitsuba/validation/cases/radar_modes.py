@@ -164,5 +164,3 @@ def circular_response(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("resolution_laws", "modes", resolution_laws))
 CASES.register(CaseEntry("circular_response", "modes", circular_response))
-
-__all__ = ["circular_response", "resolution_laws"]

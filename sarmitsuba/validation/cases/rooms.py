@@ -135,5 +135,3 @@ def room(heading: float, look: float, turn: float, far: float, pane: Material | 
 
 
 CASES.register(CaseEntry("corner_behind_pane", "materials", corner_behind_pane))
-
-__all__ = ["corner_behind_pane", "room"]

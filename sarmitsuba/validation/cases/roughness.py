@@ -130,5 +130,3 @@ def shared_energy(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("coherent_loss", "rough", coherent_loss))
 CASES.register(CaseEntry("shared_energy", "rough", shared_energy))
-
-__all__ = ["coherent_loss", "shared_energy"]

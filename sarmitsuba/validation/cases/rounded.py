@@ -115,5 +115,3 @@ def cylinder(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("sphere", "canonical", sphere))
 CASES.register(CaseEntry("cylinder", "canonical", cylinder))
-
-__all__ = ["cylinder", "sphere"]

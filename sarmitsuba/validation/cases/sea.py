@@ -253,5 +253,3 @@ CASES.register(CaseEntry("sea_slopes", "rough", slopes))
 CASES.register(CaseEntry("sea_level", "rough", level))
 CASES.register(CaseEntry("sea_scatterometer", "rough", scatterometer))
 CASES.register(CaseEntry("water_permittivity", "materials", permittivity))
-
-__all__ = ["level", "permittivity", "scatterometer", "slopes", "water"]

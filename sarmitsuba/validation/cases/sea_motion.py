@@ -235,5 +235,3 @@ def spread(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("sea_coherence", "rough", coherence))
 CASES.register(CaseEntry("sea_image", "rough", spread))
-
-__all__ = ["Drawn", "coherence", "spread"]

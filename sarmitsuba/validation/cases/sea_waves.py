@@ -92,5 +92,3 @@ def waves(quick: bool = False) -> Case:
 
 
 CASES.register(CaseEntry("sea_waves", "rough", waves))
-
-__all__ = ["waves"]

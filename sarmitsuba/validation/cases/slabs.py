@@ -371,14 +371,3 @@ CASES.register(CaseEntry("slab_kernel", "materials", slab_kernel))
 CASES.register(CaseEntry("pane_before_plate", "materials", pane_before_plate))
 CASES.register(CaseEntry("pane_cavity", "materials", pane_cavity))
 CASES.register(CaseEntry("double_glazing", "materials", double_glazing))
-
-__all__ = [
-    "cavity_amplitude",
-    "double_glazing",
-    "dyad",
-    "kernel_slab",
-    "pane_before_plate",
-    "pane_between",
-    "pane_cavity",
-    "slab_kernel",
-]

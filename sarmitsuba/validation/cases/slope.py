@@ -66,5 +66,3 @@ def slope(quick: bool = False) -> Case:
 
 
 CASES.register(CaseEntry("slope", "geometry", slope))
-
-__all__ = ["slope"]

@@ -272,5 +272,3 @@ def _split(z: C128, parts: int, step: int, axis: int) -> list[C128]:
 CASES.register(CaseEntry("speckle", "statistics", distributions))
 CASES.register(CaseEntry("correlation", "statistics", correlation))
 CASES.register(CaseEntry("looks", "statistics", looks))
-
-__all__ = ["correlation", "distributions", "looks"]

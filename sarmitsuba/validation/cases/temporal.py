@@ -218,5 +218,3 @@ def wall_over_field(quick: bool = False) -> Case:
 CASES.register(CaseEntry("temporal_decorrelation", TOPIC, temporal_decorrelation))
 CASES.register(CaseEntry("temporal_statistics", TOPIC, temporal_statistics))
 CASES.register(CaseEntry("wall_over_field", TOPIC, wall_over_field))
-
-__all__ = ["temporal_decorrelation", "temporal_statistics", "wall_over_field"]

@@ -63,5 +63,3 @@ def tessellation(quick: bool = False) -> Case:
 
 
 CASES.register(CaseEntry("tessellation", "canonical", tessellation))
-
-__all__ = ["tessellation"]

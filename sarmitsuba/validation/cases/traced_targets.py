@@ -158,5 +158,3 @@ def _rotated(shape: Geometry, rotation: F64) -> Geometry:
 
 
 CASES.register(CaseEntry("traced_rcs", "radiometry", traced_rcs))
-
-__all__ = ["traced_rcs"]

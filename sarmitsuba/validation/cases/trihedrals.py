@@ -116,5 +116,3 @@ def corner_peaks(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("trihedral", "canonical", trihedral))
 CASES.register(CaseEntry("corner_peaks", "canonical", corner_peaks))
-
-__all__ = ["corner_peaks", "trihedral"]

@@ -161,5 +161,3 @@ def bistatic_plate(quick: bool = False) -> Case:
 CASES.register(CaseEntry("bistatic_phase", "geometry", bistatic_phase))
 
 CASES.register(CaseEntry("bistatic_plate", "canonical", bistatic_plate))
-
-__all__ = ["bistatic_phase", "bistatic_plate"]

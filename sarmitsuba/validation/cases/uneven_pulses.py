@@ -126,5 +126,3 @@ def staggered_prf(quick: bool = False) -> Case:
 
 CASES.register(CaseEntry("prf_jitter", "antenna", prf_jitter))
 CASES.register(CaseEntry("staggered_prf", "antenna", staggered_prf))
-
-__all__ = ["prf_jitter", "staggered_prf"]

@@ -368,5 +368,3 @@ for _name, _build in (
     ("canopies", presets),
 ):
     CASES.register(CaseEntry(_name, "vegetation", _build))
-
-__all__ = ["attenuation", "crown_ground", "layer", "presets", "trunks"]

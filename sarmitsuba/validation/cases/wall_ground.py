@@ -79,5 +79,3 @@ def wall_ground(quick: bool = False) -> Case:
 
 
 CASES.register(CaseEntry("wall_ground", "materials", wall_ground))
-
-__all__ = ["wall_ground"]

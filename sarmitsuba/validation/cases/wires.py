@@ -315,5 +315,3 @@ CASES.register(CaseEntry("rod_handbook", "canonical", rod_handbook))
 CASES.register(CaseEntry("rod_and_mesh", "canonical", rod_and_mesh))
 CASES.register(CaseEntry("post", "canonical", post))
 CASES.register(CaseEntry("rod_full_wave", "full_wave", rod_full_wave))
-
-__all__ = ["beside_broadside", "drawn_rod", "post", "rod_and_mesh", "rod_full_wave", "rod_handbook", "rods"]
