@@ -48,7 +48,7 @@ from combinations_reference import (
 )
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage

@@ -21,11 +21,11 @@ from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sources.kind import SOURCES
-from sarmitsuba.simulation.sources.pairs import PILOT_POINTS, estimate_pairs, pair_level, pilot_cell
+from sarmitsuba.simulation.sources.pair_estimate import PILOT_POINTS, estimate_pairs, pair_level, pilot_cell
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator
-from sarmitsuba.trace.diffuse_pairs import DiffusePairs
+from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.units import db_from_power
 
 SCENES = ("courtyard", "urban_block", "buildings16", "tower", "bridge")
@@ -87,7 +87,7 @@ def measured(name: str) -> dict[str, Any]:
         "pairs": lambda: key_pulse(rays=False),
     }
     times = {job: min([measure() for _ in range(ROUNDS)][1:]) for job, measure in jobs.items()}
-    (source,) = (one for one in tracer.sources if isinstance(one, DiffusePairs))
+    (source,) = (one for one in tracer.sources if isinstance(one, PairSource))
     found, stated = spread(run)
     return {
         "scene": name,
@@ -96,7 +96,7 @@ def measured(name: str) -> dict[str, Any]:
         "share_error": float(level.error / level.share),
         "strongest_db": float(db_from_power(level.strongest)),
         "square": float(level.square),
-        "draw_db": float(db_from_power(level.draw_error)),
+        "draw_db": float(db_from_power(level.realisation_error)),
         "n": int(source.n),
         "found": found,
         "stated": stated,

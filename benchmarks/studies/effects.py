@@ -43,11 +43,11 @@ from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.prediction import predict
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
-from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import lattice
+from sarmitsuba.trace.scene_tables import build_trace_scene
 
 DEPTH = 8  # "everything on": where the pilot stops looking, too
 # of the predictions, each in a process of its own

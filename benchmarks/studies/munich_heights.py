@@ -61,7 +61,7 @@ def seen(scene: Any, reach: float) -> tuple[F64, NDArray[np.int64]]:
     from sarmitsuba.backend import ensure_backend, mi
 
     ensure_backend()
-    from sarmitsuba.trace.geometry import build_trace_scene
+    from sarmitsuba.trace.scene_tables import build_trace_scene
 
     antenna = scene.radar.track.center_position
     traced = build_trace_scene(scene.geometry, scene.materials, scene.radar.waveform.wavelength)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import SarmitsubaError, Scene, explain, load_scene, render, simulate, trace_paths
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 
 F64 = NDArray[np.float64]

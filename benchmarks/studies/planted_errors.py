@@ -18,7 +18,7 @@ import numpy as np
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.validation.cases import CASES
-from sarmitsuba.validation.run import run_case
+from sarmitsuba.validation.run_cases import run_case
 
 
 @contextmanager

@@ -31,8 +31,8 @@ from sarmitsuba import (
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.materials.vegetation.canopy import CANOPIES
 from sarmitsuba.mesh.tessellate import sphere
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.trace.volumes import volume_scatterers
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.trace.volume_scatterers import volume_scatterers
 from sarmitsuba.view.quicklook import draw
 
 SCENES = ("forest", "street_trees")

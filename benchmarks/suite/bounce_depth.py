@@ -44,7 +44,7 @@ def orders(scene: Any) -> np.ndarray:
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
     from sarmitsuba.image.metrics import image_error_db
 
     report = harness.Report(
@@ -75,7 +75,7 @@ def run(quick: bool) -> harness.Report:
                     np.abs(20 * np.log10(np.abs(part) / np.abs(before))) if depth > 1 else np.full(1, np.inf)
                 )
             changed = 100.0 * float(np.mean(change > 1.0))
-            trial = run_trial(scene, Setting({"method": "hybrid", "max_depth": depth}))
+            trial = run_trial(scene, TrialSetting({"method": "hybrid", "max_depth": depth}))
             seconds = trial.seconds - trial.stages["focus"]
             rows.append([depth, error, energy, changed, seconds])
         report.table(

@@ -99,7 +99,7 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.focusing.focusers.backprojection import backproject
     from sarmitsuba.focusing.ideal import ideal_echoes
     from sarmitsuba.image.metrics import coherence, image_error_db
-    from sarmitsuba.page.profiles import page_grid, page_profiles
+    from sarmitsuba.page.quantised_profiles import page_grid, page_profiles
 
     report = harness.Report(
         "browser",

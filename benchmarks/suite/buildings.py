@@ -9,7 +9,7 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
     from tests.support.city import make_city
@@ -29,7 +29,9 @@ def run(quick: bool) -> harness.Report:
             n: crop(load_scene(make_city(n, Path(folder))), 0.3 if quick else 1.0, 0.25) for n in counts
         }
         # all to one depth, so that not the plan but the geometry changes
-        setting = Setting({"method": "hybrid", "max_depth": 3, "ray_spacing": 0.25 if not quick else 0.5})
+        setting = TrialSetting(
+            {"method": "hybrid", "max_depth": 3, "ray_spacing": 0.25 if not quick else 0.5}
+        )
         taken: dict[int, list[dict[str, float]]] = {n: [] for n in counts}
         rates = {}
         for round_ in range(rounds + 1):

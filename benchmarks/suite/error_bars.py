@@ -228,15 +228,15 @@ def _designs(report: harness.Report, rows: list[dict]) -> None:  # type: ignore[
 
 def _rows(whole, name: str, share: float, factors, runs: int) -> list[dict]:  # type: ignore[no-untyped-def, type-arg]
     """True and estimated error of every run, by factor."""
-    from sarmitsuba.cost.trial import Setting, mean_image
-    from sarmitsuba.echo.raw import Layer
+    from sarmitsuba.cost.trial import TrialSetting, mean_image
+    from sarmitsuba.echo.raw_data import Layer
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.simulation.image import Imager
     from sarmitsuba.simulation.pilot import plan_scene
     from sarmitsuba.simulation.refinement.error_bars import estimate_error
     from sarmitsuba.simulation.run import Run
+    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
     from sarmitsuba.simulation.sampling.piece import crop
-    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
     plan = plan_scene(whole)
     sampling = SamplingPlan.of(whole, plan.flags)
@@ -244,7 +244,7 @@ def _rows(whole, name: str, share: float, factors, runs: int) -> list[dict]:  # 
     scene = crop(whole, share)
     grid = default_grid(scene.radar, scene.image)
     # as many bounces in all runs: their error is not the rays'
-    base = Setting(
+    base = TrialSetting(
         {"method": "image", "scatterer_cell": sampling.scatterer_cell, "max_depth": plan.max_depth}
     )
     reference = mean_image(scene, base.but(**rays.at(REFERENCE)), grid, REFERENCE_RUNS)

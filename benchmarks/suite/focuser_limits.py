@@ -20,7 +20,7 @@ import numpy as np
 from focuser_breaks import CHIP, FORMS, SWEEPS, focused, limit_of, place_of, setting
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy

@@ -19,7 +19,7 @@ import numpy as np
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.focusing import FOCUSERS, default_grid, focus
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar

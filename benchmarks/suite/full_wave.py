@@ -234,7 +234,9 @@ def _convergence(reference: Path) -> str:
     return " ".join(texts) + f" Solved with {corner['solver']}."
 
 
-def _sectors(name: str, cut: scenes.Cut, angle: Any, want: solver.C128, got: solver.C128) -> list[list[str]]:
+def _sectors(
+    name: str, cut: scenes.DirectionCut, angle: Any, want: solver.C128, got: solver.C128
+) -> list[list[str]]:
     """Rows of the table over angle."""
     rows = []
     for low in np.arange(cut.first, cut.last, SECTOR):

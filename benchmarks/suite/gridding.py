@@ -6,8 +6,8 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, run_trial
-    from sarmitsuba.echo.gridding import spreading_kernel
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
+    from sarmitsuba.echo.gridding import gridding_kernel
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
@@ -27,12 +27,12 @@ def run(quick: bool) -> harness.Report:
     widths = (4,) if quick else (2, 3, 4, 5, 6, 7)
     for method, dims in (("hybrid", 2),) if quick else (("raw", 1), ("hybrid", 2)):
         # one block, so that all widths share its geometry
-        base = Setting({"method": method, "key_pulse_interval": 32 if method == "hybrid" else 0})
+        base = TrialSetting({"method": method, "key_pulse_interval": 32 if method == "hybrid" else 0})
         best = run_trial(scene, base.but(gridding_width=6 if quick else 8), grid)
         rows = []
         for width in widths:
             trial = run_trial(scene, base.but(gridding_width=width), grid)
-            theory = spreading_kernel(width).error_db + (3.01 if dims == 2 else 0.0)
+            theory = gridding_kernel(width).error_db + (3.01 if dims == 2 else 0.0)
             rows.append(
                 [
                     width,
@@ -49,7 +49,7 @@ def run(quick: bool) -> harness.Report:
         )
         report.data[method] = rows
         axes.plot([r[0] for r in rows], [r[1] for r in rows], "o-", label=name)
-    axes.plot(widths, [spreading_kernel(w).error_db for w in widths], "k--", lw=0.8, label="theory, one axis")
+    axes.plot(widths, [gridding_kernel(w).error_db for w in widths], "k--", lw=0.8, label="theory, one axis")
     axes.set(xlabel="width (cells)", ylabel="error of the image (dB)", title="Spreading kernel")
     axes.legend()
     report.figure("error", figure)

@@ -17,7 +17,7 @@ BELOW = 3.0  # dB, that a stated error may lie below the true one
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
@@ -39,13 +39,13 @@ def run(quick: bool) -> harness.Report:
     for name, scene in pieces.items():
         grid = default_grid(scene.radar, scene.image)
         n = scene.radar.track.n_pulses
-        exact = run_trial(scene, Setting({"method": "raw"}), grid)
+        exact = run_trial(scene, TrialSetting({"method": "raw"}), grid)
         base = exact.seconds - exact.stages["focus"]
         rows = [[1, float("nan"), base, 1.0]]
         for k in (8, 16, 32, 64, 128, 256):
             if k > n:
                 break
-            trial = run_trial(scene, Setting({"method": "hybrid", "key_pulse_interval": k}), grid)
+            trial = run_trial(scene, TrialSetting({"method": "hybrid", "key_pulse_interval": k}), grid)
             seconds = trial.seconds - trial.stages["focus"]
             rows.append([k, trial.error_db(exact.image), seconds, base / seconds])
         report.table(
@@ -64,7 +64,7 @@ def run(quick: bool) -> harness.Report:
 
 def _boxes(report: harness.Report, count: int) -> None:
     """Stated and true error of automatic blocks over drawn scenes."""
-    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
     from sarmitsuba.focusing import default_grid, focus
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.loader.load import load_scene
@@ -76,7 +76,7 @@ def _boxes(report: harness.Report, count: int) -> None:
             draw = random_scenes.draw_boxes(seed)
             scene = load_scene(draw.write(Path(folder) / str(seed)))
             grid = default_grid(scene.radar, scene.image)
-            exact = run_trial(scene, Setting({"method": "raw"}), grid)
+            exact = run_trial(scene, TrialSetting({"method": "raw"}), grid)
             n = scene.radar.track.n_pulses
             for asked in (0, 16):
                 raw = simulate(harness.with_settings(scene, key_pulse_interval=asked))

@@ -19,7 +19,7 @@ LOOKS = 9  # pixels per side that intensities are averaged over: speckle of 1 / 
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, mean_image, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
@@ -42,11 +42,11 @@ def run(quick: bool) -> harness.Report:
     scene = crop(whole, share, 0.02 if quick else APERTURE)
     grid = default_grid(scene.radar, scene.image)
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.sampling.plan import SamplingPlan
+    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
     sampling = SamplingPlan.of(whole, plan_scene(whole).flags)
     rays = sampling.spacings
-    base = Setting({"scatterer_cell": sampling.scatterer_cell, **rays.at(1.0)})
+    base = TrialSetting({"scatterer_cell": sampling.scatterer_cell, **rays.at(1.0)})
     dense = base.but(method="raw", **rays.at(0.5**0.5))
     reference = mean_image(scene, dense, grid, 1 if quick else 2)
 
@@ -154,7 +154,7 @@ def intensity_error_db(image: np.ndarray, reference: np.ndarray) -> float:
 
 def literature(quick: bool) -> list[tuple[str, float, float]]:
     """Seconds of hybrid, image and raster for 2 and 16 buildings on the same ground, warm."""
-    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
     from sarmitsuba.loader.load import load_scene
     from tests.support.city import make_city
 
@@ -166,8 +166,8 @@ def literature(quick: bool) -> list[tuple[str, float, float]]:
             path = make_city(n, Path(folder), extent=128.0, resolution=0.5)
             scene = load_scene(path, parameters=PIXELS)
             for method, seconds in out.items():
-                run_trial(scene, Setting({"method": method}))
-                seconds.append(run_trial(scene, Setting({"method": method})).seconds)
+                run_trial(scene, TrialSetting({"method": method}))
+                seconds.append(run_trial(scene, TrialSetting({"method": method})).seconds)
     return [(m, s[0], s[1]) for m, s in out.items()]
 
 

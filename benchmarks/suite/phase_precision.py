@@ -6,7 +6,7 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
@@ -29,7 +29,7 @@ def run(quick: bool) -> harness.Report:
         scene = load_scene("tower", parameters=parameters)
         scene = crop(scene, 0.4, max(0.02, 64 / scene.radar.track.n_pulses))
         grid = default_grid(scene.radar, scene.image)
-        base = Setting({"method": "hybrid"})
+        base = TrialSetting({"method": "hybrid"})
         double = run_trial(scene, base.but(phase_precision="double"), grid)
         single = run_trial(scene, base.but(phase_precision="single"), grid)
         wavelength = scene.radar.waveform.wavelength

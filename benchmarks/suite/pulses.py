@@ -6,7 +6,7 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
 
@@ -22,11 +22,11 @@ def run(quick: bool) -> harness.Report:
     for n in counts:
         scene = load_scene("tower", parameters={"sar_antenna.n_pulses": str(n)})
         scene = crop(scene, 0.5)
-        run_trial(scene, Setting({"method": "hybrid"}))
-        trial = run_trial(scene, Setting({"method": "hybrid"}))
+        run_trial(scene, TrialSetting({"method": "hybrid"}))
+        trial = run_trial(scene, TrialSetting({"method": "hybrid"}))
         few = crop(scene, 1.0, 24 / n)
-        run_trial(few, Setting({"method": "raw"}))
-        raw = run_trial(few, Setting({"method": "raw"}))
+        run_trial(few, TrialSetting({"method": "raw"}))
+        raw = run_trial(few, TrialSetting({"method": "raw"}))
         window = scene.radar.window
         own = 8e-6 * n * window.n_samples
         seconds = trial.seconds - trial.stages["focus"]

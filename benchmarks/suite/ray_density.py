@@ -10,12 +10,12 @@ REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of t
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, mean_image, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.pilot import plan_scene
+    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
     from sarmitsuba.simulation.sampling.piece import crop
-    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
     report = harness.Report(
         "ray_density",
@@ -36,7 +36,7 @@ def run(quick: bool) -> harness.Report:
         scene = crop(whole, share, pulses)
         grid = default_grid(scene.radar, scene.image)
         # in metres, from the whole aperture: a piece of it resolves less and would get larger cells
-        base = Setting({"method": "hybrid", "scatterer_cell": sampling.scatterer_cell})
+        base = TrialSetting({"method": "hybrid", "scatterer_cell": sampling.scatterer_cell})
         reference = mean_image(scene, base.but(**rays.at(REFERENCE)), grid, 1 if quick else 2)
         rows = []
         for factor in FACTORS[1:4] if quick else FACTORS:

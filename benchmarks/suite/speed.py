@@ -125,7 +125,7 @@ def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, ha
 
 
 def _cell(scene: Any) -> float:
-    from sarmitsuba.simulation.sampling.plan import SamplingPlan
+    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
     return SamplingPlan.of(scene).scatterer_cell
 
@@ -160,7 +160,7 @@ def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None
 
 
 def _denser(scene: Any, factor: float) -> dict[str, float]:
-    from sarmitsuba.simulation.sampling.plan import SamplingPlan
+    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
     own = SamplingPlan.of(scene).spacings.diffuse
     return {"ray_spacing": factor * SPACING, "diffuse_ray_spacing": factor * max(own, SPACING)}
@@ -227,13 +227,13 @@ def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     from sarmitsuba.backend import dr
     from sarmitsuba.echo.block import plan_block
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.sampling.plan import SamplingPlan
+    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
     from sarmitsuba.simulation.tracing import Tracer
     from sarmitsuba.timing import StageTimer
     from sarmitsuba.trace.accumulators import BlockAccumulator
-    from sarmitsuba.trace.geometry import build_trace_scene
     from sarmitsuba.trace.kernel import trace
     from sarmitsuba.trace.launch import PulseBatch, lattice
+    from sarmitsuba.trace.scene_tables import build_trace_scene
     from sarmitsuba.trace.state import Kernel
 
     radar = scene.radar

@@ -10,7 +10,7 @@ import _support
 import harness
 import numpy as np
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import AUTOFOCUSERS, focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.radar.antenna import Antenna

@@ -17,7 +17,7 @@ from sarmitsuba.echo.block import BlockPlan, plan_block
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.ideal import ideal_echoes

@@ -11,12 +11,12 @@ import harness
 import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focuser import FocusTask, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.motion import (
+from sarmitsuba.focusing.motion_compensation import (
     LARGEST_RESIDUAL,
     compensate_motion,
     compensation_residual,

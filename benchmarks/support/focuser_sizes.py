@@ -17,7 +17,7 @@ import numpy as np
 
 from sarmitsuba.backend import dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import FOCUSERS, default_grid
 from sarmitsuba.focusing.focuser import Focuser, FocusTask
 from sarmitsuba.focusing.focusers.backprojection import backproject

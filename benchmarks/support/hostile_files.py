@@ -174,12 +174,12 @@ def make_samples(folder: Path) -> None:
     import scipy.io
     import trimesh
 
-    from sarmitsuba.echo.raw import Layer
+    from sarmitsuba.echo.raw_data import Layer
     from sarmitsuba.focusing import focus
     from sarmitsuba.io import write_image, write_raw
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.raw import simulate
-    from sarmitsuba.simulation.refinement.state import Passes
+    from sarmitsuba.simulation.refinement.running_mean import Passes
 
     folder.mkdir(parents=True, exist_ok=True)
     box = trimesh.creation.box()

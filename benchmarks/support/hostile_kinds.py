@@ -139,8 +139,8 @@ def _passes(path: Path) -> object:
     """Passes, which must be as the run of the samples writes them."""
     import numpy as np
 
-    from sarmitsuba.echo.raw import Layer
-    from sarmitsuba.simulation.refinement.state import Passes, PassLayout
+    from sarmitsuba.echo.raw_data import Layer
+    from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
 
     layout = PassLayout((Layer("VV"),), *PASSES_SHAPE, 10.0)
     found = Passes.load(path, "made here", layout)
@@ -151,7 +151,7 @@ def _passes(path: Path) -> object:
 
 def _import(path: Path) -> object:
     from sarmitsuba.importing.convert import import_scene
-    from sarmitsuba.importing.options import ImportOptions
+    from sarmitsuba.importing.import_options import ImportOptions
 
     return import_scene(path, path.parent / "imported.xml", ImportOptions(), force=True)
 

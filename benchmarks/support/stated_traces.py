@@ -12,7 +12,7 @@ from denser_runs import DENSER, DENSER_RUNS, MOST_PASSES, TARGETS, converged
 from numpy.typing import NDArray
 from stated_row import Row
 
-from sarmitsuba.analysis.quality.budget import error_budget
+from sarmitsuba.analysis.quality.error_budget import error_budget
 from sarmitsuba.echo.block import plan_block, spread_reference, synthesise
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db

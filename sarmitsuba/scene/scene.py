@@ -13,11 +13,11 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import late
 from sarmitsuba.scene.geometry import Geometry, PointTarget
-from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
+from sarmitsuba.scene.wires import WireTarget, wire_ends
 
 F64 = NDArray[np.float64]
 
@@ -37,8 +37,8 @@ class Scene:
         5 km from the file's origin, whole metres then
     notes : one line each; what was assumed or repaired while loading
     description : of radar and film, that they were made from; None where they were put together by hand
-    lines : rods that scatter by a closed form
-    volumes : bodies that waves go through
+    wires : straight round ones that scatter by a closed form
+    volumes : closed volumes that waves go through
     scatterers : at known positions, of kinds of a user's own
     """
 
@@ -53,7 +53,7 @@ class Scene:
     offset: F64 = field(default_factory=lambda: np.zeros(3))
     notes: tuple[str, ...] = ()
     description: RadarInput | None = None
-    lines: tuple[LineTarget, ...] = ()
+    wires: tuple[WireTarget, ...] = ()
     volumes: tuple[Volume, ...] = ()
     scatterers: tuple[ScattererTarget, ...] = ()
 
@@ -71,19 +71,19 @@ class Scene:
     @property
     def source_places(self) -> F64:
         """(n, 3) float64, m, scene frame: the same without ideal points."""
-        bodies = [volume.vertices for volume in self.volumes]
-        return np.concatenate([self.segments.reshape(-1, 3), *bodies])
+        volumes = [volume.vertices for volume in self.volumes]
+        return np.concatenate([self.segments.reshape(-1, 3), *volumes])
 
     @property
     def segments(self) -> F64:
         """(n, 2, 3) float64, m, scene frame: ends of what no ray hits, wires and scatterers, those twice one place."""
-        ends = [line_ends(self.lines), np.repeat(positions_of(self.scatterers), 2, axis=0)]
+        ends = [wire_ends(self.wires), np.repeat(positions_of(self.scatterers), 2, axis=0)]
         return np.concatenate(ends).reshape(-1, 2, 3)
 
     @property
     def has_sources(self) -> bool:
         """True where something beside the mesh returns echoes that no ray finds, ideal points aside."""
-        return bool(self.lines or self.volumes or self.scatterers)
+        return bool(self.wires or self.volumes or self.scatterers)
 
     @property
     def traced(self) -> bool:
@@ -92,7 +92,7 @@ class Scene:
 
     def same_shapes(self, other: "Scene") -> bool:
         """Whether another scene holds the very same mesh and scatterers beside it, ideal points aside."""
-        beside = self.lines == other.lines and self.volumes == other.volumes
+        beside = self.wires == other.wires and self.volumes == other.volumes
         beside &= self.scatterers == other.scatterers
         return beside and self.geometry is other.geometry
 
@@ -131,7 +131,7 @@ class Scene:
         parts = [
             f"{self.geometry.n_faces} faces in {len(self.geometry.mesh_names)} meshes",
             f"{len(self.points)} points" if self.points else "",
-            f"{len(self.lines)} lines" if self.lines else "",
+            f"{len(self.wires)} wires" if self.wires else "",
             f"{len(self.volumes)} volumes" if self.volumes else "",
             f"{len(self.scatterers)} scatterers" if self.scatterers else "",
             f"{moving} moving" if moving else "",

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.sources.kind import passages_of
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 
 C64 = NDArray[np.complex64]
 
@@ -136,7 +136,7 @@ class TraceJob:
         return BatchTracer(tracer, rays, self.layers.per_subset, self.layers.max_order)
 
 
-class Crew(Protocol):
+class Workers(Protocol):
     """Workers that trace batches in processes of their own."""
 
     @property
@@ -157,4 +157,4 @@ def built(scene: Scene) -> TraceScene:
     return replace(made, passages=passages_of(scene))
 
 
-__all__ = ["Batch", "BatchTracer", "Crew", "TraceJob", "Traced", "built"]
+__all__ = ["Batch", "BatchTracer", "TraceJob", "Traced", "Workers", "built"]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sources.kind import most_bounces

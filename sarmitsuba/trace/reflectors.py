@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.scene.scatterers import ScattererKind
-from sarmitsuba.trace.arrays import device_array, vector_rows
+from sarmitsuba.trace.device_arrays import device_array, vector_rows
 from sarmitsuba.trace.source import Scatterers
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from sarmitsuba.simulation.refinement.error_bars import PASSES, estimate_error
 from sarmitsuba.simulation.refinement.passes import refine
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 # draws of both lattices that are averaged
 RUNS = 4

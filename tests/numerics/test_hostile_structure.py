@@ -13,13 +13,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.io.journal import Journal
 from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.page.run_folder import read_run
-from sarmitsuba.simulation.refinement.state import Passes, PassLayout
+from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
 
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 

@@ -22,7 +22,7 @@ def solver(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
     return module
 
 
-def cut(name: str, index: int) -> tuple[full_wave.Cut, full_wave.C128]:
+def cut(name: str, index: int) -> tuple[full_wave.DirectionCut, full_wave.C128]:
     chosen = full_wave.SCENES[name].cuts[index]
     return chosen, full_wave.stored()[name][chosen.name]
 

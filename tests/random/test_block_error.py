@@ -32,7 +32,7 @@ def test_stated_error_of_blocks_is_no_less_than_the_true_one(
     shared = simulate(scene)
     stated = shared.metadata["sampling"]["block_error_db"]
     true = image_error_db(focus(shared, grid).total(), focus(exact, grid).total())
-    # tol: seams tell the mean over a block from the change between key pulses, 2 dB rms over drawn scenes
+    # tol: block boundaries tell the mean over a block from the change between key pulses, 2 dB rms over drawn scenes
     # (benchmarks/suite/key_pulse_interval.py): never much less than the truth, and not so much more that it says
     # nothing
     assert true - 3.0 < stated < true + 8.0

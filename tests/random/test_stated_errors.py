@@ -57,7 +57,7 @@ def test_focusers_state_no_less_than_their_error(
         ("block_model", 3),
         pytest.param("block_model", 8, marks=pytest.mark.slow),
         *(pytest.param(t, n, marks=pytest.mark.slow) for t in TOPICS for n in (0, 6)),
-        # two seams that happen to change little
+        # two block boundaries that happen to change little
         pytest.param("blocks", 18, marks=pytest.mark.slow),
     ],
 )

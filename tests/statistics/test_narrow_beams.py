@@ -7,7 +7,7 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing import focus
-from sarmitsuba.focusing.aperture import ground_cell_area, matched_weights
+from sarmitsuba.focusing.aperture_weights import ground_cell_area, matched_weights
 from sarmitsuba.focusing.narrow_beam import beam_over_cell
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.radar.description import RadarDescription

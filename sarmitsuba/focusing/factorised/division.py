@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.focusing.factorised.sampling import Sampling
+from sarmitsuba.focusing.factorised.sampling import SubimageSampling
 
 F64 = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ _SECTION = 0.02
 
 
 @dataclass(frozen=True)
-class Level:
+class SubimageLevel:
     """Subimages of all groups of one size: polar grids of one common range axis.
 
     Parameters
@@ -64,7 +64,7 @@ class Section:
     start_range: float
     range_step: float
     n_ranges: int
-    levels: tuple[Level, ...]
+    levels: tuple[SubimageLevel, ...]
     rows: slice
 
     def local(self, positions: F64) -> F64:
@@ -100,7 +100,7 @@ class Plan:
     """
 
     sections: tuple[Section, ...]
-    sampling: Sampling
+    sampling: SubimageSampling
     seconds: float
     edge_db: float
 
@@ -126,4 +126,4 @@ class Plan:
         )
 
 
-__all__ = ["PIXEL_SECONDS", "Level", "Plan", "Section"]
+__all__ = ["PIXEL_SECONDS", "Plan", "Section", "SubimageLevel"]

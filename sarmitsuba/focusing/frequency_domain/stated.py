@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.focusing.aperture import weights_difference
+from sarmitsuba.focusing.aperture_weights import weights_difference
 from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
-from sarmitsuba.focusing.frequency_domain.geometry import (
+from sarmitsuba.focusing.frequency_domain.migration import Migration, residual_power
+from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
     own_apertures,
     range_walk,
@@ -17,7 +18,6 @@ from sarmitsuba.focusing.frequency_domain.geometry import (
     track_period,
     wavenumber,
 )
-from sarmitsuba.focusing.frequency_domain.migration import Migration, residual_power
 from sarmitsuba.focusing.frequency_domain.weights import filter_gain, pulse_weights
 from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import parse_window

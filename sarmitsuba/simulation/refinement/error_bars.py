@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
@@ -28,7 +28,7 @@ SHARED_SCATTER_DB = 2.3
 PASSES_SHARED_DB = 4.0
 # what that constant is off by from scene to scene, dB
 PASSES_SCATTER_DB = 0.8
-# pixels that err together: the chance of the draw is that of so many fewer
+# pixels that err together: the chance of the realisation is that of so many fewer
 PIXELS_TOGETHER = 16.0
 
 
