@@ -17,7 +17,6 @@ import numpy as np
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
@@ -48,7 +47,7 @@ SIDE = 8
 RAY_SHARE = 0.006
 MAX_RAYS = 300_000
 # patches of a pulse, whatever the run: recording and launching take longer than tracing these
-LEAST_PATCHES = 128
+LEAST_PATCHES = 512
 # a run shorter than this is not worth a pilot: recording and launching its kernels takes about 0.1 s
 SHORTEST_RUN = 2.0
 # share of a run that proofs from the geometry may take
@@ -132,9 +131,6 @@ def examine(
     while result is None or (orders <= MOST_ORDERS and not result.settled(scene.settings.tolerance_db)):
         result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock, orders=orders)
         orders *= 2
-    # of a run too short for a pilot it says only whether the bounces followed without one are enough
-    if not wanted and 1 <= result.enough(scene.settings.tolerance_db) <= DEFAULT_DEPTH:
-        return known
     return replace(known, pilot=result)
 
 

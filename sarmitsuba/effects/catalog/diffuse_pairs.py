@@ -34,7 +34,7 @@ class DiffusePairs(Effect):
         depth = decided["max_depth"]
         if not decided["diffuse"].on:
             return Assessment(False, "nothing diffuse", -np.inf)
-        if not depth.on:
+        if not depth.on and depth.source != "pilot":  # a pilot of mirrors says nothing of pairs
             return Assessment(
                 False, f"one bounce: {depth.why}", -np.inf if depth.source == "fact" else np.nan
             )
