@@ -19,6 +19,7 @@ from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size
 from sarmitsuba.trace.launch import frame_towards, window_of
+from sarmitsuba.trace.rows import FaceRow, MaterialRow
 from sarmitsuba.trace.scene_tables import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
 
 # screen samples per resolution cell and axis
@@ -154,7 +155,7 @@ class Raster:
         wide = dr.float64_array_t(mi.Vector4f)
         normal = mi.Vector3f(*(f32(dr.gather(wide, scene.face_table, rows + i, seen)[3]) for i in range(3)))
         cosine = dr.maximum(dr.abs(dr.dot(normal, d)), 1e-3)
-        own = dr.gather(mi.Vector4u, scene.face_info, pi.prim_index, seen).x
+        own = FaceRow.of(scene.face_info, pi.prim_index, seen).material_bits
         level = f32(1.0)
         if flags.texture:
             seed = dr.opaque(mi.UInt32, self.scene.settings.seed & 0xFFFFFFFF)
@@ -176,7 +177,7 @@ class Raster:
 
         on_cpu = dr.backend_v(f32) == dr.JitBackend.LLVM
         mode = dr.ReduceMode.Expand if on_cpu else dr.ReduceMode.Auto
-        ratio = dr.gather(mi.Vector4f, scene.material_table, material, seen).w
+        ratio = MaterialRow.of(scene.material_table, material, seen).cross_polar_ratio
         planes = []
         columns = dr.opaque(mi.UInt32, n_range)
         for channel in channels:

@@ -35,6 +35,7 @@ from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, pattern_gain, straight_leg
 from sarmitsuba.trace.pair_search import FACING, SurfacePairs, off_surface
 from sarmitsuba.trace.propagation import antenna_of
+from sarmitsuba.trace.rows import FaceRow, MaterialRow
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.source import MAX_LANES, Part
@@ -57,7 +58,7 @@ class _PairEnd:
     normal64: mi.Vector3d
     normal: mi.Vector3f
     material: mi.UInt32
-    properties: mi.Vector4f
+    properties: MaterialRow
     random: list[mi.Complex2f]
 
 
@@ -68,7 +69,7 @@ class _StruckEnd:
     material: mi.UInt32
     normal: mi.Vector3f
     direction: mi.Vector3f
-    properties: mi.Vector4f
+    properties: MaterialRow
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +148,7 @@ class PairSource:
         flags = replace(kernel.flags, speckle=False)
         ends, weight = [], mi.Float(rows[0][3])
         for i, face in enumerate((faces.x, faces.y)):
-            word = dr.gather(mi.Vector4u, kernel.scene.face_info, face).x
+            word = FaceRow.of(kernel.scene.face_info, face).material_bits
             place, normal = rows[2 * i], rows[2 * i + 1]
             point, normal64 = (mi.Vector3d(x[0], x[1], x[2]) for x in (place, normal))
             if flags.texture:
@@ -155,7 +156,7 @@ class PairSource:
                     face, word, point, normal64, kernel.constants.seed, mi.Bool(True)
                 )
                 weight *= factor
-            properties = dr.gather(mi.Vector4f, kernel.scene.material_table, word & MATERIAL_MASK)
+            properties = MaterialRow.of(kernel.scene.material_table, word & MATERIAL_MASK)
             age = Age.of(kernel, word)
             key_here = mix(key ^ (0x1B873593 * (i + 1)))
             ends.append(
@@ -165,7 +166,7 @@ class PairSource:
                     normal=mi.Vector3f(normal64),
                     material=word,
                     properties=properties,
-                    random=speckle_coefficients(key_here, properties.w, flags, age),
+                    random=speckle_coefficients(key_here, properties.cross_polar_ratio, flags, age),
                 )
             )
         return ends[0], ends[1], weight

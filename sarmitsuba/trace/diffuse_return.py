@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.closing import Receiver, Receiving, selected
+from sarmitsuba.trace.rows import MaterialRow
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
@@ -145,7 +146,7 @@ class DiffuseReturns:
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
         if movement is not None:  # the lattice is the shape's own
             centre = centre + movement.shift
-        random = speckle_coefficients(key, hit.properties.w, flags, self.age)
+        random = speckle_coefficients(key, hit.properties.cross_polar_ratio, flags, self.age)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
@@ -195,7 +196,7 @@ class DiffuseReturns:
         out = self
         if surfaces.classes is not None:
             bits = scene.material_at(hit.face, hit.own_material, offset, active)
-            properties = dr.gather(mi.Vector4f, scene.material_table, bits & MATERIAL_MASK, active)
+            properties = MaterialRow.of(scene.material_table, bits & MATERIAL_MASK, active)
             hit = replace(hit, material=bits, properties=properties)
             terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
             out = replace(out, hit=hit, straight=terms[0], reciprocal=terms[1], reverse=terms[2])

@@ -28,6 +28,7 @@ from sarmitsuba.trace.device_arrays import vector_rows
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.propagation import hit_point
+from sarmitsuba.trace.rows import FaceRow, MaterialRow
 from sarmitsuba.trace.scattering_matrix import diffuse_lookup
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import mix
@@ -153,13 +154,13 @@ def _search(
 
     ends = ((a, n_a64), (b, n_b64))
     kept, seen = _seen(around, ends, views, there)
-    word = dr.gather(mi.Vector4u, scene.face_info, face_a).x
+    word = FaceRow.of(scene.face_info, face_a).material_bits
     word, factor = scene.at_place(face_a, word, a, n_a64, dr.opaque(u32, seed & 0xFFFFFFFF), mi.Bool(True))
     middle = v64(*(dr.opaque(f64, float(x)) for x in views[len(views) // 2]))
     cosine = f32(dr.dot(dr.normalize(middle - a), n_a64))
     backscatter = diffuse_lookup(scene.diffuse_table, word & MATERIAL_MASK, cosine)
     clutter = dr.select(seen, 0.5 * dr.squared_norm(backscatter * factor) / f32(density), 0.0)
-    cross = clutter * dr.gather(mi.Vector4f, scene.material_table, word & MATERIAL_MASK).w
+    cross = clutter * MaterialRow.of(scene.material_table, word & MATERIAL_MASK).cross_polar_ratio
     dr.eval(b, n_b64, weight, kept, face_b, clutter, cross)
     lanes = dr.compress(kept)
     pick = lanes.numpy()

@@ -16,6 +16,7 @@ from sarmitsuba.trace.device_arrays import device_array, vector_rows
 from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.movement import ShadowBoundary
 from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.rows import FaceRow, MaterialRow, SlabRow
 from sarmitsuba.trace.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.slab_passage import slab_factors
 from sarmitsuba.trace.stage import mirrored
@@ -143,9 +144,9 @@ def _launch_weight(kernel: Kernel, gx: mi.Float, gy: mi.Float) -> mi.Float:
     return mi.Float(1.0)
 
 
-def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: mi.Vector4u) -> mi.Bool:
+def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: FaceRow) -> mi.Bool:
     """Whether a ray stands for a face: each face has the level that is fine enough for it."""
-    coherent, diffuse = (dr.reinterpret_array(mi.Float, word) for word in (info.z, info.w))
+    coherent, diffuse = info.needed_spacings
     need = {"coherent": coherent, "diffuse": diffuse, "all": dr.minimum(coherent, diffuse)}[purpose]
     return (need >= needs[0]) & (need < needs[1])
 
@@ -168,7 +169,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     first = ray.hits == 0
     face, uv, active = _next_facet(scene, lane, ray, first)
     landed, n64, vertex0, centroid = hit_point(scene, face, uv, active)
-    info = dr.gather(mi.Vector4u, scene.face_info, face, active)
+    info = FaceRow.of(scene.face_info, face, active)
     met = active
     active = active & (~first | _served(kernel.grid.purpose, lane.needs, info))
     # also rays that stand for something behind a slab go through it
@@ -204,7 +205,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         sees &= lit | Surroundings.within(kernel).free(
             departure, to_antenna, mi.Float(length_back), sees & ~lit
         )
-    bits = info.x
+    bits = info.material_bits
     if kernel.flags.texture:
         bits = scene.material_at(face, bits, mi.Vector3f(p - vertex0), known)
     material = bits & MATERIAL_MASK
@@ -214,8 +215,8 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         order=dr.select(active, ray.hits + 1, ray.hits),
         face=face,
         material=bits,
-        own_material=info.x,
-        largest_cell=dr.reinterpret_array(mi.Float, info.y),
+        own_material=info.material_bits,
+        largest_cell=info.largest_cell,
         p=p,
         vertex0=vertex0,
         centroid=centroid,
@@ -231,10 +232,10 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         to_antenna64=to_antenna64,
         to_antenna=to_antenna,
         sees=sees,
-        properties=dr.gather(mi.Vector4f, scene.material_table, material, known),
+        properties=MaterialRow.of(scene.material_table, material, known),
         movement=scene.movers.of_face(face, active) if kernel.flags.motion and scene.movers else None,
-        slab=scene.slabs and dr.gather(mi.Vector4f, scene.slabs.table, material, known)
-        if kernel.flags.slabs
+        slab=SlabRow.of(scene.slabs.table, material, known)
+        if kernel.flags.slabs and scene.slabs is not None
         else None,
         met=met,
         before_facet=before,
@@ -379,8 +380,8 @@ def reflected(
     kernel: Kernel,
     d: mi.Vector3f,
     normal: mi.Vector3f,
-    properties: mi.Vector4f,
-    row: mi.Vector4f | None,
+    properties: MaterialRow,
+    row: SlabRow | None,
     behind: mi.Bool,
     fields: tuple[ComplexVector, ...],
 ) -> Reflection:
@@ -396,10 +397,9 @@ def reflected(
     if not kernel.flags.fresnel:
         return Reflection(d_out, tuple(field.reflect_field_pec(e, normal) for e in fields))
     h = field.incidence_basis(d, normal)
-    chi = mi.Complex2f(properties.x, properties.y)
-    r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, normal), 1e-7), chi)
+    r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, normal), 1e-7), properties.susceptibility)
     if row is not None:
-        factors, thick = slab_factors(properties, row, d, normal, behind), row.x > 0.0
+        factors, thick = slab_factors(properties, row, d, normal, behind), row.has_thickness
         r_te, r_tm = dr.select(thick, factors.r_te, r_te), dr.select(thick, factors.r_tm, r_tm)
     return Reflection(d_out, tuple(field.reflect_field(e, d, d_out, h, r_te, r_tm) for e in fields))
 

@@ -23,6 +23,7 @@ from sarmitsuba.trace.speckle import gaussian, unit_phase
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.bistatic_dyads import Dyad
+    from sarmitsuba.trace.rows import MaterialRow
     from sarmitsuba.trace.temporal import Age
 
 
@@ -42,7 +43,7 @@ class Struck(Protocol):
         """Of the wave."""
 
     @property
-    def properties(self) -> mi.Vector4f:
+    def properties(self) -> MaterialRow:
         """Row of the scene's material table."""
 
 
@@ -94,7 +95,7 @@ class ScatteringMatrix:
             return
         none = mi.Complex2f(0.0)
         self.dyad = (mi.Complex2f(self.amp_h), none, none, mi.Complex2f(self.amp_v))
-        chi = mi.Complex2f(hit.properties.x, hit.properties.y)
+        chi = hit.properties.susceptibility
         if "facets" in lanes:
             self.dyad = _chosen(lanes["facets"], facet_dyad(self.planes, chi), self.amp_h, self.dyad)
         if "spectrum" in lanes:

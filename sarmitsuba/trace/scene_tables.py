@@ -23,6 +23,7 @@ from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.movement import Movers
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.rows import FaceRow
 from sarmitsuba.trace.slab_coefficients import SlabTables
 from sarmitsuba.trace.speckle import SurfacePlace
 from sarmitsuba.trace.surface_tables import SurfaceTables
@@ -147,7 +148,7 @@ class TraceScene:
 
     def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
         """Rows of the material table of faces, in a kernel."""
-        return dr.gather(mi.Vector4u, self.face_info, face, active).x & MATERIAL_MASK
+        return FaceRow.of(self.face_info, face, active).material_bits & MATERIAL_MASK
 
     def at(self, time: float) -> TraceScene:
         """The scene with everything that moves where it stands at a time, s; itself where nothing does."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
+from sarmitsuba.trace.rows import FaceRow, MaterialRow, SlabRow
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.slab_coefficients import SlabFactors, slab
 
@@ -68,14 +69,14 @@ def along(
         met = slabs.transmitting.ray_intersect_preliminary(query, coherent=False, active=active)
         active = active & met.is_valid()
         face = dr.gather(mi.UInt32, slabs.transmitting_face, met.prim_index, active)
-        row = face * 12
-        n = mi.Vector3f(*(dr.gather(mi.Float64, scene.face_table, row + i, active) for i in (3, 7, 11)))
+        first = face * 12
+        n = mi.Vector3f(*(dr.gather(mi.Float64, scene.face_table, first + i, active) for i in (3, 7, 11)))
         behind = dr.dot(n, towards) > 0.0
         n = dr.select(behind, -n, n)
-        material = dr.gather(mi.Vector4u, scene.face_info, face, active).x & MATERIAL_MASK
-        properties = dr.gather(mi.Vector4f, scene.material_table, material, active)
-        row_of = dr.gather(mi.Vector4f, slabs.table, material, active)
-        factors = slab_factors(properties, row_of, towards, n, behind)
+        material = FaceRow.of(scene.face_info, face, active).material_bits & MATERIAL_MASK
+        properties = MaterialRow.of(scene.material_table, material, active)
+        row = SlabRow.of(slabs.table, material, active)
+        factors = slab_factors(properties, row, towards, n, behind)
         passed = _behind(vectors, towards, n, factors)
         vectors = tuple(
             tuple(dr.select(active, a, b) for a, b in zip(x, y, strict=True))
@@ -111,7 +112,7 @@ def _shift(factors: SlabFactors, d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:
 
 
 def slab_factors(
-    properties: mi.Vector4f, row: mi.Vector4f, d: mi.Vector3f, n: mi.Vector3f, behind: mi.Bool
+    properties: MaterialRow, row: SlabRow, d: mi.Vector3f, n: mi.Vector3f, behind: mi.Bool
 ) -> SlabFactors:
     """Factors of a wave along ``d`` at a slab of normal ``n`` that faces it.
 
@@ -120,8 +121,8 @@ def slab_factors(
     properties, row : of the material, of `TraceScene.material_table` and of `SlabTables.table`
     behind : whether ``n`` is the facet's own normal turned round: the wave then meets the coat first
     """
-    chi = mi.Complex2f(properties.x, properties.y)
-    return slab(dr.maximum(-dr.dot(d, n), 1e-7), chi, row.x, row.y, behind)
+    cosine = dr.maximum(-dr.dot(d, n), 1e-7)
+    return slab(cosine, properties.susceptibility, row.phase_thickness, row.sheet_admittance, behind)
 
 
 @dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
@@ -172,7 +173,7 @@ def branched(
     factors = slab_factors(hit.properties, hit.slab, d, n, hit.behind)
     passed = _behind(before.fields, d, n, factors)
     transmitted = (
-        hit.met & (hit.slab.z > 0.5) & (before.crossed < MOST_SLABS) & (_power(passed) > LEAST_POWER)
+        hit.met & hit.slab.transmits & (before.crossed < MOST_SLABS) & (_power(passed) > LEAST_POWER)
     )
     step = mi.Vector3d(_shift(factors, d, n) / kernel.constants.wavenumber)
     along_ray = dr.dot(step, hit.direction64)

@@ -19,6 +19,7 @@ from sarmitsuba.trace.closing import selected
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
 from sarmitsuba.trace.propagation import antenna_of, hit_point, reflected
+from sarmitsuba.trace.rows import MaterialRow, SlabRow
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.stage import mirrored
 from sarmitsuba.trace.staged import through_stages
@@ -322,8 +323,8 @@ class _Ground:
     point: mi.Vector3d
     normal: mi.Vector3d
     own: mi.Vector3d
-    properties: mi.Vector4f
-    slab: mi.Vector4f | None
+    properties: MaterialRow
+    slab: SlabRow | None
 
     @staticmethod
     def of(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, active: mi.Bool) -> _Ground:
@@ -338,10 +339,10 @@ class _Ground:
         if kernel.flags.texture:
             bits = scene.material_at(found.prim_index, bits, mi.Vector3f(p - vertex0), valid)
         material = bits & MATERIAL_MASK
-        properties = dr.gather(mi.Vector4f, scene.material_table, material, valid)
+        properties = MaterialRow.of(scene.material_table, material, valid)
         row = None
         if kernel.flags.slabs and scene.slabs is not None:
-            row = dr.gather(mi.Vector4f, scene.slabs.table, material, valid)
+            row = SlabRow.of(scene.slabs.table, material, valid)
         return _Ground(valid, p, n64, own, properties, row)
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sarmitsuba.backend import mi
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.field import ComplexVector
+    from sarmitsuba.trace.rows import MaterialRow
     from sarmitsuba.trace.state import Contribution, Hit, Kernel, Lane, RayState
 
 
@@ -38,12 +39,12 @@ class Stage:
         """The ray as it arrives at a surface, before it closes there and is mirrored."""
         return ray
 
-    def at_mirror(self, kernel: Kernel, properties: mi.Vector4f, cosine: mi.Float) -> mi.Float | None:
+    def at_mirror(self, kernel: Kernel, properties: MaterialRow, cosine: mi.Float) -> mi.Float | None:
         """Factor on the field behind the mirror of a smooth surface; None: one.
 
         Parameters
         ----------
-        properties : row of the material, see :func:`sarmitsuba.trace.scene_tables.material_rows`
+        properties : of the material, such as ``properties.rms_height`` (m)
         cosine : of the angle of incidence
         """
         return None
@@ -92,7 +93,7 @@ def arrived(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
 
 
 def mirrored(
-    kernel: Kernel, properties: mi.Vector4f, cosine: mi.Float, fields: tuple[ComplexVector, ...]
+    kernel: Kernel, properties: MaterialRow, cosine: mi.Float, fields: tuple[ComplexVector, ...]
 ) -> tuple[ComplexVector, ...]:
     """Fields behind the mirror of a smooth surface, by every stage; parameters as for :meth:`Stage.at_mirror`."""
     for stage in stages_of(kernel.flags):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.antenna_weight import BeamPattern
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
     from sarmitsuba.trace.movement import Movement
+    from sarmitsuba.trace.rows import MaterialRow, SlabRow
     from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.tubes.polygon import Bounds
     from sarmitsuba.trace.tubes.tube import Patch
@@ -297,9 +298,9 @@ class Hit:
     length, length_back : m, from the virtual antenna to here, and from here to the antenna
     to_antenna64, to_antenna : unit vector to the antenna
     sees : lanes that the antenna sees from here
-    properties : Re, Im of eps - 1, rms height and cross-polar power ratio of the material
+    properties : of the material
     movement : of the face; None where nothing moves
-    slab : row of `Slabs.table` of the material, None where slabs are left out
+    slab : of the material, None where slabs are left out
     met : lanes that hit something, whether or not this ray stands for it
     before_facet : m along the ray, from the hit on a slab's face to the facet; None where facets are what is hit
     """
@@ -326,9 +327,9 @@ class Hit:
     to_antenna64: mi.Vector3d
     to_antenna: mi.Vector3f
     sees: mi.Bool
-    properties: mi.Vector4f
+    properties: MaterialRow
     movement: Movement | None
-    slab: mi.Vector4f | None
+    slab: SlabRow | None
     met: mi.Bool
     before_facet: mi.Float | None = None
 

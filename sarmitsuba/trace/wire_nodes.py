@@ -193,8 +193,7 @@ class WireScatterers(Scatterers):
         q: field.ComplexVector,
     ) -> mi.Complex2f:
         """See :class:`Scatterers`."""
-        wire = dr.gather(mi.Vector4f, self.wires, index)
-        axis, step = mi.Vector3f(wire.x, wire.y, wire.z), wire.w
+        axis, step = self._axis_and_step(index)
         d, s = -incident.to_antenna, scattered.to_antenna
         legs = [_WireLeg.of(axis, v) for v in (d, s)]
         mm, ee, me = self._series(index, axis, legs)
@@ -257,10 +256,14 @@ class WireScatterers(Scatterers):
         odd = dr.select(azimuth < 0.0, -1.0, 1.0)
         return mm, ee, mi.Complex2f(sums[1].x, sums[1].y) * odd
 
+    def _axis_and_step(self, index: mi.UInt32) -> tuple[mi.Vector3f, mi.Float]:
+        """Unit vector along the wire of a node, and distance to its neighbours, m."""
+        row = dr.gather(mi.Vector4f, self.wires, index)
+        return mi.Vector3f(row.x, row.y, row.z), row.w
+
     def nearer(self, index: mi.UInt32, incident: Leg, scattered: Leg) -> mi.Float:
         """The wave turns round at the front of the wire, a radius before its axis where it is met at right angles."""
-        wire = dr.gather(mi.Vector4f, self.wires, index)
-        axis = mi.Vector3f(wire.x, wire.y, wire.z)
+        axis, _ = self._axis_and_step(index)
         legs = [_WireLeg.of(axis, v) for v in (-incident.to_antenna, scattered.to_antenna)]
         azimuth = _azimuth(axis, legs)
         radius = dr.gather(mi.Float, self.radius, dr.gather(mi.UInt32, self.kind, index))

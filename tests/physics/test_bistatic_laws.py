@@ -19,6 +19,7 @@ from sarmitsuba.materials.bsdfs import rough
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.trace.rows import MaterialRow
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix
 from sarmitsuba.trace.scene_tables import build_trace_scene
 from sarmitsuba.units import db_from_power
@@ -62,7 +63,7 @@ def kernel_dyad(material: Material, source: F64, out: F64, first: bool = False) 
         normal=vector(np.broadcast_to(UP, source.shape)),
         direction=vector(-source),
         material=dr.full(mi.UInt32, int(np.asarray(scene.face_info)[0]), n),
-        properties=mi.Vector4f(*(dr.full(mi.Float, float(x), n) for x in row)),
+        properties=MaterialRow(mi.Vector4f(*(dr.full(mi.Float, float(x), n) for x in row))),
     )
     matrix = ScatteringMatrix(scene, hit, vector(out), FLAGS, dr.full(mi.Bool, first, n))
     pairs = [(received, sent) for received in planes(out) for sent in planes(source)]

@@ -8,6 +8,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.stage import STAGES, Stage
 
 if TYPE_CHECKING:
+    from sarmitsuba.trace.rows import MaterialRow
     from sarmitsuba.trace.state import Hit, Kernel
 
 
@@ -29,14 +30,14 @@ class RoughnessLoss(Stage):
 
     name: ClassVar[str] = "roughness"
 
-    def at_mirror(self, kernel: Kernel, properties: mi.Vector4f, cosine: mi.Float) -> mi.Float:
+    def at_mirror(self, kernel: Kernel, properties: MaterialRow, cosine: mi.Float) -> mi.Float:
         """See the class."""
-        return dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * properties.z * cosine))
+        return dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * properties.rms_height * cosine))
 
     def at_closing(self, kernel: Kernel, hit: Hit) -> mi.Float:
         """See the class."""
         across = dr.dot(hit.direction - hit.to_antenna, hit.normal)
-        return dr.exp(-0.5 * dr.square(kernel.constants.wavenumber * across * hit.properties.z))
+        return dr.exp(-0.5 * dr.square(kernel.constants.wavenumber * across * hit.properties.rms_height))
 
 
 STAGES.register(RoughnessLoss())
