@@ -1,4 +1,4 @@
-"""Rows at the rim of a steered beam, where the side lobes of brighter ground stand above what belongs there."""
+"""Rows at the edge of a steered beam, where the side lobes of brighter ground stand above what belongs there."""
 
 import numpy as np
 
@@ -68,7 +68,7 @@ def beam_edge_warning(radar: Radar, grid: ImageGrid, window: Window, cell: float
     parts = [azimuth[half & wrong] for half in (azimuth < azimuth.mean(), azimuth >= azimuth.mean())]
     spans = " and ".join(f"{part[0]:.4g} to {part[-1]:.4g} m" for part in parts if part.size)
     return (
-        f"the rows at azimuth {spans} lie at the rim of the beam or outside it: side lobes and ambiguities of the "
+        f"the rows at azimuth {spans} lie at the edge of the beam or outside it: side lobes and ambiguities of the "
         f"ground that it lights raise their level by {level[wrong].min():.2g} dB to {level.max():.3g} dB or more; "
         "shrink image_extent_azimuth, widen the beam, or take an azimuth window of low side lobes"
     )

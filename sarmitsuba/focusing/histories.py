@@ -26,7 +26,7 @@ def pulse_contributions(
 
     Returns
     -------
-    (n, n_pulses) complex64, with one factor of the beam's gain more than the pixel, which weights the rim of the beam
+    (n, n_pulses) complex64, with one factor of the beam's gain more than the pixel, which weights the edge of the beam
     down; zero for pulses that do not light the point or whose window does not hold it
     """
     plan = plan_profiles(radar, parse_window(range_window), interpolation="kernel:4")

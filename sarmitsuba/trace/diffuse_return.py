@@ -37,7 +37,7 @@ def seen_from(movement: Movement | None, velocity: mi.Vector3d) -> mi.Vector3d:
     With every mirror i of a chain moving at :math:`\mathbf w_i`, the virtual antenna moves at
     :math:`\mathbf V' = \mathbf V - 2 \mathbf n_i (\mathbf V - \mathbf w_i) \cdot \mathbf n_i`, mirror after mirror,
     and a point of a facet that moves at :math:`\mathbf w` sees the length from it change by
-    :math:`\mathbf d \cdot (\mathbf w - \mathbf V')`: for the whole way that is
+    :math:`\mathbf d \cdot (\mathbf w - \mathbf V')`: for the whole path that is
 
     .. math:: \dot L = \sum_i \mathbf w_i \cdot (\mathbf d_i - \mathbf d_{i+1})
 
@@ -252,7 +252,7 @@ class DiffuseReturns:
         )
 
     def _through_chain(self, centre: mi.Vector3d, movement: Movement | None) -> tuple[mi.Float64, mi.Float64]:
-        """Length (m) of the way through the ray's chain of mirrors to the receiver, and its change (m/s)."""
+        """Length (m) of the leg through the ray's chain of mirrors to the receiver, and its change (m/s)."""
         receiver, velocity = self.ray.virtual_receiver, self.ray.virtual_receiver_velocity
         assert receiver is not None and velocity is not None
         leg = centre - receiver

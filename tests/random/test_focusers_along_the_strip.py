@@ -30,7 +30,7 @@ NAMES = (
     "factorised",
     "factorised,error=-25",
 )
-# images at the rim of the beam or at the strip's end are said to be so
+# images at the edge of the beam or at the strip's end are said to be so
 SAID = "ignore:focus:sarmitsuba.errors.SarmitsubaWarning"
 
 

@@ -1,4 +1,4 @@
-"""Diffuse hits behind mirrors: the reversed path and the way back along the chain."""
+"""Diffuse hits behind mirrors: the reversed path and the return along the chain."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -21,7 +21,7 @@ class DiffuseDouble(Effect):
     title = "reversed and reciprocal diffuse paths"
     documentation = "diffuse return after a mirror chain, with its reciprocal path"
     off_when = "no diffuse hit behind a mirror, or too little of it"
-    off_means = "no reciprocal path, no way back along the chain"
+    off_means = "no reversed path, no reciprocal one back along the chain"
     rank = 60
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "diffuse_double": "reversed and reciprocal paths of diffuse hits behind mirrors, two more contributions a hit",

@@ -22,7 +22,7 @@ class Transmission(Effect):
     off_means = "slabs block; one path per ray"
     rank = 34
     kernel_flags: ClassVar[Mapping[str, str]] = {
-        "transmission": "paths branch at slabs, and ways home go through them",
+        "transmission": "paths branch at slabs, and scattered legs go through them",
     }
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:

@@ -29,14 +29,14 @@ class Vegetation(Effect):
             return Assessment(False, "the raster method sees surfaces alone", float("nan"))
         line = context.corners[-1] - context.scene.radar.track.center_position
         cosine = float(abs(line[2]) / np.linalg.norm(line))
-        # power that the mean way through each takes, and the strongest return of one square metre of volume
+        # power that the mean path through each takes, and the strongest return of one square metre of volume
         depth = [float(v.medium.at(cosine)[0].mean()) * v.mean_chord for v in volumes]
         returned = max(float(v.medium.at(cosine)[1][:2].max()) * v.mean_chord for v in volumes)
         error = 10.0 * np.log10(max(1.0 - np.exp(-2.0 * max(depth)), min(returned, 1.0), 1e-30))
         what = "1 volume takes" if len(volumes) == 1 else f"{len(volumes)} volumes take"
         low, high = (10.0 / np.log(10.0) * x for x in (min(depth), max(depth)))
         span = f"{high:.1f}" if high - low < 0.1 else f"{low:.1f} to {high:.1f}"
-        why = f"{what} {span} dB from a wave on a mean way through"
+        why = f"{what} {span} dB from a wave on a mean path through"
         return Assessment(True, why, float(error))
 
     def without(self, scene: Scene) -> Scene:

@@ -187,7 +187,7 @@ def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window:
         [pulse_weights(radar, grid.positions_on_line(int(row))[columns], window).sum(axis=-1) for row in rows]
     )
     if rows.size > 1 and columns.size > 1:
-        # cubic: at the rim of a beam the sum falls steeply
+        # cubic: at the edge of a beam the sum falls steeply
         spline = RectBivariateSpline(
             rows, columns, total, kx=min(3, rows.size - 1), ky=min(3, columns.size - 1)
         )

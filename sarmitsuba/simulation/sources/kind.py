@@ -11,7 +11,7 @@ from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.volume_scatterers import volume_passage
 
-# the scatterer itself, and the ground on the way out and on the way home
+# the scatterer itself, and the ground on the incident and on the scattered leg
 MOST_BOUNCES = 3
 
 
@@ -83,7 +83,7 @@ def expected_sources(site: Site, sub_bands: int = 1) -> tuple[Expected, ...]:
 
 
 def most_bounces(scene: Scene) -> int:
-    """Bounces of the longest path of a scatterer: both ways over the ground, where the scene has any and allows it."""
+    """Bounces of the longest path of a scatterer: both legs over the ground, where the scene has any and allows it."""
     return min(scene.settings.max_depth or MOST_BOUNCES, MOST_BOUNCES) if scene.geometry.n_faces else 1
 
 
