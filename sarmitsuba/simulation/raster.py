@@ -19,8 +19,8 @@ from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size
 from sarmitsuba.trace.launch import frame_towards, window_of
-from sarmitsuba.trace.rows import FaceRow, MaterialRow
 from sarmitsuba.trace.scene_tables import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
+from sarmitsuba.trace.table_rows import FaceRow, MaterialRow
 
 # screen samples per resolution cell and axis
 _SAMPLES_PER_CELL = 2.0

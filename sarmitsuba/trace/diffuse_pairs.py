@@ -35,12 +35,12 @@ from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, pattern_gain, straight_leg
 from sarmitsuba.trace.pair_search import FACING, SurfacePairs, off_surface
 from sarmitsuba.trace.propagation import antenna_of
-from sarmitsuba.trace.rows import FaceRow, MaterialRow
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.source import MAX_LANES, Part
 from sarmitsuba.trace.speckle import mix
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
+from sarmitsuba.trace.table_rows import FaceRow, MaterialRow
 from sarmitsuba.trace.temporal import Age
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, TypeAlias
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.closing import Receiver, Receiving, selected
-from sarmitsuba.trace.rows import MaterialRow
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
@@ -23,6 +22,7 @@ from sarmitsuba.trace.state import (
     RayState,
     TubeFootprint,
 )
+from sarmitsuba.trace.table_rows import MaterialRow
 from sarmitsuba.trace.temporal import Age
 from sarmitsuba.trace.wind_waves import WaterTables
 

@@ -28,10 +28,10 @@ from sarmitsuba.trace.device_arrays import vector_rows
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.propagation import hit_point
-from sarmitsuba.trace.rows import FaceRow, MaterialRow
 from sarmitsuba.trace.scattering_matrix import diffuse_lookup
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import mix
+from sarmitsuba.trace.table_rows import FaceRow, MaterialRow
 
 # bits of a key in a random number
 BITS = 24

@@ -16,11 +16,11 @@ from sarmitsuba.trace.device_arrays import device_array, vector_rows
 from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.movement import ShadowBoundary
 from sarmitsuba.trace.passage import passed
-from sarmitsuba.trace.rows import FaceRow, MaterialRow, SlabRow
 from sarmitsuba.trace.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.slab_passage import slab_factors
 from sarmitsuba.trace.stage import mirrored
 from sarmitsuba.trace.state import Hit, Kernel, Lane, Mirror, RayState, Reflection, TubeFootprint, TubeSpread
+from sarmitsuba.trace.table_rows import FaceRow, MaterialRow, SlabRow
 from sarmitsuba.trace.tubes import curved_mirror, polygon, tube
 
 if TYPE_CHECKING:

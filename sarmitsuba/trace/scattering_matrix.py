@@ -23,7 +23,7 @@ from sarmitsuba.trace.speckle import gaussian, unit_phase
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.bistatic_dyads import Dyad
-    from sarmitsuba.trace.rows import MaterialRow
+    from sarmitsuba.trace.table_rows import MaterialRow
     from sarmitsuba.trace.temporal import Age
 
 

@@ -23,10 +23,10 @@ from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.movement import Movers
 from sarmitsuba.trace.passage import Passage
-from sarmitsuba.trace.rows import FaceRow
 from sarmitsuba.trace.slab_coefficients import SlabTables
 from sarmitsuba.trace.speckle import SurfacePlace
 from sarmitsuba.trace.surface_tables import SurfaceTables
+from sarmitsuba.trace.table_rows import FaceRow
 from sarmitsuba.trace.wind_waves import WaterTables
 
 DIFFUSE_NODES = 256

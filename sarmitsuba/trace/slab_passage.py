@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
-from sarmitsuba.trace.rows import FaceRow, MaterialRow, SlabRow
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.slab_coefficients import SlabFactors, slab
+from sarmitsuba.trace.table_rows import FaceRow, MaterialRow, SlabRow
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.field import ComplexVector

@@ -19,11 +19,11 @@ from sarmitsuba.trace.closing import selected
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
 from sarmitsuba.trace.propagation import antenna_of, hit_point, reflected
-from sarmitsuba.trace.rows import MaterialRow, SlabRow
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.stage import mirrored
 from sarmitsuba.trace.staged import through_stages
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
+from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from sarmitsuba.backend import mi
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.field import ComplexVector
-    from sarmitsuba.trace.rows import MaterialRow
     from sarmitsuba.trace.state import Contribution, Hit, Kernel, Lane, RayState
+    from sarmitsuba.trace.table_rows import MaterialRow
 
 
 class Stage:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.antenna_weight import BeamPattern
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
     from sarmitsuba.trace.movement import Movement
-    from sarmitsuba.trace.rows import MaterialRow, SlabRow
     from sarmitsuba.trace.scene_tables import TraceScene
+    from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
     from sarmitsuba.trace.tubes.polygon import Bounds
     from sarmitsuba.trace.tubes.tube import Patch
 

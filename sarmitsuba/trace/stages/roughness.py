@@ -8,8 +8,8 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.stage import STAGES, Stage
 
 if TYPE_CHECKING:
-    from sarmitsuba.trace.rows import MaterialRow
     from sarmitsuba.trace.state import Hit, Kernel
+    from sarmitsuba.trace.table_rows import MaterialRow
 
 
 class RoughnessLoss(Stage):
