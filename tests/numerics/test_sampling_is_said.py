@@ -187,7 +187,7 @@ def test_rays_too_sparse_for_a_curved_surface(scene_file, row, monkeypatch: pyte
     (text,) = texts
     stated = re.search(
         r"(\d+) % of the surface is too small or too curved for the rays that fit the bound on rays, 0.2 m apart: its "
-        r"coherent return comes out up to (\d+) dB too strong; set ray_spacing to (\S+) m",
+        r"coherent return is up to (\d+) dB too strong; set ray_spacing to (\S+) m",
         text,
     )
     assert stated is not None and stated[1] == "100"
