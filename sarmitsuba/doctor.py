@@ -1,4 +1,4 @@
-"""Check the machine: what the program runs on, how fast it traces, and how to install what is missing."""
+"""Check of the machine: versions, back end and ray rate, with installation advice for missing parts."""
 
 import importlib.metadata
 import os
@@ -18,7 +18,7 @@ _N_RAYS = 1 << 20
 
 @dataclass(frozen=True)
 class Check:
-    """One finding.
+    """Result of one check.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Report:
-    """All findings, and the ray rate in rays/s (0 when it could not be measured)."""
+    """Results of all checks, and the ray rate in rays/s (0 when it could not be measured)."""
 
     checks: tuple[Check, ...]
     ray_rate: float

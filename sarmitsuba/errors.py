@@ -1,8 +1,8 @@
-"""The project's own errors and warnings: one line each, with where, what, value, bound and remedy."""
+"""Errors and warnings of sarmitsuba: one line each, with place, problem, value, bound and remedy."""
 
-# characters of a message; what is longer repeats the input, and is cut in the middle so that the remedy stays
+# most characters of a message; longer ones repeat input, and are cut in the middle so that the remedy stays
 _LONGEST = 900
-# control characters, line separators, and marks that turn the direction of what follows
+# control characters, line separators, and marks that change the direction of text
 _CONTROL = dict.fromkeys(
     (*range(32), *range(0x7F, 0xA0), 0x2028, 0x2029, *range(0x202A, 0x202F), *range(0x2066, 0x206A)), " "
 )
@@ -50,7 +50,7 @@ class OutputError(SarmitsubaError):
 
 
 class SarmitsubaWarning(UserWarning):
-    """The result stands, but something about it deserves a look; one line of bounded length, whatever was read."""
+    """The result is usable, but something about it should be checked; one line of bounded length."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(plain_line(text))

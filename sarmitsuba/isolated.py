@@ -1,4 +1,4 @@
-"""Readers of foreign code tried in a process of their own first, because a damaged file can take them down."""
+"""Trial of file readers of other libraries in a separate process, since a damaged file can crash them."""
 
 import faulthandler
 import os
@@ -12,10 +12,10 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.exclusive import backend_lock
 from sarmitsuba.regular_files import most_unpacked
 
-# s of CPU time: a hundred times what any sound file needs, and the share of a large one
+# s of CPU time allowed: a hundred times that of any intact file, and a share by the size of the file
 _LEAST_LIMIT = 5
 _BYTES_PER_SECOND = 5e6
-# s of time passed for a second of CPU time allowed: a reader that waits for ever uses none
+# s of elapsed time per second of CPU time allowed: a reader that waits for ever uses no CPU time
 _PATIENCE = 20
 _OUT_OF_MEMORY = 3
 

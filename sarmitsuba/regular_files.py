@@ -1,4 +1,4 @@
-"""Files of strangers: ordinary ones only, of bounded size, which is asked of the opened file itself."""
+"""Reading of untrusted files: ordinary files of bounded size only, checked on the opened file."""
 
 import errno
 import os
