@@ -48,7 +48,7 @@ class Standing:
 class Journey:
     r"""Common progress and remaining time of all stages of a run.
 
-    The expected seconds of the stages are only relative weights; the speed of the machine follows from the elapsed time:
+    The expected seconds of the stages are relative weights; the speed of the machine follows from the elapsed time:
 
     .. math:: t_{left} = t \frac{W - w}{w}
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.block_beam import azimuth_gain, step_within_beam
-from sarmitsuba.echo.curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.direct import box_distance
-from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
-from sarmitsuba.echo.in_pulse import InPulse, widest_shift
+from sarmitsuba.echo.gridding import FineGrid, GriddingKernel, fine_grid, gridding_kernel, to_window
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
+from sarmitsuba.echo.pulse_motion import InPulse, widest_shift
+from sarmitsuba.echo.range_curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.echo.threads import parallel_map
 from sarmitsuba.radar.radar import Radar
@@ -111,14 +111,14 @@ class BlockPlan:
         return float(10.0 * np.log10(sum(10.0 ** (part / 10.0) for part in parts)))
 
     @property
-    def kernel(self) -> SpreadingKernel:
+    def kernel(self) -> GriddingKernel:
         """Gridding kernel along range."""
-        return spreading_kernel(self.width)
+        return gridding_kernel(self.width)
 
     @property
-    def range_rate_kernel(self) -> SpreadingKernel:
+    def range_rate_kernel(self) -> GriddingKernel:
         """Gridding kernel along the range rate."""
-        return spreading_kernel(self.range_rate_width)
+        return gridding_kernel(self.range_rate_width)
 
     def shape(self, n_layers: int) -> tuple[int, int, int]:
         """Shape of the complex64 grid, (n_layers, n_range, n_range_rate)."""
@@ -172,7 +172,7 @@ def plan_block(
     far += extra_slant_range
     slack = 0.02 * np.ptp(fit.range_rate) + 1e-9 * float(np.linalg.norm(state.velocity[0])) + extra_range_rate
     range_rate_low, range_rate_high = float(fit.range_rate.min() - slack), float(fit.range_rate.max() + slack)
-    kernel, range_rate_kernel = spreading_kernel(width), spreading_kernel(range_rate_width)
+    kernel, range_rate_kernel = gridding_kernel(width), gridding_kernel(range_rate_width)
     reach = float(np.abs(state.tau).max())
     s_max = 4.0 * np.pi * (fc + 0.5 * radar.waveform.bandwidth) / SPEED_OF_LIGHT * reach
     range_rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(range_rate_high - range_rate_low, 1.0)
@@ -303,7 +303,7 @@ def _holds(
 
 
 def _kernel_error_db(width: int, range_rate_width: int) -> float:
-    power = sum(10.0 ** (spreading_kernel(w).error_db / 10.0) for w in (width, range_rate_width))
+    power = sum(10.0 ** (gridding_kernel(w).error_db / 10.0) for w in (width, range_rate_width))
     return float(10.0 * np.log10(power))
 
 
@@ -368,7 +368,7 @@ def synthesise(
 
     Returns
     -------
-    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
+    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw_data.RawData`
     """
     group = max(1, _GROUP // (plan.n_inner * max(plan.n_range_rate, plan.n_pulses)))
     if len(grid) > group:
@@ -458,7 +458,7 @@ def _range_weight(width: int, n: int, count: int, guard: int) -> C64:
     nu = np.arange(-count, count + 1) / n
     edge = np.clip((np.abs(nu) - _ROLL[0]) / (_ROLL[1] - _ROLL[0]), 0.0, 1.0)
     roll = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * edge) ** 2) ** 2
-    weight = roll / spreading_kernel(width).transform(nu) * np.exp(-2j * np.pi * nu * guard)
+    weight = roll / gridding_kernel(width).transform(nu) * np.exp(-2j * np.pi * nu * guard)
     return np.asarray(weight, dtype=np.complex64)
 
 

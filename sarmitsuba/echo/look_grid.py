@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
+from sarmitsuba.echo.gridding import GriddingKernel, gridding_kernel
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.samples import Samples
 
@@ -79,8 +79,8 @@ class BeamFan:
         ahead, aside = 1.0 - a * curvature, b * curvature
         size = xp.sqrt(ahead * ahead + aside * aside)
         p = (a * 2.0 - (a * a + b * b) * curvature) / (size + 1.0)
-        way = r / (ahead * cosine + aside * sine)
-        return p, x - way * (ahead * sine - aside * cosine), way * size
+        distance = r / (ahead * cosine + aside * sine)
+        return p, x - distance * (ahead * sine - aside * cosine), distance * size
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -129,9 +129,9 @@ class LookGrid:
     width: int
 
     @property
-    def kernel(self) -> SpreadingKernel:
+    def kernel(self) -> GriddingKernel:
         """Gridding kernel of both axes."""
-        return spreading_kernel(self.width)
+        return gridding_kernel(self.width)
 
     @property
     def n_looks(self) -> int:

@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.effects.shape import ShapeAnalysis
+from sarmitsuba.effects.slabs_between import seen_through
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]
@@ -21,12 +21,12 @@ CELL_BELOW_CLUTTER_DB = -20.0
 # approximate cost of proving a closed body convex
 PROOF_SECONDS_PER_FACE = 2.5e-6
 
-KINDS = ("coherent", "diffuse", "retro")
+KINDS = ("coherent", "diffuse", "reciprocal")
 
 
 @dataclass(frozen=True, eq=False)
-class Sampling:
-    """Sampling of the full run, as far as it is known before the plan.
+class SamplingFacts:
+    """SamplingFacts of the full run, as far as it is known before the plan.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class PairLevel:
     strongest : power in the strongest square of the ground, relative to mean clutter of the same area
     square : m, side of the squares
     pairs : number of drawn pairs with an echo
-    draw_error : energy of the image's error by the random choice of the run's pairs, relative to the clutter
+    realisation_error : energy of the image's error by the random choice of the run's pairs, relative to the clutter
     cell : m, of the points from which the run's pairs are drawn
     cross : their cross-polar power relative to single diffuse scattering; 0 where the radar records none
     """
@@ -65,7 +65,7 @@ class PairLevel:
     strongest: float
     square: float
     pairs: int
-    draw_error: float
+    realisation_error: float
     cell: float
     cross: float = 0.0
 
@@ -179,7 +179,7 @@ class SceneContext:
     """
 
     scene: Scene
-    sampling: Sampling | None = None
+    sampling: SamplingFacts | None = None
     pilot: PilotResult | None = None
     known_shape: ShapeAnalysis | None = None
     pairs: PairLevel | None = None
@@ -266,4 +266,4 @@ class SceneContext:
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
 
 
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "Sampling", "SceneContext"]
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "SamplingFacts", "SceneContext"]

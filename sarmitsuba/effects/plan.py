@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
 from sarmitsuba.effects.catalog.wideband import LEAST_SUB_BANDS
-from sarmitsuba.effects.context import PairLevel, PilotResult, Sampling, SceneContext
+from sarmitsuba.effects.context import PairLevel, PilotResult, SamplingFacts, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
@@ -98,7 +98,7 @@ class EffectsPlan:
         return replace(self, decisions=decisions)
 
     def with_key_pulses(
-        self, interval: int, error_db: float, asked: bool, seams: tuple[int, int] = (0, 0)
+        self, interval: int, error_db: float, asked: bool, boundaries: tuple[int, int] = (0, 0)
     ) -> "EffectsPlan":
         """Plan with the number of pulses that share one tracing.
 
@@ -112,10 +112,12 @@ class EffectsPlan:
         if np.isnan(error_db):
             measured = "one block holds all pulses, so that its error is not measured"
         else:
-            where = "all" if seams[0] == seams[1] else f"{seams[0]} of {seams[1]}"
-            measured = (
-                f"error against tracing every pulse {error_db:.0f} dB, measured at {where} block boundaries"
+            where = (
+                "where"
+                if boundaries[0] == boundaries[1]
+                else f"at {boundaries[0]} of {boundaries[1]} places where"
             )
+            measured = f"error against tracing every pulse {error_db:.0f} dB, measured {where} blocks meet"
         if asked:
             why, source = "set by the user" + (f"; {measured}" if interval > 1 else ""), "user"
         elif interval > 1:
@@ -179,7 +181,7 @@ class EffectsPlan:
 
 def plan_effects(
     scene: Scene,
-    sampling: Sampling | None = None,
+    sampling: SamplingFacts | None = None,
     pilot: PilotResult | None = None,
     *,
     shape: ShapeAnalysis | None = None,

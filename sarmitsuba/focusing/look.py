@@ -83,7 +83,7 @@ def plan_look(
     radar : gives track, waveform and, for the weights of the pulses, antenna
     image : pixels wanted
     range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
-    width : of the spreading kernel that raw data want
+    width : of the gridding kernel that raw data want
 
     Raises
     ------
@@ -307,7 +307,7 @@ def form_image(cells: NDArray[np.complexfloating], look: Look, radar: Radar) -> 
 
 
 def resample(smooth: C64, look: Look) -> C64:
-    """Interpolate a band-limited field on the look's grid at the pixels with the spreading kernel."""
+    """Interpolate a band-limited field on the look's grid at the pixels with the gridding kernel."""
     kernel, grid = look.grid.kernel, look.grid
     flat = np.ascontiguousarray(smooth).reshape(-1)
     out = np.empty(look.x.size, dtype=np.complex64)

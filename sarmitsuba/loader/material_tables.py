@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from sarmitsuba.materials.change import CHANGE
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
-from sarmitsuba.materials.library import MATERIALS, material_parameters
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.materials.named_materials import MATERIALS, material_parameters
 from sarmitsuba.materials.texture import GREATEST_SHAPE
 from sarmitsuba.parameters import Param, ParamTable
 
@@ -173,9 +173,9 @@ POINT_SCATTERER = ParamTable(
 RADAR_WIRE = ParamTable(
     plugin="radar_wire",
     element="bsdf",
-    doc="On a `cylinder` or `linearcurve`: rods that scatter by the series of the infinite cylinder; no ray hits "
+    doc="On a `cylinder` or `linearcurve`: wires that scatter by the series of the infinite cylinder; no ray hits "
     "them, and they cast no shadow. Perfect conductors where nothing is given.",
-    hints={"rms_height": "rods are smooth", "diffuse_law": "rods are smooth"},
+    hints={"rms_height": "wires are smooth", "diffuse_law": "wires are smooth"},
     params=_PERMITTIVITY,
 )
 

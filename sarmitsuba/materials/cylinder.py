@@ -1,4 +1,4 @@
-"""What a long round rod does to a wave: series of the infinite circular cylinder, tabulated over tilt and azimuth."""
+"""What a long round wire does to a wave: series of the infinite circular cylinder, tabulated over tilt and azimuth."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ C128 = NDArray[np.complex128]
 TILTS, TILTS_PER_KA, LAST_CREEPING, TILTS_BEYOND = 65, 8.0, 30.0, 0.5
 # azimuth nodes for each order of the series: four-point interpolation is then within 1e-3 of the largest value
 NODES_PER_ORDER, LEAST_NODES = 10, 48
-# circumference over wavelength up to which rods are tabulated: of conductors, and of others
+# circumference over wavelength up to which wires are tabulated: of conductors, and of others
 LARGEST_KA, LARGEST_KA_INSIDE = 200.0, 100.0
 # numbers of a node: TM, TE and TE to TM, each re and im, and two that fill the packet
 NUMBERS = 8
@@ -26,7 +26,7 @@ _DEEP = 2e3
 
 @dataclass(frozen=True, eq=False)
 class CylinderTable:
-    r"""Far-field series of a rod, less the phase of its specular line.
+    r"""Far-field series of a wire, less the phase of its specular line.
 
     .. math:: T(\psi, \phi)\, e^{-2 j k a \cos\psi \sin(\phi / 2)}
 
@@ -52,12 +52,12 @@ class CylinderTable:
 
 
 def largest_ka(permittivity: complex | None) -> float:
-    """Circumference over wavelength up to which rods of a permittivity (None: conductor) are tabulated."""
+    """Circumference over wavelength up to which wires of a permittivity (None: conductor) are tabulated."""
     return LARGEST_KA if permittivity is None else LARGEST_KA_INSIDE
 
 
 def table_size(ka: float, permittivity: complex | None) -> tuple[int, int, int]:
-    """Nodes over the tilt, steps over the azimuth, and the highest order of a rod's table."""
+    """Nodes over the tilt, steps over the azimuth, and the highest order of a wire's table."""
     dense = ka if permittivity is not None else min(ka, LAST_CREEPING)
     orders = int(np.ceil(ka + 4.05 * ka ** (1.0 / 3.0))) + 3
     return (
@@ -68,7 +68,7 @@ def table_size(ka: float, permittivity: complex | None) -> tuple[int, int, int]:
 
 
 def cylinder_table(ka: float, permittivity: complex | None) -> CylinderTable:
-    """Tabulate the series of a rod.
+    """Tabulate the series of a wire.
 
     Parameters
     ----------
@@ -77,11 +77,11 @@ def cylinder_table(ka: float, permittivity: complex | None) -> CylinderTable:
 
     Raises
     ------
-    SceneError : the rod is too thick
+    SceneError : the wire is too thick
 
     Notes
     -----
-    Ignores magnetic rods, layers (insulation, bark, ice) and roughness.
+    Ignores magnetic wires, layers (insulation, bark, ice) and roughness.
     """
     if ka > largest_ka(permittivity):
         raise SceneError(

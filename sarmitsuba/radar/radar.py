@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, RadarMode
 from sarmitsuba.radar.track import Track, numbers_of
-from sarmitsuba.radar.turning import turning
 from sarmitsuba.radar.waveform import Waveform
 
 
@@ -62,8 +62,8 @@ class Radar:
     recorded : where it is not ``track``, the track that the focuser is told; ``track`` is flown
     recorded_pointing : where it is not ``pointing``, what the focuser is told of the beam; ``pointing`` is true
     receiver : where the echoes are received elsewhere (bistatic data), where the receiver is when the echo of each
-        pulse arrives, with the pulse times of ``track``, the transmitter's; slant range is half the way from there over
-        the point to the receiver (so that both may change places)
+        pulse arrives, with the pulse times of ``track``, the transmitter's; slant range is half the path from there
+        over the point to the receiver (so that both may change places)
     receiver_pointing : of the receiver's antenna, which has the transmitter's pattern; None: as ``pointing``
     delay : (n_pulses,) float64, s, from transmission to reception, where antennas move on meanwhile: ``receiver`` is
         then where that of the pulse is so much later; None: all stand still during a pulse
@@ -136,7 +136,7 @@ class Radar:
         )
 
     def slant_range(self, point: NDArray[np.float64], pulses: slice = slice(None)) -> NDArray[np.float64]:
-        """Half the way from the transmitter over a point (3,), m, scene frame, to the receiver: (n_pulses,) m."""
+        """Half the path from the transmitter over a point (3,), m, scene frame, to the receiver: (n_pulses,) m."""
         legs = [np.linalg.norm(point - track.position[pulses], axis=-1) for track in self.tracks]
         return np.asarray(legs[0] if len(legs) == 1 else 0.5 * (legs[0] + legs[1]))
 
@@ -161,7 +161,7 @@ class Radar:
         told = self.recorded_pointing or self.pointing
         boresight = np.sum(told.boresight[pick] * forward, axis=1)
         held = 1.0 - float(boresight[1] - boresight[0]) / float(aim[1] - aim[0])
-        return held * turning(self.track, self.aim_point, i)
+        return held * effective_velocity_ratio(self.track, self.aim_point, i)
 
     @property
     def all_round(self) -> bool:
@@ -182,8 +182,8 @@ class Radar:
         """Change of the slant range of a point (3,), m, scene frame, that stands still: (n_pulses,) m/s."""
         rates = []
         for track in self.tracks:
-            way = track.position[pulses] - point
-            rates.append(np.einsum("ni,ni->n", way, track.velocity[pulses]) / np.linalg.norm(way, axis=1))
+            leg = track.position[pulses] - point
+            rates.append(np.einsum("ni,ni->n", leg, track.velocity[pulses]) / np.linalg.norm(leg, axis=1))
         return np.asarray(rates[0] if len(rates) == 1 else 0.5 * (rates[0] + rates[1]))
 
     @property
@@ -204,9 +204,9 @@ class Radar:
         r"""The radar that stands still during a pulse and has recorded the same echoes, as nearly as there is one.
 
         Its antenna is halfway between transmission and reception: slant ranges are those of both places to
-        :math:`b^2 \cos^2\psi / 8 R`, for a way b meanwhile and a squint psi, the same for all that is seen. Its receive
-        window begins by so much nearer as an echo from the boresight appears farther than it is. A radar that stands
-        still already stays as it is; two antennas stay two.
+        :math:`b^2 \cos^2\psi / 8 R`, for a path b meanwhile and a squint psi, the same for all that is seen. Its
+        receive window begins by so much nearer as an echo from the boresight appears farther than it is. A radar that
+        stands still already stays as it is; two antennas stay two.
 
         Notes
         -----

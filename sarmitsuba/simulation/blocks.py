@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
@@ -32,10 +32,10 @@ F64 = NDArray[np.float64]
 GROWTH = 0.5
 # mean over a block, whose pulses are up to half a block from the key pulse, over the change from one key pulse to the
 # next, dB
-SEAM_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
+BOUNDARY_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
 # standard deviation of the estimate from one block boundary, dB (n boundaries: over the root of n); added to the
 # stated error (benchmarks/stated_errors.py)
-SEAM_SCATTER_DB = 2.5
+BOUNDARY_SCATTER_DB = 2.5
 # margin of the error of blocks below a wanted error of the whole run, dB
 BELOW_TARGET_DB = 3.0
 # shortest blocks that are tried: shorter ones cost more than the direct accumulator
@@ -113,7 +113,7 @@ class Blocks:
         self.blocks = partition(self.data.shape[1], self.interval)
         if self.automatic:
             self.interval = max(stop - start for start, stop in self.blocks)
-        self.seams = np.zeros(
+        self.boundaries = np.zeros(
             (self.data.shape[0], max(len(self.blocks) - 1, 0), self.data.shape[2]), dtype=np.complex64
         )
         self.done: set[int] = set()
@@ -179,7 +179,7 @@ class Blocks:
             index = self.first[batch.start]
             stop = self.blocks[index][1]
             if batch.stop > stop:
-                self.seams[pick, index] = traced.profiles[:, -1]
+                self.boundaries[pick, index] = traced.profiles[:, -1]
         self.data[pick, batch.start : stop] = traced.profiles[:, : stop - batch.start]
         self.tracer.largest_grid = max(self.tracer.largest_grid, traced.grid_bytes)
 
@@ -219,8 +219,8 @@ class Blocks:
         """
         if self.interval == 1:
             return 0, 0
-        seams = range(len(self.blocks) - 1)
-        for i in sorted(seams, key=lambda i: (GOLDEN * i) % 1.0):
+        boundaries = range(len(self.blocks) - 1)
+        for i in sorted(boundaries, key=lambda i: (GOLDEN * i) % 1.0):
             todo = [k for k in (i, i + 1) if k not in self.done]
             each = sum(grid.n_rays for grids in self.rays.at(self.blocks[i][0]) for grid in grids)
             most_rays -= each * len(todo)
@@ -228,7 +228,7 @@ class Blocks:
                 break
             for k in todo:
                 self.block(k)
-        return sum({i, i + 1} <= self.done for i in seams), len(seams)
+        return sum({i, i + 1} <= self.done for i in boundaries), len(boundaries)
 
     def sample(self) -> tuple[float, TraceStatistics]:
         """Trace one batch of the first ray subset; returns the share of its pulses, and its statistics."""
@@ -288,20 +288,20 @@ class Blocks:
         """
         if self.interval == 1:
             return -np.inf
-        seams = [i for i in range(len(self.blocks) - 1) if {i, i + 1} <= self.done]
-        worst = max(self._errors(seams).values(), default=np.nan)
-        return float(worst + SEAM_SCATTER_DB / max(len(seams), 1) ** 0.5)
+        boundaries = [i for i in range(len(self.blocks) - 1) if {i, i + 1} <= self.done]
+        worst = max(self._errors(boundaries).values(), default=np.nan)
+        return float(worst + BOUNDARY_SCATTER_DB / max(len(boundaries), 1) ** 0.5)
 
-    def _errors(self, seams: Sequence[int]) -> dict[str, float]:
+    def _errors(self, boundaries: Sequence[int]) -> dict[str, float]:
         """Error of each channel from some of the block boundaries, dB; empty without a boundary."""
-        if not len(seams):
+        if not len(boundaries):
             return {}
-        pulses = [self.blocks[i][1] for i in seams]
+        pulses = [self.blocks[i][1] for i in boundaries]
         out = {}
         for channel in dict.fromkeys(layer.channel for layer in self.layers):
             here = self._channel(self.data[:, pulses], channel)
-            change = self._channel(self.seams[:, list(seams)], channel) - here
-            out[channel] = _ratio_db(change, here) + SEAM_DB
+            change = self._channel(self.boundaries[:, list(boundaries)], channel) - here
+            out[channel] = _ratio_db(change, here) + BOUNDARY_DB
         return out
 
     def _channel(self, planes: C64, channel: str) -> C64:

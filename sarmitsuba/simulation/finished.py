@@ -43,14 +43,14 @@ class FinishedBlocks:
         The file cannot be written, or is not a file of finished blocks.
     """
 
-    def __init__(self, path: Path | str, mark: str, plan: EffectsPlan, part: str = "") -> None:
+    def __init__(self, path: Path | str, run_hash: str, plan: EffectsPlan, part: str = "") -> None:
         self._journal = Journal(path)
         self.path = self._journal.path
         self.interval: int | None = None
         self.settled = False
         self._first = {
             "kind": "run",
-            "mark": mark,
+            "mark": run_hash,
             "effects": repr(
                 (plan.flags, plan.max_depth)
             ),  # a plan given by the caller is not part of the run hash

@@ -21,11 +21,11 @@ from sarmitsuba.simulation.prediction.counting import check_rays
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.recording import Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.plan import azimuth_cell
+from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.source import Launch
-from sarmitsuba.trace.state import RETRO, REVERSED
+from sarmitsuba.trace.state import RECIPROCAL, REVERSED
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -33,7 +33,7 @@ I32 = NDArray[np.int32]
 # kinds of path by their number: physical optics; diffuse scatterer, straight to the antenna; diffuse scatterer,
 # reciprocal (back along the chain of mirrors); ideal point; diffuse scatterer, reversed (through mirrors to a separate
 # receiver); scatterer at a known position
-KINDS = ("coherent", "diffuse", "retro", "point", "reversed", "scatterer")
+KINDS = ("coherent", "diffuse", "reciprocal", "point", "reversed", "scatterer")
 POINT = 3
 # initial capacity for contributions, per ray and at least; a launch with more contributions is repeated
 ROOM_PER_RAY, LEAST_ROOM = 2, 1 << 16
@@ -319,7 +319,7 @@ def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
     """Table of the rows of a recording; amplitudes still without the phase of the length."""
     scene = run.scene
     kind, order = (rows.labels[:, i].astype(np.int64) for i in (1, 2))
-    turn = np.where(kind == RETRO, (order + 1) // 2, order)  # bounce at which the path turns back
+    turn = np.where(kind == RECIPROCAL, (order + 1) // 2, order)  # bounce at which the path turns back
     chain, chain_rows = rows.chains(turn)
     path = np.arange(kind.size)
     most = int(order.max(initial=1))

@@ -13,9 +13,9 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.polarisation import RECEIVED, isotropic_response, linear_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.off_surface import off_surfaces
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.leg import Surroundings, antenna_basis, straight_leg
-from sarmitsuba.trace.slabs import lets_waves_through
+from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.slab_coefficients import lets_waves_through
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]

@@ -8,18 +8,18 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
-from sarmitsuba.echo.in_pulse import InPulse, carrier_range
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.pulse_motion import InPulse, carrier_range
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.focusing.aperture import antennas_gain
+from sarmitsuba.focusing.aperture_weights import antennas_gain
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.point_legs import PointLegs, over_band, takes_part
 from sarmitsuba.simulation.tracing import polarisation_up
-from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import changes_echoes, echoed
 from sarmitsuba.trace.state import SCATTERER, Contribution
 

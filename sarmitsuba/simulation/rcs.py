@@ -24,12 +24,12 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.blame import blamed, check_traced
 from sarmitsuba.simulation.recording import Recording
-from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.trace.accumulators import SumAccumulator
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch, frame_towards, lattice, project
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.source import Source, launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.surfaces import Surfaces
@@ -190,7 +190,7 @@ def monostatic_rcs(
     keep_orders: bool = False,
     flags: KernelFlags | None = None,
     seed: int = 0,
-    draw: int = 0,
+    realisation: int = 0,
     cell: float = 0.0,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
     days: float = 0.0,
@@ -215,7 +215,7 @@ def monostatic_rcs(
     keep_orders : keep bounce orders separately
     flags : effects; default all coherent ones that apply to the materials
     seed : shift and turn of the ray lattice, and the diffuse scatterers
-    draw : number of the independent lattice of this seed
+    realisation : number of the independent lattice of this seed
     cell : m, edge of the cells that carry one diffuse scatterer; 0 = a third of the wavelength
     up : (3,) vertical reference of the polarisation, scene frame
     days : since the first pass
@@ -262,7 +262,7 @@ def monostatic_rcs(
         f"{n_rays:.3g} rays {spacing:.3g} m apart need the most: leave ray_spacing out or set it wider, or check that "
         "the model is in metres",
     )
-    grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, draw=draw)
+    grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, realisation=realisation)
     flags = flags or _flags_of(materials, channels, depth)
     scene = replace(
         build_trace_scene(geometry, materials, wavelength, places=places), passages=tuple(passages)

@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.closing import close_coherent, receiver, selected
-from sarmitsuba.trace.incoherent import DiffuseReturns, Slot, close_diffuse
-from sarmitsuba.trace.panes import Waiting, branched
-from sarmitsuba.trace.rays import (
+from sarmitsuba.trace.diffuse_return import DiffuseReturns, Slot, close_diffuse
+from sarmitsuba.trace.propagation import (
     footprint,
     intersect,
     launch,
@@ -27,6 +26,7 @@ from sarmitsuba.trace.rays import (
     reflect,
     through_passages,
 )
+from sarmitsuba.trace.slab_passage import Waiting, branched
 from sarmitsuba.trace.stage import arrived as by_stages
 from sarmitsuba.trace.stage import launched
 from sarmitsuba.trace.state import (
@@ -95,7 +95,7 @@ def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[T
         ray = replace(ray, trail=mi.UInt32(NO_HIT))
 
     if kernel.transmits:
-        return _through_panes(kernel, lane, ray, accumulator)
+        return _through_slabs(kernel, lane, ray, accumulator)
 
     def alive(ray: RayState, added: LaneArrays) -> mi.Bool:
         return ray.active
@@ -110,7 +110,7 @@ def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[T
     return TraceCounts(ray.hits, ray.contributions), added
 
 
-def _through_panes(
+def _through_slabs(
     kernel: Kernel, lane: Lane, ray: RayState, accumulator: Accumulator
 ) -> tuple[TraceCounts, LaneArrays]:
     """Bounce loop in scenes with slabs, where paths branch: each lane traces all its branches."""

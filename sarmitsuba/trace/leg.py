@@ -14,15 +14,15 @@ import numpy as np
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.trace import field
-from sarmitsuba.trace.beam import BeamPattern
-from sarmitsuba.trace.panes import along
+from sarmitsuba.trace.antenna_weight import BeamPattern
 from sarmitsuba.trace.passage import passed
-from sarmitsuba.trace.slabs import lets_waves_through
+from sarmitsuba.trace.slab_coefficients import lets_waves_through
+from sarmitsuba.trace.slab_passage import along
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.radar.antenna import Antenna
-    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.state import Kernel
 
     # start of a leg along a direction, m, and the lanes in which the scatterer has such a leg
@@ -110,7 +110,7 @@ class Surroundings:
         distance: mi.Float,
         active: mi.Bool,
         vectors: tuple[field.ComplexVector, ...],
-        behind_panes: mi.Bool | None = None,
+        behind_slabs: mi.Bool | None = None,
     ) -> tuple[tuple[field.ComplexVector, ...], mi.Vector3f | None]:
         """Complex vectors at the start of a straight leg from those at its end, and the apparent shift of its end, m.
 
@@ -119,7 +119,7 @@ class Surroundings:
         start, direction, distance : m, unit vector, m
         active : lanes that have the leg
         vectors : of waves along the leg, or receiving vectors: transmission is a symmetric dyad
-        behind_panes : lanes in which slabs may cross the leg; None: those of ``active``
+        behind_slabs : lanes in which slabs may cross the leg; None: those of ``active``
 
         Returns
         -------
@@ -128,8 +128,10 @@ class Surroundings:
         vectors = passed(self.scene.passages, start, direction, distance, active, vectors)
         if not self.transmits:
             return vectors, None
-        panes = active if behind_panes is None else behind_panes
-        return along(self.scene, self.wavenumber, self.clearance, start, direction, distance, panes, vectors)
+        through = active if behind_slabs is None else behind_slabs
+        return along(
+            self.scene, self.wavenumber, self.clearance, start, direction, distance, through, vectors
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,21 +9,21 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
-from sarmitsuba.trace.moving import Rim  # at run time, as Extent below
-from sarmitsuba.trace.slabs import lets_waves_through
-from sarmitsuba.trace.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
+from sarmitsuba.trace.movement import ShadowBoundary  # as the next
+from sarmitsuba.trace.slab_coefficients import lets_waves_through
+from sarmitsuba.trace.tubes.tube import TubeExtent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
-    from sarmitsuba.trace.beam import BeamPattern
-    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.antenna_weight import BeamPattern
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
-    from sarmitsuba.trace.moving import Movement
+    from sarmitsuba.trace.movement import Movement
+    from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.tubes.polygon import Bounds
     from sarmitsuba.trace.tubes.tube import Patch
 
 # kinds of return, as numbers that a lane can carry
-COHERENT, DIFFUSE, RETRO = range(3)
+COHERENT, DIFFUSE, RECIPROCAL = range(3)
 # reversed diffuse path to a separate receiver, and echo of a scatterer at a known position; 3: ideal point
 REVERSED, SCATTERER = 4, 5
 # hit number that means no hit
@@ -140,7 +140,7 @@ class Kernel:
         return self.flags.multi_bounce and self.scene.curvature_table is not None
 
     @property
-    def both_ways(self) -> bool:
+    def reciprocal_diffuse(self) -> bool:
         """Whether reciprocal diffuse paths, back through their chains of mirrors, are traced."""
         return self.flags.diffuse and self.flags.diffuse_double and self.flags.multi_bounce
 
@@ -266,8 +266,8 @@ class RayState:
     edge_a: mi.Vector3f
     edge_b: mi.Vector3f
     spread: TubeSpread | None
-    extent: Extent
-    rim: Rim | None
+    extent: TubeExtent
+    shadow_boundary: ShadowBoundary | None
     fields: tuple[ComplexVector, ...]
     contributions: mi.UInt32
     crossed: mi.UInt32 | None = None
@@ -342,8 +342,8 @@ class Hit:
 
 
 @dataclass(frozen=True, eq=False)
-class Footprint:
-    """Footprint of the ray tube on the facet that was hit.
+class TubeFootprint:
+    """TubeFootprint of the ray tube on the facet that was hit.
 
     Parameters
     ----------
@@ -352,18 +352,18 @@ class Footprint:
     patch : area of its diffuse return, as a quadrilateral
     bounds : of the area of its coherent return, exact up to the facet's corners
     area : m^2, of the whole footprint
-    loss, loss_retro : 1/m^2, spreading loss of the straight and of the reciprocal return path
+    loss, loss_reciprocal : 1/m^2, spreading loss of the straight and of the reciprocal return path
     lost : lanes whose tube was spread by curved mirrors beyond ``WIDEST_SPREAD``; None without curved mirrors
     """
 
     u: mi.Vector3f
     v: mi.Vector3f
-    extent: Extent
+    extent: TubeExtent
     patch: Patch
     bounds: Bounds
     area: mi.Float
     loss: mi.Float
-    loss_retro: mi.Float
+    loss_reciprocal: mi.Float
     lost: mi.Bool | None = None
 
 
@@ -381,7 +381,7 @@ class Contribution:
 
     Parameters
     ----------
-    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RETRO``, ``REVERSED`` or ``SCATTERER``
+    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RECIPROCAL``, ``REVERSED`` or ``SCATTERER``
     order : uint32, number of bounces, from 1
     pulse : uint32, number in the batch
     slant_range : float64, m, absolute
@@ -405,17 +405,17 @@ __all__ = [
     "COHERENT",
     "DIFFUSE",
     "NO_HIT",
-    "RETRO",
+    "RECIPROCAL",
     "REVERSED",
     "SCATTERER",
     "Constants",
     "Contribution",
-    "Footprint",
     "Hit",
     "Kernel",
     "KernelSettings",
     "Lane",
     "RayState",
     "Reflection",
+    "TubeFootprint",
     "TubeSpread",
 ]

@@ -36,7 +36,7 @@ class DiffusePairs(Effect):
         depth = decided["max_depth"]
         if not decided["diffuse"].on:
             return Assessment(False, "nothing diffuse", -np.inf)
-        if not depth.on:
+        if not depth.on and depth.source != "pilot":  # a pilot of mirrors says nothing of pairs
             return Assessment(
                 False, f"one bounce: {depth.why}", -np.inf if depth.source == "fact" else np.nan
             )
@@ -76,7 +76,7 @@ def _measured(level: PairLevel, tolerance_db: float) -> Assessment:
             else ", the only cross-polar return"
         )
     if on:
-        why = f"{found}; error by the random choice of pairs {10.0 * np.log10(level.draw_error):.0f} dB"
+        why = f"{found}; error of the run's realisation of pairs {10.0 * np.log10(level.realisation_error):.0f} dB"
     else:
         limits = f"{tolerance_db + WHOLE_DB:.0f} and {tolerance_db + SQUARE_DB:.0f} dB"
         why = f"{found}; left out below {limits}, where they hardly change the clutter level"

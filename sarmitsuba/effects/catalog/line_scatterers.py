@@ -23,20 +23,20 @@ class LineScatterers(Effect):
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        lines = context.scene.lines
-        if not lines:
+        wires = context.scene.wires
+        if not wires:
             return Assessment(False, "no radar_wire", -np.inf)
         wavelength = context.scene.radar.waveform.wavelength
         # optics limit at normal incidence
-        glint = max(2.0 * np.pi * line.radius * line.length**2 / wavelength for line in lines)
-        what = "1 rod" if len(lines) == 1 else f"{len(lines)} rods"
-        total = sum(line.length for line in lines)
+        glint = max(2.0 * np.pi * wire.radius * wire.length**2 / wavelength for wire in wires)
+        what = "1 wire" if len(wires) == 1 else f"{len(wires)} wires"
+        total = sum(wire.length for wire in wires)
         why = f"{what}, {length(total)} in all, glints up to about {10.0 * np.log10(glint):.0f} dBsm"
         return Assessment(True, why, 0.0)
 
     def without(self, scene: Scene) -> Scene:
         """Scene without its wires."""
-        return dataclasses.replace(scene, lines=())
+        return dataclasses.replace(scene, wires=())
 
 
 EFFECTS.register(LineScatterers())

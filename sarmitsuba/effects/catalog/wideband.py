@@ -193,13 +193,13 @@ def _reflection(material: Material, frequency: F64, context: SceneContext, *, sl
     reflected = np.array([[s.r_te, s.r_tm] for s in slabs])
     yield _Law(f"the reflection of {material.name}", np.concatenate(np.moveaxis(reflected, 0, -1)))
     if material in context.seen_through:
-        both_ways = np.concatenate(np.moveaxis(np.array([[s.t_te, s.t_tm] for s in slabs]), 0, -1)) ** 2
+        both_legs = np.concatenate(np.moveaxis(np.array([[s.t_te, s.t_tm] for s in slabs]), 0, -1)) ** 2
         # the echo moves by the delay at the carrier
         middle = len(frequency) // 2
-        turn = np.angle(both_ways[:, middle + 1] * both_ways[:, middle - 1].conj())
+        turn = np.angle(both_legs[:, middle + 1] * both_legs[:, middle - 1].conj())
         slope = turn / (frequency[middle + 1] - frequency[middle - 1])
-        both_ways = both_ways * np.exp(-1j * slope[:, None] * (frequency - frequency[middle]))
-        yield _Law(f"the transmission of {material.name}", both_ways)
+        both_legs = both_legs * np.exp(-1j * slope[:, None] * (frequency - frequency[middle]))
+        yield _Law(f"the transmission of {material.name}", both_legs)
 
 
 def _diffuse(material: Material, frequency: F64, relative: C128) -> C128:

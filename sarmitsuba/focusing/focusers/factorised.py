@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import image_places, leaves_beam, matched_weights
+from sarmitsuba.focusing.aperture_weights import image_places, leaves_beam, matched_weights
 from sarmitsuba.focusing.factorised.division import Plan
-from sarmitsuba.focusing.factorised.plan import make_plan
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
+from sarmitsuba.focusing.factorised.section_plan import make_plan
 from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan, whole_weights
 from sarmitsuba.focusing.focuser import (
     FOCUSERS,
@@ -54,7 +54,8 @@ class Factorised(Focuser):
 
     Every grid is as fine as the spectra of its pulses, worked out from the track, ask for, times ``upsampling``; the
     error is that of the interpolations, predicted by
-    :meth:`sarmitsuba.focusing.factorised.sampling.Sampling.error_db`, and ``upsampling=0`` takes the least that keeps
+    :meth:`sarmitsuba.focusing.factorised.sampling.SubimageSampling.error_db`, and ``upsampling=0`` takes the least
+    that keeps
     ``error``.
 
     Validity: any track, spotlight or with apertures of the pixels' own (then in two stages). Refuses an image that

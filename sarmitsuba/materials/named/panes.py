@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from sarmitsuba.materials.library import MATERIALS, NamedMaterial
+from sarmitsuba.materials.named_materials import MATERIALS, NamedMaterial
 
 
 @dataclass(frozen=True)
-class Pane(NamedMaterial):
+class GlassSlab(NamedMaterial):
     """A slab of ITU-R P.2040's glass.
 
     Parameters
@@ -28,6 +28,6 @@ class Pane(NamedMaterial):
         return MATERIALS["glass"].note(frequency)
 
 
-MATERIALS.register(Pane("window_glass", "one pane, 4 mm of ITU-R P.2040's glass", 0.004))
+MATERIALS.register(GlassSlab("window_glass", "one pane, 4 mm of ITU-R P.2040's glass", 0.004))
 # hard coats of tin oxide have some 15 ohm per square, soft ones of silver 2 to 6
-MATERIALS.register(Pane("low_e_glass", "the same with a silver coat of 4 ohm per square", 0.004, 4.0))
+MATERIALS.register(GlassSlab("low_e_glass", "the same with a silver coat of 4 ohm per square", 0.004, 4.0))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
@@ -19,7 +19,7 @@ SUBSETS: Source = "ray sampling, from two sets of rays"
 PASSES: Source = "ray sampling, from passes"
 
 # error of the weighted mean of two subsets over half their difference, dB: median of four scenes at three densities
-# with their whole aperture (benchmarks/error_bars.py)
+# with their whole aperture (benchmarks/suite/error_bars.py)
 SHARED_DB = 2.5
 # rms difference of estimate and truth over all runs of that benchmark, dB
 SHARED_SCATTER_DB = 2.3

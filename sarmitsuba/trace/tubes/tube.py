@@ -17,8 +17,8 @@ def footprint(edge: mi.Vector3f, d: mi.Vector3f, n: mi.Vector3f, cos_theta: mi.F
 
 
 @dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
-class Extent:
-    """Extent of a tube about its ray up to the edges of facets, in tube units (the edges u, v of its footprint).
+class TubeExtent:
+    """TubeExtent of a tube about its ray up to the edges of facets, in tube units (the edges u, v of its footprint).
 
     ``right, left`` along +u, -u at v = 0; ``top, bottom`` along +v, -v at u = 0; each with the slope of the limiting
     edge (change of the distance per unit along the other axis). ``NOWHERE`` where nothing limits it. The coordinates
@@ -46,15 +46,15 @@ class Extent:
 NOWHERE = 1e3
 
 
-def unlimited() -> Extent:
-    """Extent of a tube before the first hit."""
-    return Extent(*(mi.Float(x) for x in (NOWHERE, 0.0) * 4))
+def unlimited() -> TubeExtent:
+    """TubeExtent of a tube before the first hit."""
+    return TubeExtent(*(mi.Float(x) for x in (NOWHERE, 0.0) * 4))
 
 
 def limited(
-    extent: Extent, edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
-) -> Extent:
-    """Extent of a tube, intersected with the boundary edges of the facet that was hit.
+    extent: TubeExtent, edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
+) -> TubeExtent:
+    """TubeExtent of a tube, intersected with the boundary edges of the facet that was hit.
 
     Each edge limits the axis that crosses it more steeply, so slopes stay within one.
 
@@ -79,7 +79,7 @@ def limited(
             nearer = ends & (limit < out[2 * k])
             out[2 * k] = dr.select(nearer, limit, out[2 * k])
             out[2 * k + 1] = dr.select(nearer, other / safe, out[2 * k + 1])
-    return Extent(*out)
+    return TubeExtent(*out)
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Patch:
     weight : of its area
     """
 
-    extent: Extent
+    extent: TubeExtent
     corners: tuple[tuple[mi.Float, mi.Float], ...]
     rim: tuple[mi.Float, mi.Float]
     weight: mi.Float
@@ -115,7 +115,7 @@ class Patch:
         return 0.5 * ((ax - cx) * (by - dy) - (bx - dx) * (ay - cy)) * self.weight
 
 
-def patch(extent: Extent) -> Patch:
+def patch(extent: TubeExtent) -> Patch:
     """Patch of a tube: ended half way to its neighbours, or at the facet's edge if that is nearer."""
     f = extent.fields()
     ends, slopes, cuts = [], [], []
@@ -157,5 +157,5 @@ def patch(extent: Extent) -> Patch:
 
     rim = (meeting_point(0, rim_u), meeting_point(1, rim_v))
     chance = dr.clip(f[0] + f[2], 1e-3, 1.0) * dr.clip(f[4] + f[6], 1e-3, 1.0)
-    extent = Extent(*(x for pair in zip(ends, slopes, strict=True) for x in pair))
+    extent = TubeExtent(*(x for pair in zip(ends, slopes, strict=True) for x in pair))
     return Patch(extent, (right_top, left_top, left_bottom, right_bottom), rim, dr.rcp(chance))

@@ -4,7 +4,7 @@ Sizes and numbers are set up by us within what forestry gives, none fitted to a 
 """
 
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.materials.vegetation.pieces import Stick
+from sarmitsuba.materials.vegetation.plant_pieces import Stick
 
 CANOPIES.register(
     Canopy(

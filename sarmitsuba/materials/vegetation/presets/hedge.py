@@ -4,7 +4,7 @@ Sizes and numbers are set up by us within what gardens show, none fitted to a ra
 """
 
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.materials.vegetation.pieces import Leaf, Stick
+from sarmitsuba.materials.vegetation.plant_pieces import Leaf, Stick
 
 CANOPIES.register(
     Canopy(

@@ -1,7 +1,7 @@
 """Random pairs of mutually visible diffuse scatterers."""
 
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind
-from sarmitsuba.simulation.sources.pairs import (
+from sarmitsuba.simulation.sources.pair_estimate import (
     PILOT_POINTS,
     estimate_pairs,
     expected_pair_points,
@@ -9,7 +9,7 @@ from sarmitsuba.simulation.sources.pairs import (
     run_pairs,
 )
 from sarmitsuba.simulation.sources.site import Site
-from sarmitsuba.trace.diffuse_pairs import DiffusePairs
+from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.trace.source import Source
 
 # seconds of a reference core: for laying out a point, for tracing a pair, and for the draw that estimates their level
@@ -18,8 +18,8 @@ POINT_LAID, PAIR_TRACED, LEVEL = 1e-6, 2.5e-7, 0.25
 POINT_BYTES, PAIRS_OF_POINTS = 280, 0.1
 
 
-class Pairs(SourceKind):
-    """Pairs of diffuse scatterers, as many as the sampling error requires."""
+class PairKind(SourceKind):
+    """PairKind of diffuse scatterers, as many as the sampling error requires."""
 
     name, rank = "pairs", 40
 
@@ -28,7 +28,7 @@ class Pairs(SourceKind):
         if not site.flags.diffuse_pairs or site.trace_scene is None:
             return None
         pairs = run_pairs(site, estimate_pairs(site, pilot_cell(site, PILOT_POINTS)))
-        return DiffusePairs(pairs) if pairs.n else None
+        return PairSource(pairs) if pairs.n else None
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
         """Cost from the number of points, which depends on the level of pairs where it is known."""
@@ -39,4 +39,4 @@ class Pairs(SourceKind):
         return Expected(PAIRS_OF_POINTS * points, making, PAIR_TRACED, points * POINT_BYTES)
 
 
-SOURCES.register(Pairs())
+SOURCES.register(PairKind())

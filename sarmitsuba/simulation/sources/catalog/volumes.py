@@ -5,7 +5,7 @@ import numpy as np
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.source import PointSource, Source
-from sarmitsuba.trace.volumes import scatterer_spacing, volume_scatterers
+from sarmitsuba.trace.volume_scatterers import scatterer_spacing, volume_scatterers
 
 # seconds of a reference core: for laying out a cell of the lattice, and for tracing a scatterer
 CELL_LAID, SCATTERER_TRACED = 1e-6, 8e-6
@@ -13,7 +13,7 @@ CELL_LAID, SCATTERER_TRACED = 1e-6, 8e-6
 CELL_BYTES, SCATTERER_BYTES = 150, 100
 
 
-class Volumes(SourceKind):
+class VolumeKind(SourceKind):
     """Volumes as scatterers in cells of a lattice."""
 
     name, rank = "volumes", 20
@@ -41,4 +41,4 @@ class Volumes(SourceKind):
         return Expected(kept, making, SCATTERER_TRACED, max(boxes) * CELL_BYTES + kept * SCATTERER_BYTES)
 
 
-SOURCES.register(Volumes())
+SOURCES.register(VolumeKind())
