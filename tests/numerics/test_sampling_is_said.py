@@ -223,7 +223,7 @@ def test_wide_rays_over_bodies_that_shade_each_other_are_said(scene_file) -> Non
     path.write_text(path.read_text().replace("</scene>", second + "</scene>"))
     wide = {"sar_path.ray_spacing": "0.15"}  # 4.8 wavelengths
     (text,) = said(lambda: sarmitsuba.simulate(sarmitsuba.load_scene(path, parameters=wide)))
-    assert "shade or mirror each other" in text
+    assert "shadow or mirror each other" in text
     assert said(lambda: sarmitsuba.simulate(sarmitsuba.load_scene(path))) == []
     # one convex body: its tubes end at its own edges
     alone = sarmitsuba.load_scene(scene_file(), parameters=wide)
