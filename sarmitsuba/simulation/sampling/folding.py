@@ -181,7 +181,7 @@ def _of_windows(scene: Scene, windows: tuple[LaunchWindow, ...], apart: float, b
     ]
     needed = track.prf * (farthest + half) / apart
     return [
-        f'{scene.name}: to show moving "{names[0]}", surfaces are lit up to {farthest - half:.4g} m beyond the '
+        f'{scene.name}: to show motion ("{names[0]}"), surfaces are lit up to {farthest - half:.4g} m beyond the '
         f"image, and those farther than {apart - 2.0 * half:.4g} m fold into it at their full level at prf = "
         f"{track.prf:.6g} Hz; raise prf to {min(needed, beam):.4g} Hz, or enlarge the image"
     ]
