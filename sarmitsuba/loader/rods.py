@@ -1,4 +1,4 @@
-"""Cylinders and polylines of a scene file as rods that scatter by a closed form."""
+"""Wires of a scene file: cylinders and polylines that scatter by a closed form."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -16,14 +16,14 @@ from sarmitsuba.scene.lines import LineTarget
 
 F64 = NDArray[np.float64]
 
-# rods thicker than a third of their length are no lines: their caps return as much as their sides
+# least length over width of a wire: below, the end caps return as much as the sides
 LEAST_SLENDERNESS = 3.0
-# ratio of the widths of a rod's cross-section that is still round
+# largest ratio of the widths of a wire's cross-section that counts as round
 ROUND = 1.01
 
 
 def rods(placed: Placed, permittivity: complex | None, frequency: float) -> list[LineTarget]:
-    """Rods of a ``cylinder``, or of a ``linearcurve`` one for each piece.
+    """Wires of a ``cylinder``, or of a ``linearcurve``, one for each piece.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def rods(placed: Placed, permittivity: complex | None, frequency: float) -> list
 
     Raises
     ------
-    SceneError : the shape is neither, moves, has a file that cannot be read, or is no thin round rod
+    SceneError : the shape is neither, moves, has a file that cannot be read, or is no thin round wire
     """
     element, where = placed.element, placed.element.where
     if not placed.motion.still:
@@ -65,7 +65,7 @@ def _check(where: str, ends: F64, radius: float, permittivity: complex | None, f
     ka, bound = 2.0 * np.pi * radius / wavelength, largest_ka(permittivity)
     if not np.isfinite(length) or length < LEAST_SLENDERNESS * 2.0 * radius:
         raise SceneError(
-            f"{where}: radar_wire of {length:g} m and {2.0 * radius:g} m across is no line: it must be at least "
+            f"{where}: radar_wire of {length:g} m and {2.0 * radius:g} m across is too thick: it must be at least "
             f"{LEAST_SLENDERNESS:g} times as long as wide; make it a mesh (radar_material)"
         )
     if ka > bound:
@@ -76,7 +76,7 @@ def _check(where: str, ends: F64, radius: float, permittivity: complex | None, f
 
 
 def _widening(placed: Placed, ends: F64, local: F64) -> float:
-    """Factor of ``to_world`` on a rod's radius.
+    """Factor of ``to_world`` on a wire's radius.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _widening(placed: Placed, ends: F64, local: F64) -> float:
     if not widths[1] > 0.0 or widths[0] > ROUND * widths[1]:
         raise SceneError(
             f"{placed.element.where}: to_world makes a radar_wire oval ({widths[0]:g} by {widths[1]:g} of its width); "
-            "scale it alike in all directions"
+            "scale it equally in all directions"
         )
     return float(np.sqrt(widths[0] * widths[1]))
 

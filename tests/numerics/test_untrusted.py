@@ -88,7 +88,7 @@ def test_pipes_and_devices_do_not_hold_a_scene_up(tmp_path: Path) -> None:
 def test_nesting_ends_before_the_stack_does(tmp_path: Path) -> None:
     path = tmp_path / "deep.xml"
     path.write_text(SCENE.format('<shape type="x">' * 10_000 + "</shape>" * 10_000))
-    with pytest.raises(SceneError, match="200 elements within each other"):
+    with pytest.raises(SceneError, match="elements are nested more than 200 deep"):
         sarmitsuba.load_scene(path)
 
 

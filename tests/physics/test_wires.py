@@ -386,7 +386,7 @@ def test_cylinders_polylines_and_instances_are_read(tmp_path: Path) -> None:
             "oval",
         ),
         (CYLINDER.format(name="", more='<string name="velocity" value="1 0 0"/>', bsdf=""), "moves"),
-        (CYLINDER.replace('value="0.02"', 'value="0.6"').format(name="", more="", bsdf=""), "no line"),
+        (CYLINDER.replace('value="0.02"', 'value="0.6"').format(name="", more="", bsdf=""), "too thick"),
         ('<shape type="sphere"><bsdf type="radar_wire"/></shape>', "put it on a cylinder"),
         ('<shape type="linearcurve"><string name="filename" value="mast.txt"/></shape>', "no surface"),
         (
