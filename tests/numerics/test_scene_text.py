@@ -161,7 +161,7 @@ def test_counts_of_includes_are_those_of_reading_them_all(tmp_path: Path) -> Non
         if len(files) > len(set(files)):
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr("sarmitsuba.loader.references._MAX_INCLUDES", len(set(files)) - 1)
-                with pytest.raises(SceneError, match=f"come to {len(files) - 1} files"):
+                with pytest.raises(SceneError, match=f"expand to {len(files) - 1} files"):
                     check_document(folder / "i0.xml")
             compared += 1
     assert compared > 5

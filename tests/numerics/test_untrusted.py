@@ -136,7 +136,7 @@ def test_a_bitmap_is_measured_before_it_is_unpacked(tmp_path: Path) -> None:
     (tmp_path / "bomb.png").write_bytes(
         b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
     )
-    with pytest.raises(SceneError, match=f"more pixels than the {MOST_PIXELS}"):
+    with pytest.raises(SceneError, match=f"more pixels than the bound {MOST_PIXELS}"):
         _pixels(tmp_path / "bomb.png", "test")
 
 

@@ -249,7 +249,7 @@ def test_a_raster_says_that_it_has_no_rods() -> None:
 
 
 def test_rods_made_in_python_are_checked() -> None:
-    with pytest.raises(SceneError, match="no two finite points"):
+    with pytest.raises(SceneError, match="not two different finite points"):
         LineTarget("rod", np.zeros(3), np.zeros(3), 0.01)
     with pytest.raises(SceneError, match="radius = 0 m"):
         LineTarget("rod", np.zeros(3), np.ones(3), 0.0)

@@ -318,7 +318,7 @@ VACUUM = '<bsdf type="radar_material" name="class_255"><float name="permittivity
         ),
         (
             f'<bsdf type="land_cover">{bitmap("class_map")}{TWO_CLASSES}{named("class_102", 0)}{VACUUM}</bsdf>',
-            "is invisible: a map makes no holes",
+            "is invisible: a map cannot make holes",
         ),
     ],
 )

@@ -225,7 +225,7 @@ def test_inward_meshes_are_turned() -> None:
         (slice(0, 11), "hedge", "is not closed"),
         (slice(0, 12), "hedgerow", 'did you mean "hedge"'),
         (slice(0, 12), {"preset": "hedge", "extinction_h": 1.0}, "describe the volume twice"),
-        (slice(0, 12), {}, "is not described"),
+        (slice(0, 12), {}, "the volume has no content"),
         (slice(0, 12), {"sigma_v_h_db": -10.0, "relative_density": 2.0}, "relative_density needs a preset"),
         (
             slice(0, 12),
