@@ -1,4 +1,4 @@
-"""One thread at a time in the back end: a lock around every function that records or evaluates Dr.Jit arrays."""
+"""Lock of the back end: one thread at a time records or evaluates Dr.Jit arrays."""
 
 import functools
 import sys
@@ -16,7 +16,7 @@ _depth = 0  # of calls within each other in the thread that holds the lock
 
 @contextmanager
 def backend_lock() -> Iterator[None]:
-    """Hold the back end for the calling thread; other threads wait. Calls may nest.
+    """Lock the back end for the calling thread; other threads wait. Calls may nest.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""Guards against data that are not numbers: NaN and infinity never leave the program unsaid."""
+"""Checks for NaN and infinite numbers in data."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ def all_finite(data: NDArray[np.complexfloating] | NDArray[np.floating]) -> bool
 
 
 def check_pulses(data: C64, where: str = "") -> None:
-    """Refuse echoes that are not numbers.
+    """Raise a DataError for NaN or infinite echoes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How much memory this process holds, has held, and may still take."""
+"""Memory of this process: held, peak and available."""
 
 import os
 import sys
@@ -27,7 +27,7 @@ _CGROUPS = (
 
 
 def peak_memory() -> int:
-    """Most bytes that this process held at a time so far; 0 where the system does not say (Windows)."""
+    """Peak memory of this process in bytes; 0 where the system does not report it (Windows)."""
     try:  # Linux hands ru_maxrss on to the programs that a process starts; this it does not
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
         return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
@@ -42,7 +42,7 @@ def peak_memory() -> int:
 
 
 def held_memory() -> int:
-    """Bytes that this process holds now; its peak where the system does not say."""
+    """Memory held by this process in bytes; its peak where the system does not report it."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except (OSError, ValueError, IndexError):
@@ -51,7 +51,7 @@ def held_memory() -> int:
 
 
 def free_memory() -> int | None:
-    """Bytes that this process can still take, of the machine or of its container; None where nothing tells."""
+    """Free memory in bytes of the machine or container; None where unknown."""
     found = [
         value for value in (_machine(), *(_container(*files) for files in _CGROUPS)) if value is not None
     ]
@@ -59,11 +59,11 @@ def free_memory() -> int | None:
 
 
 def check_fits(what: str, wanted: int, remedy: str) -> None:
-    """Refuse what needs more memory than there is.
+    """Raise a ResourceError where memory is not sufficient.
 
     Parameters
     ----------
-    what : that needs it, start of the error
+    what : consumer of the memory, start of the error
     wanted : bytes beyond what the process holds now
     remedy : end of the error
 

@@ -1,4 +1,4 @@
-"""The arrays that a formula takes which NumPy evaluates outside the kernels and Dr.Jit inside them."""
+"""Array types of formulas evaluated by NumPy outside the kernels and by Dr.Jit inside them."""
 
 from typing import Protocol, TypeVar
 

@@ -1,4 +1,4 @@
-"""Backprojection by the workers of a cluster: each launch of pixels is a task, and every worker has all raw data."""
+"""Backprojection by the workers of a cluster: each launch of pixels is a task; every worker holds all raw data."""
 
 from dataclasses import dataclass, field, fields
 from functools import partial
@@ -13,14 +13,14 @@ from sarmitsuba.focusing.focusers.backprojection import TILE_PIXELS, Backproject
 
 @dataclass(frozen=True)
 class SharedBackprojection(Backprojection):
-    """:class:`Backprojection` with the same pixels, made by a crew where they are more than one launch."""
+    """:class:`Backprojection` with the same pixels, computed by workers where there is more than one launch."""
 
     crew: "DaskCrew | None" = field(default=None, repr=False)
     tile_pixels: int = field(default=TILE_PIXELS, repr=False)
 
     @property
     def options(self) -> dict[str, OptionValue]:
-        """Those of the backprojection: who does it is none."""
+        """Options of the backprojection."""
         return {option.name: getattr(self, option.name) for option in fields(Backprojection)}
 
     def focus(self, task: FocusTask) -> Focused:
@@ -46,7 +46,7 @@ class SharedBackprojection(Backprojection):
 
 
 def shared(focuser: Focuser, crew: DaskCrew) -> Focuser:
-    """The focuser as the crew does it; itself where it is not backprojection."""
+    """The focuser distributed to the workers; unchanged where it is not backprojection."""
     if type(focuser) is not Backprojection:
         return focuser
     return SharedBackprojection(focuser.interpolation, focuser.oversampling, crew)

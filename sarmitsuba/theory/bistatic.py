@@ -1,4 +1,4 @@
-"""Echoes that are received elsewhere than they are sent from: ideal points, conducting facets, the line of a corner."""
+"""Bistatic echoes of ideal points, conducting facets and dihedral corner lines."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,7 +8,7 @@ C128 = NDArray[np.complex128]
 
 
 def bistatic_range(transmitter: ArrayLike, point: ArrayLike, receiver: ArrayLike) -> F64:
-    """Half the way from transmitters over points to receivers (..., 3), m."""
+    """Bistatic slant range: half the path from transmitters over points to receivers (..., 3), m."""
     p = np.asarray(point, dtype=np.float64)
     legs = [np.linalg.norm(p - np.asarray(at, dtype=np.float64), axis=-1) for at in (transmitter, receiver)]
     return np.asarray(0.5 * (legs[0] + legs[1]))

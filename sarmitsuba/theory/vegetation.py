@@ -1,4 +1,4 @@
-r"""Vegetation in closed form: a cloud of scatterers over ground, plant matter, simple scatterers, ways through bodies.
+r"""Vegetation in closed form: water cloud over ground, plant permittivity, simple scatterers, path lengths in volumes.
 
 Extinction is of power: a wave loses :math:`1 - e^{-\kappa s}` of it on a way s. Time convention exp(+j w t).
 """
@@ -276,7 +276,7 @@ def trunk_ground_rcs(
 
 
 def way_through_ball(origin: F64, direction: F64, length: ArrayLike, center: F64, radius: float) -> F64:
-    """Length of the part of straight ways that lies in a ball, m.
+    """Path length of straight legs in a ball, m.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ def way_through_ball(origin: F64, direction: F64, length: ArrayLike, center: F64
 
 
 def way_through_box(origin: F64, direction: F64, length: ArrayLike, low: F64, high: F64) -> F64:
-    """Length of the part of straight ways that lies in a box along the axes, m; arguments as of a ball."""
+    """Path length of straight legs in an axis-parallel box, m; arguments as of a ball."""
     a, b = (low - origin) / direction, (high - origin) / direction
     enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
     leave = np.maximum(leave, enter)
