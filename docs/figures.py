@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sarmitsuba.analysis.interferometry import height_map, interferogram
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.comparison import compare_focusers
+from sarmitsuba.focusing.focuser_comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
@@ -31,7 +31,7 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.view.focusers import focusers_figure
-from sarmitsuba.view.interferogram import interferogram_figure
+from sarmitsuba.view.fringes import interferogram_figure
 from sarmitsuba.view.notebook import draw_beam
 
 F64 = NDArray[np.float64]

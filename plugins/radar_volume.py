@@ -1,4 +1,4 @@
-"""BSDF ``radar_volume``: makes a closed shape a body that waves go through, such as the crown of a tree."""
+"""BSDF ``radar_volume``: makes a closed shape a volume that waves go through, such as the crown of a tree."""
 
 from sarmitsuba.loader.plugins import register
 from sarmitsuba.loader.tables import RADAR_VOLUME

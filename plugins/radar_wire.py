@@ -1,4 +1,4 @@
-"""BSDF ``radar_wire``: turns a cylinder or a line into rods that scatter by a closed form."""
+"""BSDF ``radar_wire``: turns a cylinder or a line into wires that scatter by a closed form."""
 
 from sarmitsuba.loader.plugins import register
 from sarmitsuba.loader.tables import RADAR_WIRE
@@ -8,4 +8,4 @@ from .surface import RadarSurface
 
 @register(RADAR_WIRE)
 class RadarWire(RadarSurface):
-    """What rods are made of."""
+    """What wires are made of."""

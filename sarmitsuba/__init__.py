@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from sarmitsuba.analysis.interferometry import height_map, interferogram
     from sarmitsuba.analysis.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
     from sarmitsuba.analysis.quality import error_budget, image_quality, spectral_looks
-    from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.echo.raw_data import RawData
     from sarmitsuba.errors import (
         BackendError,
         ClusterError,
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.track import Track
     from sarmitsuba.registry import load_extension
     from sarmitsuba.scene.geometry import PointTarget
-    from sarmitsuba.scene.lines import LineTarget
     from sarmitsuba.scene.motion import Motion
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.scene.settings import TraceSettings
+    from sarmitsuba.scene.wires import WireTarget
     from sarmitsuba.simulation.path_table import PathTable, trace_paths
     from sarmitsuba.simulation.prediction.explanation import explain
     from sarmitsuba.simulation.raw import simulate
@@ -65,11 +65,11 @@ _HOME = {
     "Motion": "sarmitsuba.scene.motion",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
-    "LineTarget": "sarmitsuba.scene.lines",
+    "WireTarget": "sarmitsuba.scene.wires",
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",
     "RadarError": "sarmitsuba.errors",
-    "RawData": "sarmitsuba.echo.raw",
+    "RawData": "sarmitsuba.echo.raw_data",
     "ResourceError": "sarmitsuba.errors",
     "SarImage": "sarmitsuba.image.sar_image",
     "SarmitsubaError": "sarmitsuba.errors",
@@ -129,7 +129,6 @@ __all__ = [
     "FilmDescription",
     "ImageGrid",
     "ImageRequest",
-    "LineTarget",
     "LinkBudget",
     "Material",
     "Motion",
@@ -149,6 +148,7 @@ __all__ = [
     "SceneVolume",
     "TraceSettings",
     "Track",
+    "WireTarget",
     "__version__",
     "build_scene",
     "cloude_pottier",

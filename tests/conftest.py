@@ -1,8 +1,13 @@
 """Fixtures of all tests."""
 
+import importlib
 import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
 
 import matplotlib
+import pytest
 
 from sarmitsuba.backend import prepare_llvm
 
@@ -21,3 +26,12 @@ def one_core() -> None:
 # the path of LLVM then
 one_core()
 prepare_llvm()
+
+
+@pytest.fixture(scope="session")
+def benchmark_script() -> Iterator[Callable[[str], ModuleType]]:
+    """Imports a script of ``benchmarks`` by its name."""
+    with pytest.MonkeyPatch.context() as patch:
+        for folder in ("studies", "suite", "support"):
+            patch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks" / folder))
+        yield importlib.import_module

@@ -4,6 +4,6 @@ Importing this package imports no Dask.
 """
 
 from sarmitsuba.cluster.address import ClusterAddress
-from sarmitsuba.cluster.plan import ClusterPlan
+from sarmitsuba.cluster.scaling import ClusterPlan
 
 __all__ = ["ClusterAddress", "ClusterPlan"]

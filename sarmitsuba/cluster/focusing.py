@@ -5,17 +5,17 @@ from functools import partial
 
 import numpy as np
 
-from sarmitsuba.cluster.crew import DaskCrew
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.cluster.dask_workers import DaskWorkers
+from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, OptionValue
 from sarmitsuba.focusing.focusers.backprojection import TILE_PIXELS, Backprojection, Tiles
 
 
 @dataclass(frozen=True)
 class SharedBackprojection(Backprojection):
-    """:class:`Backprojection` with the same pixels, computed by workers where there is more than one launch."""
+    """:class:`Backprojection` with the same pixels, made by workers where they are more than one launch."""
 
-    crew: "DaskCrew | None" = field(default=None, repr=False)
+    workers: "DaskWorkers | None" = field(default=None, repr=False)
     tile_pixels: int = field(default=TILE_PIXELS, repr=False)
 
     @property
@@ -35,21 +35,21 @@ class SharedBackprojection(Backprojection):
             tile_pixels=self.tile_pixels,
         )
         count = sum(1 for _ in tiles.launches())
-        if self.crew is None or count < 2:
+        if self.workers is None or count < 2:
             return super().focus(task)
         image = np.empty((len(task.raw.layers), int(np.prod(tiles.shape))), dtype=np.complex64)
-        for done, tile in enumerate(self.crew.spread(partial(_same, tiles), Tiles.tile, range(count)), 1):
+        for done, tile in enumerate(self.workers.spread(partial(_same, tiles), Tiles.tile, range(count)), 1):
             image[tile.layers, tile.start : tile.stop] = tile.pixels
-            task.progress("focus", float(done), float(count), {"workers": float(self.crew.n_workers)})
+            task.progress("focus", float(done), float(count), {"workers": float(self.workers.n_workers)})
         pixels = image.reshape(len(task.raw.layers), *tiles.shape)
         return Focused(pixels, lambda point: matched_weights(task.raw.radar, point, task.azimuth_window))
 
 
-def shared(focuser: Focuser, crew: DaskCrew) -> Focuser:
-    """The focuser distributed to the workers; unchanged where it is not backprojection."""
+def shared(focuser: Focuser, workers: DaskWorkers) -> Focuser:
+    """The focuser as the workers do it; itself where it is not backprojection."""
     if type(focuser) is not Backprojection:
         return focuser
-    return SharedBackprojection(focuser.interpolation, focuser.oversampling, crew)
+    return SharedBackprojection(focuser.interpolation, focuser.oversampling, workers)
 
 
 def _same(tiles: Tiles) -> Tiles:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.commands.console import Console
 
 if TYPE_CHECKING:
-    from sarmitsuba.cluster.crew import DaskCrew
+    from sarmitsuba.cluster.dask_workers import DaskWorkers
 
 
 def add_cluster_argument(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,7 @@ def check_cluster_argument(args: argparse.Namespace) -> None:
 
 
 @contextmanager
-def crew_of(args: argparse.Namespace, console: Console, method: str) -> "Iterator[DaskCrew | None]":
+def open_workers(args: argparse.Namespace, console: Console, method: str) -> "Iterator[DaskWorkers | None]":
     """Workers of the cluster in the arguments; None where none is named or the method cannot be distributed."""
     if not args.cluster:
         yield None
@@ -43,11 +43,11 @@ def crew_of(args: argparse.Namespace, console: Console, method: str) -> "Iterato
         yield None
         return
     from sarmitsuba.cluster.address import ClusterAddress
-    from sarmitsuba.cluster.crew import crew_of as opened
+    from sarmitsuba.cluster.dask_workers import open_workers as opened
 
-    with opened(ClusterAddress.parse(args.cluster), getattr(args, "extension", ())) as crew:
-        console.say(f"cluster {crew.name}: {crew.n_workers} workers")
-        yield crew
+    with opened(ClusterAddress.parse(args.cluster), getattr(args, "extension", ())) as workers:
+        console.say(f"cluster {workers.name}: {workers.n_workers} workers")
+        yield workers
 
 
-__all__ = ["add_cluster_argument", "check_cluster_argument", "crew_of"]
+__all__ = ["add_cluster_argument", "check_cluster_argument", "open_workers"]

@@ -126,7 +126,7 @@ def _short(changes: object) -> str:
 
 
 def _save(folder: "OutputFolder", report: "CostReport", name: str, text: str) -> None:
-    from sarmitsuba.io import parameters
+    from sarmitsuba.io import parameter_file
     from sarmitsuba.io.atomic import atomic_path
     from sarmitsuba.view.cost import cost_figure, save_figure
 
@@ -150,7 +150,7 @@ def _save(folder: "OutputFolder", report: "CostReport", name: str, text: str) ->
         "seconds": report.seconds,
     }
     with folder.writing(RECORD) as path:
-        parameters.write(path, record)
+        parameter_file.write(path, record)
     with folder.writing(TEXT) as path, atomic_path(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
     points = [(c.seconds, c.error_db) for c in report.candidates]

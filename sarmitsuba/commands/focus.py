@@ -12,8 +12,8 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.cluster.crew import DaskCrew
-    from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.cluster.dask_workers import DaskWorkers
+    from sarmitsuba.echo.raw_data import RawData
     from sarmitsuba.focusing.focuser import Focuser
     from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.radar.image_request import ImageRequest
@@ -63,7 +63,7 @@ class _Listing(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
-class _Pair(argparse.Action):
+class _PairAction(argparse.Action):
     """Stores two numbers; one stands for both."""
 
     def __call__(
@@ -109,7 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     image.add_argument(
         "--extent",
         nargs="+",
-        action=_Pair,
+        action=_PairAction,
         type=float,
         metavar="M",
         help="size of the image on the ground in azimuth and range, m; one number is for both",
@@ -117,7 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     image.add_argument(
         "--spacing",
         nargs="+",
-        action=_Pair,
+        action=_PairAction,
         type=float,
         metavar="M",
         help="pixel spacing in azimuth and range, m, one number for both; 0 = half a cell",
@@ -228,12 +228,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
         request = _request(raw, args)
         orders = any(layer.order > 0 for layer in raw.layers)
         names = results.expected_names(formats, raw.channels, raw=False, image=True, orders=orders)
-        mark = str(raw.metadata.get(results.MARK) or _mark_of(Path(args.raw)))
+        run_hash = str(raw.metadata.get(results.RUN_HASH) or _run_hash_of(Path(args.raw)))
         if args.focuser == _ALL:
             names += (COMPARISON,)
-        folder.check(mark, names, force=args.force)
+        folder.check(run_hash, names, force=args.force)
         check_focusing(raw.radar, request or image_request(raw), args)
-        folder.clear(mark, keep=[Path(args.raw)])
+        folder.clear(run_hash, keep=[Path(args.raw)])
         record: dict[str, object] = {
             "command": "focus",
             "raw_file": args.raw,
@@ -252,7 +252,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _mark_of(path: Path) -> str:
+def _run_hash_of(path: Path) -> str:
     """Run hash of raw data without one: from the file, or from the files in the folder."""
     files = sorted(path.iterdir()) if os.path.isdir(path) else [path]
     facts = ((file.name, file.stat()) for file in files)
@@ -267,7 +267,7 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.focusing.focuser import parse_focuser
-    from sarmitsuba.focusing.motion import needs_compensation
+    from sarmitsuba.focusing.motion_compensation import needs_compensation
 
     radar = radar.as_recorded()
     for entry in results.Formats.parse(args.format).image:
@@ -313,7 +313,7 @@ def focus_into(
     watch: StageTimer,
     record: dict[str, object],
     request: "ImageRequest | None" = None,
-    crew: "DaskCrew | None" = None,
+    workers: "DaskWorkers | None" = None,
 ) -> Path:
     """Focus, write the image and its pictures into the folder, add to the record. Return the picture's path."""
     from sarmitsuba.commands import results
@@ -322,11 +322,11 @@ def focus_into(
     if args.focuser == _ALL:
         return _compare(folder, raw, args, console, watch, record, request)
     focuser: str | Focuser = args.focuser
-    if crew is not None:
+    if workers is not None:
         from sarmitsuba.cluster.focusing import shared
         from sarmitsuba.focusing.focuser import parse_focuser
 
-        focuser = shared(parse_focuser(args.focuser), crew)
+        focuser = shared(parse_focuser(args.focuser), workers)
     with watch.stage("focus"):
         image = focus(
             raw,
@@ -364,7 +364,7 @@ def _compare(
     """Focus with every focuser and draw the images side by side; the image of the run is the reference focuser's."""
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import default_grid, image_request
-    from sarmitsuba.focusing.comparison import compare_focusers
+    from sarmitsuba.focusing.focuser_comparison import compare_focusers
     from sarmitsuba.view.focusers import focusers_figure
 
     with watch.stage("focus"):

@@ -113,7 +113,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.errors import SceneError
     from sarmitsuba.importing.convert import import_scene
     from sarmitsuba.importing.facades import FacadeOptions
-    from sarmitsuba.importing.options import ImportOptions
+    from sarmitsuba.importing.import_options import ImportOptions
     from sarmitsuba.radar.geodesy import Anchor
 
     if args.seed < 0:

@@ -90,10 +90,10 @@ def _evaluate(
 
     from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.io import parameters, write_image
+    from sarmitsuba.io import parameter_file, write_image
     from sarmitsuba.io.atomic import atomic_path
     from sarmitsuba.io.output import output_folder
-    from sarmitsuba.view.interferogram import interferogram_figure
+    from sarmitsuba.view.fringes import interferogram_figure
 
     pair = interferogram(
         first,
@@ -119,7 +119,7 @@ def _evaluate(
             **pair.as_dict(),
         }
         with folder.writing(RECORD) as path:
-            parameters.write(path, record)
+            parameter_file.write(path, record)
         if found is not None:
             with folder.writing(POINTS) as path, atomic_path(path) as part, part.open("wb") as file:
                 np.savez_compressed(
@@ -136,7 +136,7 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
     It is the stored image, or one channel of the raw data focused with the first image's windows.
     """
     from sarmitsuba.analysis.interferometry.interferogram import same_grid
-    from sarmitsuba.echo.raw import Layer
+    from sarmitsuba.echo.raw_data import Layer
     from sarmitsuba.errors import DataError
     from sarmitsuba.focusing import focus
     from sarmitsuba.io import read_image, read_raw

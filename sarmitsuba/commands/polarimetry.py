@@ -61,9 +61,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         quad_pol,
     )
     from sarmitsuba.commands.results import draw_into
-    from sarmitsuba.io import parameters, read_image
+    from sarmitsuba.io import parameter_file, read_image
     from sarmitsuba.io.output import OutputFolder, output_folder
-    from sarmitsuba.view.polarimetry import composite_figure, maps_figure, plane_figure
+    from sarmitsuba.view.polarimetric_maps import composite_figure, maps_figure, plane_figure
 
     source = image_file(Path(args.image))
     target = Path(args.output or source.parent)
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             figures[name] = partial(composite_figure, image, colours(powers), report.looks, title, legend)
     with output_folder(target) as folder:
         with folder.writing(TABLE) as path:
-            parameters.write(path, {"command": NAME, "image": str(source), **report.as_dict()})
+            parameter_file.write(path, {"command": NAME, "image": str(source), **report.as_dict()})
         for name, draw in figures.items():
             console.say(str(draw_into(folder, name, draw, console)))
     return 0

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.errors import DataError
-    from sarmitsuba.io import parameters, read_image
+    from sarmitsuba.io import parameter_file, read_image
     from sarmitsuba.io.output import OutputFolder, output_folder
     from sarmitsuba.view.response import quality_figure
 
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     console.say(report.as_table())
     with output_folder(target) as folder:
         with folder.writing(TABLE) as path:
-            parameters.write(path, {"command": "quality", "image": str(source), **report.as_dict()})
+            parameter_file.write(path, {"command": "quality", "image": str(source), **report.as_dict()})
         path = draw_into(folder, PLOT, lambda: quality_figure(image, report), console)
     console.say(str(path))
     return 0

@@ -126,15 +126,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
             names += [results.PICTURE, "image.h5", *(results.picture_name(channels, c) for c in channels)]
         if args.page:
             names.append(PAGE)
-        mark = _mark(scene, args, aspects)
-        folder.check(mark, names, force=args.force)
+        run_hash = _run_hash(scene, args, aspects)
+        folder.check(run_hash, names, force=args.force)
         for note in scene.notes:
             console.note(note)
         with watch.stage("rcs"):
             sweep = rcs_sweep(scene, aspects, channels=channels, progress=console.progress)
         for note in sweep.notes:
             console.note(note)
-        folder.clear(mark)
+        folder.clear(run_hash)
         record = _record(args, scene, sweep) | {"versions": results.versions(), "backend": backend}
         _write(folder, scene, sweep, console)
         image = None
@@ -227,7 +227,7 @@ def _scene(args: argparse.Namespace, console: Console) -> "Scene":
     return dataclasses.replace(scene, settings=settings)
 
 
-def _mark(scene: "Scene", args: argparse.Namespace, aspects: "Aspects") -> str:
+def _run_hash(scene: "Scene", args: argparse.Namespace, aspects: "Aspects") -> str:
     """Run hash: everything that the results depend on."""
     from sarmitsuba.simulation.fingerprint import fingerprint
 
@@ -368,11 +368,11 @@ def _page(
 ) -> None:
     """Write the page."""
     from sarmitsuba.commands.view import PAGE
-    from sarmitsuba.page import rcs
+    from sarmitsuba.page import rcs_payload
     from sarmitsuba.page.write import write_page
 
     with folder.writing(PAGE) as path:
-        write_page(path, rcs.rcs_payload(scene, sweep, image), rcs.PAGE)
+        write_page(path, rcs_payload.rcs_payload(scene, sweep, image), rcs_payload.PAGE)
     size = (folder.path / PAGE).stat().st_size
     console.say(f"{folder.path / PAGE} ({size / 1e6:.1f} MB; open it in a browser)")
 

@@ -5,7 +5,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sarmitsuba.commands.cluster_arguments import add_cluster_argument, check_cluster_argument, crew_of
+from sarmitsuba.commands.cluster_arguments import add_cluster_argument, check_cluster_argument, open_workers
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, mesh_record, scene_of
@@ -14,8 +14,8 @@ from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.cluster.crew import DaskCrew
-    from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.cluster.dask_workers import DaskWorkers
+    from sarmitsuba.echo.raw_data import RawData
     from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.simulation.run import Ready, Run
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         console.busy("loading the scene")
         with watch.stage("load"):
             scene = _scene_with_settings(args)
-        mark = _check_everything(folder, scene, args)
+        run_hash = _check_everything(folder, scene, args)
         for note in scene.notes:
             console.note(note)
         settings = scene.settings
@@ -114,13 +114,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "image_request": scene.image.moved(scene.offset),
             "radar": results.radar_record(scene.radar),
         }
-        with crew_of(args, console, settings.method) as crew:
-            if crew is not None:
-                record["cluster"] = crew.name
+        with open_workers(args, console, settings.method) as workers:
+            if workers is not None:
+                record["cluster"] = workers.name
             if settings.method in _WITHOUT_RAW:
-                done = _image_only(folder, scene, args, console, watch, record, mark)
+                done = _image_only(folder, scene, args, console, watch, record, run_hash)
             else:
-                done = _raw_and_image(folder, scene, args, console, watch, record, mark, crew)
+                done = _raw_and_image(folder, scene, args, console, watch, record, run_hash, workers)
         record["warnings"], record["notes"] = console.warnings, console.notes
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
@@ -168,7 +168,7 @@ def _many_passes(scene: "Scene") -> bool:
 
 
 def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Namespace) -> str:
-    """Raise a SarmitsubaError for anything that would stop the run after its simulation. Return its run hash."""
+    """Raise a SarmitsubaError for whatever would stop the run after its simulation. Return its run hash."""
     from sarmitsuba.commands import results
     from sarmitsuba.simulation.fingerprint import fingerprint
 
@@ -189,9 +189,9 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
     if not args.no_focus:
         check_focusing(scene.radar, scene.image, args)
     formats = results.Formats.parse(args.format)
-    mark = fingerprint(scene, getattr(args, "extension", ()))
+    run_hash = fingerprint(scene, getattr(args, "extension", ()))
     if _many_passes(scene):  # several passes are not replaced by one without --force
-        mark += " passes"
+        run_hash += " passes"
     names = results.expected_names(
         formats, scene.radar.channels, raw=with_raw, image=not args.no_focus, orders=settings.keep_orders
     )
@@ -199,13 +199,13 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
         names += (PAGE,)
     if with_raw and _many_passes(scene):
         names += (results.PASSES,)
-    folder.check(mark, names, force=args.force)
+    folder.check(run_hash, names, force=args.force)
     folder.check_space(
         results.least_bytes(
             scene, formats, raw=with_raw, image=not args.no_focus, chirped=args.raw == "chirped"
         )
     )
-    return mark
+    return run_hash
 
 
 def _raw_and_image(
@@ -215,8 +215,8 @@ def _raw_and_image(
     console: Console,
     watch: StageTimer,
     record: dict[str, object],
-    mark: str,
-    crew: "DaskCrew | None",
+    run_hash: str,
+    workers: "DaskWorkers | None",
 ) -> Path:
     """Make the raw data or reuse saved ones, write and focus them. Return the path of the picture or the raw data."""
     from sarmitsuba.commands import results
@@ -227,7 +227,7 @@ def _raw_and_image(
     found = None
     if not (args.force or _many_passes(scene)):
         with watch.stage("read raw"):
-            found = results.saved_raw(folder, formats, mark, console)
+            found = results.saved_raw(folder, formats, run_hash, console)
     if found is not None and found[1].domain in ("compressed", args.raw):
         path, raw = found
         console.say(f"{path}: raw data of this scene and these settings, used again; --force simulates again")
@@ -235,23 +235,23 @@ def _raw_and_image(
         keep = [path] if raw.domain == args.raw else []
         record["raw_file"] = str(path)
     else:
-        raw, keep = _simulate(folder, scene, args, console, watch, mark, crew), []
+        raw, keep = _simulate(folder, scene, args, console, watch, run_hash, workers), []
         known = {"scene": scene.name, "look_side": raw.radar.look_side}
-        raw = dataclasses.replace(raw, metadata={**known, **raw.metadata, results.MARK: mark})
+        raw = dataclasses.replace(raw, metadata={**known, **raw.metadata, results.RUN_HASH: run_hash})
     for note in raw.metadata.get("notes", ()):
         console.note(str(note))
     if raw.domain != args.raw:
         with watch.stage("chirp"):
             raw = to_chirped(raw)
-    passes = [folder.path / results.PASSES] if folder.mark == mark else []
-    folder.clear(mark, keep=[*keep, *passes])
+    passes = [folder.path / results.PASSES] if folder.run_hash == run_hash else []
+    folder.clear(run_hash, keep=[*keep, *passes])
     with watch.stage("write raw"):
         results.save_raw(folder, raw, formats, leave_out=keep)
     remove_journal(folder.path / results.BLOCKS)
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder.path / formats.names(raw=True)[0]
-    return focus_into(folder, raw, args, console, watch, record, crew=crew)
+    return focus_into(folder, raw, args, console, watch, record, workers=workers)
 
 
 def _announcing(console: Console, args: argparse.Namespace, limit: float | None = None) -> "Ready":
@@ -287,8 +287,8 @@ def _simulate(
     args: argparse.Namespace,
     console: Console,
     watch: StageTimer,
-    mark: str,
-    crew: "DaskCrew | None",
+    run_hash: str,
+    workers: "DaskWorkers | None",
 ) -> "RawData":
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
@@ -305,8 +305,8 @@ def _simulate(
                     progress=console.progress,
                     ready=_announcing(console, args),
                     state=blocks,
-                    mark=mark,
-                    crew=crew,
+                    run_hash=run_hash,
+                    workers=workers,
                 )
             except RadarError:  # no echoes: another run would give the same
                 remove_journal(blocks)
@@ -314,7 +314,7 @@ def _simulate(
     from sarmitsuba.simulation.refinement.passes import refine
 
     if args.force:  # the saved passes of an interrupted run belong to the new results, not to the old ones
-        folder.clear(mark)
+        folder.clear(run_hash)
     folder.announce(results.PASSES)
     with watch.stage("simulate"):
         try:
@@ -325,7 +325,7 @@ def _simulate(
                 azimuth_window=args.window,
                 progress=console.progress,
                 ready=_announcing(console, args, settings.time_limit),
-                crew=crew,
+                workers=workers,
             )
         finally:
             folder.enter(results.PASSES)
@@ -345,7 +345,7 @@ def _image_only(
     console: Console,
     watch: StageTimer,
     record: dict[str, object],
-    mark: str,
+    run_hash: str,
 ) -> Path:
     """Simulate the image without raw data and write it. Return the picture's path."""
     from sarmitsuba.commands import results
@@ -363,7 +363,7 @@ def _image_only(
     image = dataclasses.replace(image, metadata={**known, **image.metadata})
     for note in image.metadata.get("notes", ()):
         console.note(str(note))
-    folder.clear(mark)
+    folder.clear(run_hash)
     record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
     return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba import __version__
-from sarmitsuba.analysis.quality.budget import error_budget
+from sarmitsuba.analysis.quality.error_budget import error_budget
 from sarmitsuba.commands.console import Console
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import FORMATS, FileFormat, parameters, read_raw, write_image, write_raw
+from sarmitsuba.io import FORMATS, FileFormat, parameter_file, read_raw, write_image, write_raw
 from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.radar import Radar
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 PICTURE, PICTURE_ORDERS, RECORD = "quicklook.png", "quicklook_order.png", "parameters.json"
 BLOCKS = "raw.blocks"  # finished blocks of raw data that are being made
 PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
-MARK = "fingerprint"  # of scene, settings and program, in the metadata of raw data
+RUN_HASH = "fingerprint"  # of scene, settings and program, in the metadata of raw data
 # processor seconds of a usual core, and bytes: importing what draws; a picture, and each of its screen pixels
 DRAWING, DRAWING_BYTES = 0.38, 28_000_000
 DRAWN, DRAWN_PIXEL, PIXEL_BYTES = 0.06, 1.2e-7, 75
@@ -133,24 +133,24 @@ def save_raw(folder: OutputFolder, raw: RawData, formats: Formats, leave_out: Se
 
 
 def saved_raw(
-    folder: OutputFolder, formats: Formats, mark: str, console: Console
+    folder: OutputFolder, formats: Formats, run_hash: str, console: Console
 ) -> tuple[Path, RawData] | None:
     """Saved raw data of the same run hash, and their file; None where there are none.
 
     Parameters
     ----------
-    mark : run hash of the scene, its settings and the program; only data with the same hash are reused
+    run_hash : of the scene, its settings and the program; only data that carry the same are the same
     """
     for entry, name in zip(formats.raw, formats.names(raw=True), strict=True):
         path = folder.path / name
-        if entry.read_raw is None or not folder.owns(name) or folder.mark != mark:
+        if entry.read_raw is None or not folder.owns(name) or folder.run_hash != run_hash:
             continue
         try:
             raw = read_raw(path, format=entry.name)
         except DataError as error:
             console.warn(f"{error}; simulating anew")
             continue
-        if raw.metadata.get(MARK) == mark:
+        if raw.metadata.get(RUN_HASH) == run_hash:
             return path, raw
     return None
 
@@ -288,7 +288,7 @@ def picture_name(channels: Sequence[str], channel: str | None) -> str:
 def save_record(folder: OutputFolder, record: Mapping[str, object]) -> None:
     """Write parameters.json."""
     with folder.writing(RECORD) as path:
-        parameters.write(path, record)
+        parameter_file.write(path, record)
 
 
 def versions() -> dict[str, str]:
@@ -341,11 +341,11 @@ def radar_record(radar: Radar) -> dict[str, object]:
 
 __all__ = [
     "BLOCKS",
-    "MARK",
     "PASSES",
     "PICTURE",
     "PICTURE_ORDERS",
     "RECORD",
+    "RUN_HASH",
     "Formats",
     "draw_into",
     "expected_names",

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Run cases; exit status 1 when a comparison is out of tolerance."""
     from sarmitsuba.io.output import output_folder
     from sarmitsuba.validation.cases import CASES
-    from sarmitsuba.validation.run import select
+    from sarmitsuba.validation.run_cases import select
 
     entries = select(args.case, args.topic)
     if args.list:
@@ -83,8 +83,8 @@ def _validate(
     """Run the cases and write their results."""
     from sarmitsuba.validation.comparison import Case
     from sarmitsuba.validation.figures import plot_case
-    from sarmitsuba.validation.report import report, summary_lines, write
-    from sarmitsuba.validation.run import run_case
+    from sarmitsuba.validation.markdown_page import report, summary_lines, write
+    from sarmitsuba.validation.run_cases import run_case
 
     cases: list[Case] = []
     for i, entry in enumerate(entries):

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sarmitsuba.cost.model import corrected
-from sarmitsuba.cost.proof import Check, Proof
+from sarmitsuba.cost.proof import Proof, ProofRun
 from sarmitsuba.cost.report import Candidate, pareto, recommend
 
 # no image so wrong is wanted, dB; most of the time left that one combination far from the target may take
@@ -33,7 +33,7 @@ def measure_front(
     -------
     candidates : measured, or corrected by their measured neighbours
     """
-    measured: dict[int, Check] = {}
+    measured: dict[int, ProofRun] = {}
     skipped: set[int] = set()
     while True:
         candidates = corrected(predicted, measured)

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sarmitsuba.cost.proof import Check
+from sarmitsuba.cost.proof import ProofRun
 from sarmitsuba.cost.report import Candidate
 from sarmitsuba.cost.trial import Changes, Value
-from sarmitsuba.simulation.sampling.plan import RaySpacings
+from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 # error that counts as none: float32 and the reference's own
 FLOOR_DB = -80.0
@@ -103,7 +103,7 @@ class CostModel:
         return Candidate(changes, 10.0 * float(np.log10(energy)), self.seconds(method, picks))
 
 
-def corrected(predicted: Sequence[Candidate], measured: Mapping[int, Check]) -> list[Candidate]:
+def corrected(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) -> list[Candidate]:
     """Measured combinations as measured; the others by what the nearest measured one of their method was off by.
 
     Where none of its method was measured, the error is off by the median of all: what a piece of the scene is off by.

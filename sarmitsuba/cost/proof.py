@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.cost.clock import StudyClock
-from sarmitsuba.cost.trial import Changes, Setting, run_trial
+from sarmitsuba.cost.trial import Changes, TrialSetting, run_trial
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 
@@ -32,7 +32,7 @@ class Reference:
     noise: float
 
     @staticmethod
-    def of(scene: Scene, setting: Setting, grid: ImageGrid, clock: StudyClock) -> "Reference":
+    def of(scene: Scene, setting: TrialSetting, grid: ImageGrid, clock: StudyClock) -> "Reference":
         """Trace it."""
         a, b = (
             run_trial(scene, setting, grid, pass_index=REFERENCE_PASS + i, clock=clock).image
@@ -55,7 +55,7 @@ def _energy(image: Image) -> float:
 
 
 @dataclass(frozen=True)
-class Check:
+class ProofRun:
     """Measured error (dB) and seconds of a setting."""
 
     error_db: float
@@ -81,7 +81,7 @@ class Proof:
     scene: Scene
     field: Scene
     grid: ImageGrid
-    base: Setting
+    base: TrialSetting
     reference: Reference
     factor: float
     text: str
@@ -91,7 +91,7 @@ class Proof:
         """Seconds that :meth:`measure` takes for a setting that takes the whole scene so many."""
         return seconds * ((2.0 if seconds < STEADY else 1.0) + (self.field is not self.scene))
 
-    def measure(self, changes: Changes, pass_index: int = 0) -> Check:
+    def measure(self, changes: Changes, pass_index: int = 0) -> ProofRun:
         """Error on the field and seconds on the whole scene, with these lattices."""
         setting = self.base.but(**changes)
         trial = run_trial(self.field, setting, self.grid, pass_index=pass_index, clock=self.clock)
@@ -103,7 +103,7 @@ class Proof:
             seconds = min(
                 seconds, run_trial(self.scene, setting, pass_index=pass_index, clock=self.clock).seconds
             )
-        return Check(error, seconds)
+        return ProofRun(error, seconds)
 
 
-__all__ = ["Check", "Proof", "Reference"]
+__all__ = ["Proof", "ProofRun", "Reference"]

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sarmitsuba.cost.proof import Check, Proof
+from sarmitsuba.cost.proof import Proof, ProofRun
 from sarmitsuba.cost.trial import Changes
-from sarmitsuba.simulation.sampling.plan import RaySpacings
+from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 # a smaller gain in error is not worth a line of its own, nor any time
 STEP_DB = 0.5
@@ -107,7 +107,7 @@ class CostReport:
     recommendation: Recommendation
     proof: Proof
     piece: str
-    check: Check | None
+    check: ProofRun | None
     full_seconds: float
     reference: str
     estimated_against: str
@@ -117,7 +117,7 @@ class CostReport:
         """The cheapest setting for another error, from what was measured: nothing is run."""
         return recommend(self.candidates, target_error_db)
 
-    def verify(self, recommendation: Recommendation) -> Check:
+    def verify(self, recommendation: Recommendation) -> ProofRun:
         """Run a recommendation with lattices that no estimate used."""
         return self.proof.measure(recommendation.setting.changes, CHECK_PASS)
 

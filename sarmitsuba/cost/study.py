@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 from sarmitsuba.cost.clock import StudyClock, WallClock
 from sarmitsuba.cost.front import measure_front
 from sarmitsuba.cost.model import CostModel
-from sarmitsuba.cost.pieces import SWEEP_SHARE, field_of_proof, piece_to_sweep
 from sarmitsuba.cost.proof import Proof, Reference
 from sarmitsuba.cost.report import CHECK_PASS, Candidate, CostReport, pareto, recommend, reference_text
 from sarmitsuba.cost.sweeps import REFERENCE_DEPTH, Sweeps, sweep_all, whole_stages
-from sarmitsuba.cost.trial import Setting, run_trial
+from sarmitsuba.cost.swept_piece import SWEEP_SHARE, field_of_proof, piece_to_sweep
+from sarmitsuba.cost.trial import TrialSetting, run_trial
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
 # share of the budget after which nothing more is measured but the recommendation's check
 LAST_SHARE = 0.85
@@ -32,7 +32,7 @@ class _Task:
     scene: Scene
     plan: EffectsPlan
     sampling: SamplingPlan
-    base: Setting
+    base: TrialSetting
     target_error_db: float
     budget: float
     clock: StudyClock
@@ -117,7 +117,7 @@ def _task(
     plan = plan_scene(scene)
     sampling = SamplingPlan.of(scene, plan.flags)
     # in metres, so that a piece of the aperture, which resolves less, is sampled as the whole scene is
-    base = Setting(
+    base = TrialSetting(
         {
             "method": "hybrid",
             "max_depth": plan.max_depth,
@@ -134,7 +134,7 @@ def _task(
     return _Task(scene, plan, sampling, base, target_error_db, budget, clock, begin, report)
 
 
-def _dense(task: _Task, sweeps: Sweeps) -> Setting:
+def _dense(task: _Task, sweeps: Sweeps) -> TrialSetting:
     """Setting of a reference, its ray spacings apart."""
     dense = task.base.but(max_depth=REFERENCE_DEPTH, gridding_width=6)
     interval = sweeps.plain.key_pulse_interval
@@ -192,7 +192,7 @@ def _proof(task: _Task, sweeps: Sweeps, piece_text: str, converged: Reference) -
         against = Reference.of(field, _dense(task, sweeps).but(**spacings.at(factor)), grid, task.clock)
         task.report()
     # combinations bring their own spacings, or none
-    bare = Setting({k: v for k, v in task.base.changes.items() if k not in spacings.at(1.0)})
+    bare = TrialSetting({k: v for k, v in task.base.changes.items() if k not in spacings.at(1.0)})
     return Proof(task.scene, field, grid, bare, against, factor, where, task.clock)
 
 

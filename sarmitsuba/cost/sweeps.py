@@ -9,13 +9,13 @@ from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.model import AFFECTS, FLOOR_DB, CostModel
 from sarmitsuba.cost.proof import Reference
 from sarmitsuba.cost.report import SPARE_DB, Row
-from sarmitsuba.cost.trial import Setting, Trial, Value, run_trial
+from sarmitsuba.cost.trial import Trial, TrialSetting, Value, run_trial
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import split_trace
-from sarmitsuba.simulation.sampling.plan import RaySpacings
+from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 # deepest bounce of the reference; what comes later has been weaker than -40 dB in every shipped scene
 REFERENCE_DEPTH = 6
@@ -49,7 +49,7 @@ class Sweeps:
 
     scene: Scene
     grid: ImageGrid
-    base: Setting
+    base: TrialSetting
     plain: Trial
     whole: Trial
     n_pulses: int
@@ -236,7 +236,7 @@ def _raw_row(study: Sweeps) -> None:
 
 
 def whole_stages(
-    scene: Scene, setting: Setting, spacings: RaySpacings, full: Trial, clock: StudyClock
+    scene: Scene, setting: TrialSetting, spacings: RaySpacings, full: Trial, clock: StudyClock
 ) -> dict[str, float]:
     """Seconds by stage of a setting on the whole scene: what is fixed, and what goes by launches and by rays.
 

@@ -34,7 +34,7 @@ _TRACE_FIELDS = {f.name for f in fields(TraceSettings)}
 
 
 @dataclass(frozen=True)
-class Setting:
+class TrialSetting:
     """What a trial changes about a scene.
 
     Parameters
@@ -50,9 +50,9 @@ class Setting:
         own = {k: v for k, v in self.changes.items() if k in _TRACE_FIELDS}
         return replace(scene, settings=replace(scene.settings, **own))  # type: ignore[arg-type]
 
-    def but(self, **changes: Value) -> "Setting":
+    def but(self, **changes: Value) -> "TrialSetting":
         """A copy with some values replaced."""
-        return Setting({**self.changes, **changes})
+        return TrialSetting({**self.changes, **changes})
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class Trial:
     sampling : the rays that raw data took; None for methods without raw data
     """
 
-    setting: Setting
+    setting: TrialSetting
     image: C64
     stages: Mapping[str, float]
     compile_seconds: float
@@ -95,7 +95,7 @@ class Trial:
 
 def run_trial(
     scene: Scene,
-    setting: Setting,
+    setting: TrialSetting,
     grid: ImageGrid | None = None,
     *,
     pass_index: int = 0,
@@ -169,7 +169,9 @@ def _take(stages: dict[str, float], seconds: float, names: tuple[str, ...]) -> f
     return seconds - left
 
 
-def mean_image(scene: Scene, setting: Setting, grid: ImageGrid, passes: int, first_pass: int = 1000) -> C64:
+def mean_image(
+    scene: Scene, setting: TrialSetting, grid: ImageGrid, passes: int, first_pass: int = 1000
+) -> C64:
     """Mean of passes whose lattices no trial shares: the reference that trials are measured against."""
     total = np.zeros(grid.shape, dtype=np.complex128)
     for index in range(passes):
@@ -209,4 +211,4 @@ def flush_caches() -> None:
     dr.flush_malloc_cache()
 
 
-__all__ = ["Setting", "Trial", "compiling", "flush_caches", "mean_image", "memory", "run_trial"]
+__all__ = ["Trial", "TrialSetting", "compiling", "flush_caches", "mean_image", "memory", "run_trial"]

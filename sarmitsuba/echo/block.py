@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.block_beam import azimuth_gain, step_within_beam
-from sarmitsuba.echo.curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.direct import box_distance
-from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
-from sarmitsuba.echo.in_pulse import InPulse, widest_shift
+from sarmitsuba.echo.gridding import FineGrid, GriddingKernel, fine_grid, gridding_kernel, to_window
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
+from sarmitsuba.echo.pulse_motion import InPulse, widest_shift
+from sarmitsuba.echo.range_curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.echo.threads import parallel_map
 from sarmitsuba.radar.radar import Radar
@@ -53,13 +53,13 @@ class BlockPlan:
     reference_range, reference_rate : slant range of ``reference`` at the key time, m, and its change, m/s
     range0, range_step, n_range : slant range of cell 0, cell (m) and number of cells along range
     range_rate0, range_rate_step, n_range_rate : the same along the range rate, m/s
-    width, range_rate_width : of the spreading kernels
+    width, range_rate_width : of the gridding kernels
     n_inner : length of the FFT over the grid's range axis
     guard : cells before the grid within ``n_inner``, for the compact response and the range walk
     fine : how the profiles become the window's samples
     curvature : what ``R0 + range_rate tau`` leaves out of the slant range
     geometry_error_db : worst over the box's sample points of the rms phase error over the block, dB
-    kernel_error_db : rms error of the two spreading kernels, dB
+    kernel_error_db : rms error of the two gridding kernels, dB
     in_pulse : motion of the antenna within the pulse, of the key pulse; None: it stands still
     """
 
@@ -111,14 +111,14 @@ class BlockPlan:
         return float(10.0 * np.log10(sum(10.0 ** (part / 10.0) for part in parts)))
 
     @property
-    def kernel(self) -> SpreadingKernel:
+    def kernel(self) -> GriddingKernel:
         """Spreading kernel along range."""
-        return spreading_kernel(self.width)
+        return gridding_kernel(self.width)
 
     @property
-    def range_rate_kernel(self) -> SpreadingKernel:
+    def range_rate_kernel(self) -> GriddingKernel:
         """Spreading kernel along the range rate."""
-        return spreading_kernel(self.range_rate_width)
+        return gridding_kernel(self.range_rate_width)
 
     def shape(self, n_layers: int) -> tuple[int, int, int]:
         """Shape of the complex64 grid, (n_layers, n_range, n_range_rate)."""
@@ -145,7 +145,7 @@ def plan_block(
     start, stop : pulse indices
     reference : (3,) float64, m, scene frame; P_ref, best near the middle of the box
     box : (2, 3) float64, m, scene frame; bounds of all phase centres
-    width, range_rate_width : of the spreading kernels along range and range rate (default: the same)
+    width, range_rate_width : of the gridding kernels along range and range rate (default: the same)
     extra_slant_range : half of what multiple reflections add to the way to the box at most, m
     extra_range_rate : what motion of the scene may add to a range rate or take off, m/s
 
@@ -172,7 +172,7 @@ def plan_block(
     far += extra_slant_range
     slack = 0.02 * np.ptp(fit.range_rate) + 1e-9 * float(np.linalg.norm(state.velocity[0])) + extra_range_rate
     range_rate_low, range_rate_high = float(fit.range_rate.min() - slack), float(fit.range_rate.max() + slack)
-    kernel, range_rate_kernel = spreading_kernel(width), spreading_kernel(range_rate_width)
+    kernel, range_rate_kernel = gridding_kernel(width), gridding_kernel(range_rate_width)
     reach = float(np.abs(state.tau).max())
     s_max = 4.0 * np.pi * (fc + 0.5 * radar.waveform.bandwidth) / SPEED_OF_LIGHT * reach
     range_rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(range_rate_high - range_rate_low, 1.0)
@@ -303,7 +303,7 @@ def _holds(
 
 
 def _kernel_error_db(width: int, range_rate_width: int) -> float:
-    power = sum(10.0 ** (spreading_kernel(w).error_db / 10.0) for w in (width, range_rate_width))
+    power = sum(10.0 ** (gridding_kernel(w).error_db / 10.0) for w in (width, range_rate_width))
     return float(10.0 * np.log10(power))
 
 
@@ -368,7 +368,7 @@ def synthesise(
 
     Returns
     -------
-    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
+    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw_data.RawData`
     """
     group = max(1, _GROUP // (plan.n_inner * max(plan.n_range_rate, plan.n_pulses)))
     if len(grid) > group:
@@ -458,7 +458,7 @@ def _range_weight(width: int, n: int, count: int, guard: int) -> C64:
     nu = np.arange(-count, count + 1) / n
     edge = np.clip((np.abs(nu) - _ROLL[0]) / (_ROLL[1] - _ROLL[0]), 0.0, 1.0)
     roll = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * edge) ** 2) ** 2
-    weight = roll / spreading_kernel(width).transform(nu) * np.exp(-2j * np.pi * nu * guard)
+    weight = roll / gridding_kernel(width).transform(nu) * np.exp(-2j * np.pi * nu * guard)
     return np.asarray(weight, dtype=np.complex64)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.echo.gridding import GriddingKernel
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
@@ -14,7 +14,7 @@ F64 = NDArray[np.float64]
 _BEAM_DB = -48.0
 
 
-def step_within_beam(radar: Radar, start: int, stop: int, kernel: SpreadingKernel, s_max: float) -> float:
+def step_within_beam(radar: Radar, start: int, stop: int, kernel: GriddingKernel, s_max: float) -> float:
     r"""Longest cell along the range rate over which the azimuth pattern hardly changes, m/s; infinite without one.
 
     A path is spread over some cells, each of which gets the pattern's value g of its own. With the kernel's second

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.waveform import Waveform
@@ -55,7 +55,7 @@ def to_chirped(raw: RawData) -> RawData:
     .. math:: s_i = \frac{B}{f_s} \sum_j p_j \, g_{i - j}
 
     A point of peak A becomes ``A exp(j pi gamma (t - 2 R / c)^2)``, of magnitude A all through the pulse, on
-    the fast times stated in :class:`sarmitsuba.echo.raw.RawData`.
+    the fast times stated in :class:`sarmitsuba.echo.raw_data.RawData`.
 
     Parameters
     ----------

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
-from sarmitsuba.echo.in_pulse import InPulse, widest_shift
+from sarmitsuba.echo.gridding import FineGrid, GriddingKernel, fine_grid, gridding_kernel, to_window
+from sarmitsuba.echo.pulse_motion import InPulse, widest_shift
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.radar.radar import Radar
 
@@ -29,7 +29,7 @@ class DirectPlan:
     start, stop : first pulse and one past the last
     range0 : (stop - start,) float64, slant range of cell 0 at each pulse, m
     n_range : cells per pulse
-    width : of the spreading kernel
+    width : of the gridding kernel
     fine : how the grid becomes the window's samples
     in_pulse : motion of the antenna within the pulses; None: it stands still
     """
@@ -53,9 +53,9 @@ class DirectPlan:
         return self.stop - self.start
 
     @property
-    def kernel(self) -> SpreadingKernel:
-        """The spreading kernel."""
-        return spreading_kernel(self.width)
+    def kernel(self) -> GriddingKernel:
+        """The gridding kernel."""
+        return gridding_kernel(self.width)
 
     def shape(self, n_layers: int) -> tuple[int, int, int]:
         """Shape of the complex64 grid, (n_layers, n_pulses, n_range)."""
@@ -98,7 +98,7 @@ def plan_direct(
     radar : track, waveform and window
     start, stop : pulse indices
     box : (2, 3) float64, m, scene frame; bounds of all phase centres
-    width : of the spreading kernel, 1 to 8
+    width : of the gridding kernel, 1 to 8
     extra_slant_range : half of what multiple reflections add to the way to the box at most, m
     """
     cell, window = radar.waveform.range_cell, radar.window
@@ -108,7 +108,7 @@ def plan_direct(
     first = window.start_range[start:stop]
     low = float((first - far).min()) - cell
     high = float((first - near).max()) + window.extent + cell
-    kernel = spreading_kernel(width)
+    kernel = gridding_kernel(width)
     n_least = int(np.ceil((far - near).max() / (0.5 * cell) * 1.05)) + 2 * kernel.margin + 2
     fine = fine_grid(cell, window.sample_spacing, low, high, n_least)
     n_range = int(np.ceil((far - near).max() / fine.range_step)) + 2 * kernel.margin + 2
@@ -157,7 +157,7 @@ def finish(
 
     Returns
     -------
-    (n_layers, n_pulses, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
+    (n_layers, n_pulses, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw_data.RawData`
     """
     offset = radar.window.start_range[plan.start : plan.stop] - plan.range0
     cell, n_samples = radar.waveform.range_cell, radar.window.n_samples

@@ -42,7 +42,7 @@ _INVERSE_DEGREE = 16
 
 
 @dataclass(frozen=True)
-class SpreadingKernel:
+class GriddingKernel:
     r"""Kernel that spreads one contribution over ``width`` neighbouring cells of a uniform grid.
 
     .. math:: \phi(x) = \exp\left(\beta \left(\sqrt{1 - (2 x / w)^2} - 1\right)\right), \quad |x| \le w / 2
@@ -204,9 +204,9 @@ class SpreadingKernel:
 
 
 @lru_cache(maxsize=16)
-def spreading_kernel(width: int) -> SpreadingKernel:
+def gridding_kernel(width: int) -> GriddingKernel:
     """Return the kernel of that width; its coefficients are fitted once."""
-    return SpreadingKernel(width)
+    return GriddingKernel(width)
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ def to_window(
     grid: FineGrid,
     range_cell: float,
     n_samples: int,
-    kernel: SpreadingKernel | None = None,
+    kernel: GriddingKernel | None = None,
     share: RangeFilter | None = None,
 ) -> C64:
     r"""Turn contributions on a fine range grid into range-compressed samples of exactly the radar's band.
@@ -295,7 +295,7 @@ def to_window(
 
 
 def _band_weight(
-    grid: FineGrid, range_cell: float, kernel: SpreadingKernel | None
+    grid: FineGrid, range_cell: float, kernel: GriddingKernel | None
 ) -> tuple[NDArray[np.complex128], int]:
     """Spectrum of the tapered sinc at -count ... count, with the kernel divided out, and the count."""
     n, step = grid.n_fine, grid.range_step
@@ -335,4 +335,4 @@ def _horner(coefficients: list[float], x: Samples) -> Samples:
     return value
 
 
-__all__ = ["OVERSAMPLING", "FineGrid", "SpreadingKernel", "fine_grid", "spreading_kernel", "to_window"]
+__all__ = ["OVERSAMPLING", "FineGrid", "GriddingKernel", "fine_grid", "gridding_kernel", "to_window"]

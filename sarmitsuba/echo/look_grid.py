@@ -7,7 +7,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
+from sarmitsuba.echo.gridding import GriddingKernel, gridding_kernel
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.samples import Samples
 
@@ -79,8 +79,8 @@ class BeamFan:
         ahead, aside = 1.0 - a * curvature, b * curvature
         size = xp.sqrt(ahead * ahead + aside * aside)
         p = (a * 2.0 - (a * a + b * b) * curvature) / (size + 1.0)
-        way = r / (ahead * cosine + aside * sine)
-        return p, x - way * (ahead * sine - aside * cosine), way * size
+        distance = r / (ahead * cosine + aside * sine)
+        return p, x - distance * (ahead * sine - aside * cosine), distance * size
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -112,7 +112,7 @@ class LookGrid:
     reference_range : m; range coordinate of the origin, subtracted before the phase is formed
     range0, range_step, n_range : range coordinate of cell 0 less ``reference_range`` (m), cell (m), number of cells
     azimuth0, azimuth_step, n_azimuth : the same along range rate (m/s) or the fan's c (m)
-    width : of the spreading kernel, both axes
+    width : of the gridding kernel, both axes
     """
 
     position: F64
@@ -129,9 +129,9 @@ class LookGrid:
     width: int
 
     @property
-    def kernel(self) -> SpreadingKernel:
+    def kernel(self) -> GriddingKernel:
         """Spreading kernel of both axes."""
-        return spreading_kernel(self.width)
+        return gridding_kernel(self.width)
 
     @property
     def n_looks(self) -> int:

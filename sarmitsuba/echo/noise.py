@@ -7,7 +7,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import BOLTZMANN, SUBSET_SHARES
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.radar.radar import Radar
 
 _STREAM = 0x6E6F697365  # keeps the noise's random stream apart from the others of the same seed

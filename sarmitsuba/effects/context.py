@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.effects.shape import ShapeAnalysis
+from sarmitsuba.effects.slabs_between import seen_through
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]
@@ -21,11 +21,11 @@ CELL_BELOW_CLUTTER_DB = -20.0
 # about what it takes to prove a closed body convex
 PROOF_SECONDS_PER_FACE = 2.5e-6
 
-KINDS = ("coherent", "diffuse", "retro")
+KINDS = ("coherent", "diffuse", "reciprocal")
 
 
 @dataclass(frozen=True, eq=False)
-class Sampling:
+class SamplingFacts:
     """How the full run will sample the scene, as far as it is known before the plan.
 
     Parameters
@@ -55,7 +55,8 @@ class PairLevel:
     strongest : power in the square of the ground that has most, over mean clutter on as much ground
     square : m, side of the squares
     pairs : drawn ones that return something
-    draw_error : energy of the error that the draw of the run's pairs makes in the image, over that of the clutter
+    realisation_error : energy of the error that the realisation of the run's pairs makes in the image, over that of the
+        clutter
     cell : m, of the points that the run's pairs are drawn from
     cross : their cross-polar power over that of diffuse scatterers alone; 0 where the radar records none
     """
@@ -65,7 +66,7 @@ class PairLevel:
     strongest: float
     square: float
     pairs: int
-    draw_error: float
+    realisation_error: float
     cell: float
     cross: float = 0.0
 
@@ -179,7 +180,7 @@ class SceneContext:
     """
 
     scene: Scene
-    sampling: Sampling | None = None
+    sampling: SamplingFacts | None = None
     pilot: PilotResult | None = None
     known_shape: ShapeAnalysis | None = None
     pairs: PairLevel | None = None
@@ -223,7 +224,7 @@ class SceneContext:
 
     @cached_property
     def seen_through(self) -> tuple[Material, ...]:
-        """Slabs that let waves through to something of the scene; see :mod:`sarmitsuba.effects.panes`."""
+        """Slabs that let waves through to something of the scene; see :mod:`sarmitsuba.effects.slabs_between`."""
         return seen_through(self.scene, self.antenna)
 
     @cached_property
@@ -266,4 +267,4 @@ class SceneContext:
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
 
 
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "Sampling", "SceneContext"]
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "SamplingFacts", "SceneContext"]

@@ -85,7 +85,8 @@ class Effect(ABC):
     name : in the plan, and of the switch in the scene file
     title : half a line for tables
     documentation : of the switch in the scene file, half a sentence; empty: it has no switch
-    off_when, off_means : for the table of `docs/effects.md`: what makes it unnecessary, what the image is without it
+    off_when, off_means : for the table of `docs/effects_reference.md`: what makes it unnecessary, what the image is
+        without it
     rank : position in the plan; an effect may look at the decisions of those before it
     at_key_pulses : the echoes of single pulses show what it changes in the image; not so what changes the focusing, the
         channels or the receiver

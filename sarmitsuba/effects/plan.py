@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
 from sarmitsuba.effects.catalog.wideband import LEAST_SUB_BANDS
-from sarmitsuba.effects.context import PairLevel, PilotResult, Sampling, SceneContext
+from sarmitsuba.effects.context import PairLevel, PilotResult, SamplingFacts, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
@@ -98,7 +98,7 @@ class EffectsPlan:
         return replace(self, decisions=decisions)
 
     def with_key_pulses(
-        self, interval: int, error_db: float, asked: bool, seams: tuple[int, int] = (0, 0)
+        self, interval: int, error_db: float, asked: bool, boundaries: tuple[int, int] = (0, 0)
     ) -> "EffectsPlan":
         """The plan with the number of pulses that share one tracing, known once the run is laid out.
 
@@ -108,12 +108,16 @@ class EffectsPlan:
         error_db : against tracing every one, dB, as measured where blocks of pulses meet; NaN where one block holds
             all
         asked : set by the user
-        seams : places where blocks meet that were looked at, and how many there are; as many: all
+        boundaries : places where blocks meet that were looked at, and how many there are; as many: all
         """
         if np.isnan(error_db):
             measured = "one block holds all pulses, so that its error is not measured"
         else:
-            where = "where" if seams[0] == seams[1] else f"at {seams[0]} of {seams[1]} places where"
+            where = (
+                "where"
+                if boundaries[0] == boundaries[1]
+                else f"at {boundaries[0]} of {boundaries[1]} places where"
+            )
             measured = f"error against tracing every pulse {error_db:.0f} dB, measured {where} blocks meet"
         if asked:
             why, source = "set by the user" + (f"; {measured}" if interval > 1 else ""), "user"
@@ -178,7 +182,7 @@ class EffectsPlan:
 
 def plan_effects(
     scene: Scene,
-    sampling: Sampling | None = None,
+    sampling: SamplingFacts | None = None,
     pilot: PilotResult | None = None,
     *,
     shape: ShapeAnalysis | None = None,

@@ -171,7 +171,7 @@ class ShapeAnalysis:
         return "every face bulges towards the antenna" if outside.all() else ""
 
     def facing(self, *, both_sides: bool = False) -> bool:
-        """Whether two nearly parallel faces may look at each other, as those of a duct, a street, a pane and its wall.
+        """Whether two nearly parallel faces may look at each other, as those of a duct, a street, a slab and its wall.
 
         Between two planes at an angle a there are pi / a reflections at most: more than ``DEEP`` of them take faces
         that are turned towards each other to within ``pi / DEEP``. True where there are too many faces to tell.

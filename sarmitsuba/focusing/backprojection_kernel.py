@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.backend import device_numbers, dr
-from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.echo.gridding import GriddingKernel
 from sarmitsuba.focusing.device_complex import TWO_PI, cis, scaled, times, weighted_sum
 from sarmitsuba.radar.antenna import Antenna
 
@@ -24,7 +24,7 @@ AXES_STRIDE = (
 
 
 @dataclass(frozen=True)
-class PulseBatch:
+class ProfileBatch:
     """The pulses of one launch.
 
     Parameters
@@ -65,7 +65,7 @@ class Scales:
 
 @dataclass(frozen=True)
 class ApertureBand:
-    """The band of sines that is a pixel's aperture, see :func:`sarmitsuba.focusing.aperture.band_weights`.
+    """The band of sines that is a pixel's aperture, see :func:`sarmitsuba.focusing.aperture_weights.band_weights`.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class Beam:
 
 
 @dataclass(frozen=True)
-class Line:
+class LanePixels:
     """Equally spaced pixels of one lane, whose ranges and echoes are expanded about a few of them.
 
     Parameters
@@ -193,7 +193,7 @@ class Sight:
     bend : m of range per pixel squared, float32
     """
 
-    line: Line
+    line: LanePixels
     delta: tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]
     square: dr.ArrayBase
     distance: dr.ArrayBase
@@ -202,7 +202,7 @@ class Sight:
     bend: dr.ArrayBase
 
     @classmethod
-    def of(cls, types: ModuleType, line: Line, delta: tuple[dr.ArrayBase, ...]) -> Sight:
+    def of(cls, types: ModuleType, line: LanePixels, delta: tuple[dr.ArrayBase, ...]) -> Sight:
         """Range and its expansion."""
         dx, dy, dz = delta
         sx, sy, sz = line.step
@@ -281,7 +281,7 @@ class Sight:
         return out
 
 
-def parabola(line: Line, values: list[dr.ArrayBase]) -> list[dr.ArrayBase]:
+def parabola(line: LanePixels, values: list[dr.ArrayBase]) -> list[dr.ArrayBase]:
     """Values at all pixels of a line of a function known at its nodes."""
     if line.n_pixels == 1:
         return values
@@ -346,10 +346,10 @@ def accumulate(
     types: ModuleType,
     state: list[dr.ArrayBase],
     middle: tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase],
-    line: Line,
-    pulses: PulseBatch,
+    line: LanePixels,
+    pulses: ProfileBatch,
     scales: Scales,
-    kernel: SpreadingKernel,
+    kernel: GriddingKernel,
     n_layers: int,
     weighting: Weighting,
 ) -> list[dr.ArrayBase]:
@@ -432,7 +432,7 @@ def accumulate(
 
 
 def interpolate(
-    types: ModuleType, pulses: PulseBatch, first: dr.ArrayBase, taps: list[dr.ArrayBase], n_layers: int
+    types: ModuleType, pulses: ProfileBatch, first: dr.ArrayBase, taps: list[dr.ArrayBase], n_layers: int
 ) -> list[Complex]:
     """Profiles of all layers from the samples ``first`` ... weighted with ``taps``."""
     out = []
@@ -485,8 +485,8 @@ __all__ = [
     "PULSE_STRIDE",
     "ApertureBand",
     "Beam",
-    "Line",
-    "PulseBatch",
+    "LanePixels",
+    "ProfileBatch",
     "Scales",
     "Weighting",
     "accumulate",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import ground_cell_area, incidence_angle
+from sarmitsuba.focusing.aperture_weights import ground_cell_area, incidence_angle
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
@@ -107,7 +107,7 @@ def azimuth_cells(
     pulse_weights : weight of every pulse at a point, see :class:`sarmitsuba.focusing.focuser.Focused`
     range_window : over the band
     rows : False takes all rows for the middle one
-    lit_alike : see :func:`sarmitsuba.focusing.aperture.ground_cell_area`
+    lit_alike : see :func:`sarmitsuba.focusing.aperture_weights.ground_cell_area`
     """
     area_of = partial(ground_cell_area, radar, range_window=range_window, lit_alike=lit_alike)
     line = grid.positions_on_line(grid.azimuth.size // 2)

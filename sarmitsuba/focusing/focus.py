@@ -7,25 +7,25 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.echo.in_pulse import standing_still
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.pulse_motion import standing_still
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.finite import check_pulses
-from sarmitsuba.focusing.aperture import flight, incidence_angle
+from sarmitsuba.focusing.aperture_weights import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
+from sarmitsuba.focusing.beam_edge import beam_edge_warning
 from sarmitsuba.focusing.cells import azimuth_cells
-from sarmitsuba.focusing.dim_rows import dim_rows_warning
 from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
-from sarmitsuba.focusing.motion import compensate_motion, needs_compensation
-from sarmitsuba.focusing.needs import check_image_fits
-from sarmitsuba.focusing.noise import noise_equivalent_sigma0
+from sarmitsuba.focusing.image_noise import noise_equivalent_sigma0
+from sarmitsuba.focusing.memory_needs import check_image_fits
+from sarmitsuba.focusing.motion_compensation import compensate_motion, needs_compensation
 from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.shown import shown_share
 from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.image.pixel_bounds import check_grid
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.image.validity import check_grid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
@@ -68,7 +68,7 @@ def focus(
         ``WINDOWS``); over the bandwidth and over the pulse index
     compression : of chirped data, see :func:`sarmitsuba.focusing.range_compression.compression_filter`
     motion_compensation : ``auto`` compensates the recorded track to a straight one where the focuser needs one, see
-        :mod:`sarmitsuba.focusing.motion`; ``off``: such a focuser refuses the data
+        :mod:`sarmitsuba.focusing.motion_compensation`; ``off``: such a focuser refuses the data
     autofocus : name in ``AUTOFOCUSERS`` (``phase_gradient``, ``minimum_entropy``, ``maximum_contrast``), with options
         if wanted, such as ``phase_gradient,rounds=12``; or an autofocuser itself; None and ``none``: the recorded track
     progress : called after every batch
@@ -127,7 +127,7 @@ def focus(
     incidence = incidence_angle(raw.radar, middle)
     range_cell = raw.radar.waveform.range_cell * range_window.broadening
     cells = azimuth_cells(raw.radar, grid, focused.pulse_weights, range_window)
-    for text in (cells.warning, dim_rows_warning(raw.radar, grid, azimuth_window, cells.center)):
+    for text in (cells.warning, beam_edge_warning(raw.radar, grid, azimuth_window, cells.center)):
         if text:
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
     stated = float(db_from_power(power_from_db(focuser.error_db(raw.radar, grid)) + power_from_db(left_db)))
@@ -165,7 +165,7 @@ def focus(
 def start_stop_phase(radar: Radar) -> float:
     r"""Phase delay (rad) of an echo of the aim point against that of `Radar.start_stop`, at mid-aperture.
 
-    :math:`\frac{4 \pi}{\lambda} b^2 \cos^2\psi / 8 R` for a distance b flown between transmission and reception:
+    :math:`\frac{4 \pi}{\lambda} b^2 \cos^2\psi / 8 R` for a path b of the antenna between transmission and reception:
     0.1 rad in X band from orbit, and the same for all pixels.
     """
     if not radar.receives_itself:

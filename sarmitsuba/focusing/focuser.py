@@ -9,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.needs import backprojection_bytes
+from sarmitsuba.focusing.memory_needs import backprojection_bytes
 from sarmitsuba.focusing.options import OptionValue, WithOptions, option
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -113,11 +113,11 @@ class Focuser(WithOptions, ABC):
         """Focus; call ``objection`` before."""
 
 
-# of one core, float64 ranges and a kernel of six taps (benchmarks/focusers.py measures it), how many times that
-# with apertures of the pixels' own, and what an antenna's pattern adds (benchmarks/focuser_limits.py)
+# of one core, float64 ranges and a kernel of six taps (benchmarks/suite/focusers.py measures it), how many times that
+# with apertures of the pixels' own, and what an antenna's pattern adds (benchmarks/suite/focuser_limits.py)
 PIXEL_PULSE_SECONDS, OWN_APERTURES, PATTERN_SECONDS = 1.2e-9, 1.9, 1.9e-9
 # processor seconds that dominate for small images: of a call, of a raw-data sample made into a profile, of a pixel in
-# NumPy, and of the weight of a pulse at a node of the summed pattern weights (benchmarks/focusers.py prints both)
+# NumPy, and of the weight of a pulse at a node of the summed pattern weights (benchmarks/suite/focusers.py prints both)
 CALL_SECONDS, PROFILE_SECONDS, PIXEL_SECONDS, WEIGHT_SECONDS = 0.01, 6e-8, 4e-7, 1.0e-7
 
 

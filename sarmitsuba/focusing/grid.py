@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import (
+from sarmitsuba.focusing.aperture_weights import (
     ground_cell_area,
     incidence_angle,
     matched_weights,

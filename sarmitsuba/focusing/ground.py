@@ -62,11 +62,11 @@ def to_ground(pixels: C64, slant: ImageGrid, rho: F64, carrier: float) -> C64:
     at = (rho - slant.range[0]) / slant.range_spacing
     base = np.floor(at).astype(np.int64)
     column = base[:, None] + np.arange(_TAPS) - (_TAPS // 2 - 1)
-    way = at[:, None] - column
-    window = np.i0(_BETA * np.sqrt(np.clip(1.0 - (2.0 * way / _TAPS) ** 2, 0.0, None))) / np.i0(_BETA)
+    offset = at[:, None] - column
+    window = np.i0(_BETA * np.sqrt(np.clip(1.0 - (2.0 * offset / _TAPS) ** 2, 0.0, None))) / np.i0(_BETA)
     # interpolated in baseband; the carrier is applied again at the new ranges
-    turn = np.exp(1j * carrier * slant.range_spacing * way)
-    value = (np.sinc(way) * window * turn).astype(np.complex64)
+    turn = np.exp(1j * carrier * slant.range_spacing * offset)
+    value = (np.sinc(offset) * window * turn).astype(np.complex64)
     there = (column >= 0) & (column < slant.range.size)
     row = np.broadcast_to(np.arange(rho.size)[:, None], column.shape)
     matrix = scipy.sparse.csr_array(

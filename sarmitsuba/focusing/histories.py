@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.profiles import plan_profiles
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.radar.radar import Radar
@@ -41,17 +41,17 @@ def pulse_contributions(
     step = max(1, _BATCH // radar.track.n_pulses)
     for start in range(0, points.shape[0], step):
         point = points[start : start + step]
-        way = np.linalg.norm(point[:, None] - radar.track.position, axis=-1)
-        place = (way - radar.window.start_range) / plan.step
+        distance = np.linalg.norm(point[:, None] - radar.track.position, axis=-1)
+        place = (distance - radar.window.start_range) / plan.step
         inside = (place >= 0.0) & (place <= plan.last)
         place = np.where(inside, place, 0.0)
         base = np.floor(place)
         index = row + base.astype(np.int64)
-        value = np.zeros(way.shape, dtype=np.complex64)
+        value = np.zeros(distance.shape, dtype=np.complex64)
         for k, tap in enumerate(kernel.taps(place - base)):
             value += profiles.ravel()[np.minimum(index + k, profiles.size - 1)] * tap.astype(np.float32)
-        weight = matched_weights(radar, point, azimuth_window) * inside * way**2
-        out[start : start + step] = value * weight * np.exp(1j * np.mod(wavenumber * way, 2.0 * np.pi))
+        weight = matched_weights(radar, point, azimuth_window) * inside * distance**2
+        out[start : start + step] = value * weight * np.exp(1j * np.mod(wavenumber * distance, 2.0 * np.pi))
     return out
 
 

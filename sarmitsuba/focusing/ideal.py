@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.focusing.aperture import direction_gain
+from sarmitsuba.echo.raw_data import Layer, RawData
+from sarmitsuba.focusing.aperture_weights import direction_gain
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.look_grid import BeamFan, LookGrid
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import (
+from sarmitsuba.focusing.aperture_weights import (
     aperture_weights,
     direction_gain,
     flight,
@@ -16,8 +16,8 @@ from sarmitsuba.focusing.aperture import (
     pulse_ranges,
 )
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.turning import turning
 
 F64 = NDArray[np.float64]
 
@@ -173,7 +173,9 @@ def _looks_along_sweep(
         return []
     before, time, after = (float(t) for t in crossing if t is not None)
     pulse = int(np.clip(np.searchsorted(track.time, time), 0, track.n_pulses - 1))
-    speed = float(np.linalg.norm(track.velocity[pulse])) * np.sqrt(turning(track, middle, pulse))
+    speed = float(np.linalg.norm(track.velocity[pulse])) * np.sqrt(
+        effective_velocity_ratio(track, middle, pulse)
+    )
     bare = _geometry(radar, np.array([time]), speed, time, None)
     h, rate = bare.grid(4, (1.0, 1.0)).state(middle)
     sine = -float(rate) / speed
@@ -184,8 +186,8 @@ def _looks_along_sweep(
     fan = BeamFan(float(h) * sine, closest, sine, (swept - 1.0) * cosine / closest, speed)
 
     # angles off the axis at the middle pixel, in the order of the band
-    ways = middle - track.position
-    towards = np.einsum("ij,ij->i", ways, track.velocity) / np.linalg.norm(ways, axis=1) / speed
+    legs = middle - track.position
+    towards = np.einsum("ij,ij->i", legs, track.velocity) / np.linalg.norm(legs, axis=1) / speed
     weights = matched_weights(radar, middle, azimuth_window)
     angle, lit = _lit(np.arcsin(np.clip(towards, -1.0, 1.0)) - np.arcsin(sine), weights)
     order = np.argsort(angle, kind="stable")

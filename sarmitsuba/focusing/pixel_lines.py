@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import flight
+from sarmitsuba.focusing.aperture_weights import flight
 from sarmitsuba.focusing.profiles import ProfilePlan
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
+from sarmitsuba.echo.gridding import GriddingKernel, gridding_kernel
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.radar.radar import Radar
@@ -84,9 +84,9 @@ class ProfilePlan:
     gains: F64
 
     @property
-    def kernel(self) -> SpreadingKernel:
+    def kernel(self) -> GriddingKernel:
         """The interpolation kernel."""
-        return spreading_kernel(self.width)
+        return gridding_kernel(self.width)
 
     @property
     def n_fft(self) -> int:
@@ -161,7 +161,7 @@ def plan_profiles(
     used = plan.gains > 0.0
     cycles = scipy.fft.fftfreq(plan.n_fft)[used] / factor  # cycles per profile sample
     gains = plan.gains.copy()
-    gains[used] /= spreading_kernel(width).transform(cycles)
+    gains[used] /= gridding_kernel(width).transform(cycles)
     return replace(plan, gains=gains, width=width, oversampling=factor)
 
 

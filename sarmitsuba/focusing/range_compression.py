@@ -8,7 +8,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.chirp import chirp_spectrum, n_fast_chirped
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.profiles import band_weights
 from sarmitsuba.focusing.windows import parse_window

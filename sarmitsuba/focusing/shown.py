@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import RawData, sum_of_channel
-from sarmitsuba.focusing.aperture import antennas_gain
+from sarmitsuba.echo.raw_data import RawData, sum_of_channel
+from sarmitsuba.focusing.aperture_weights import antennas_gain
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import Layer, channels_of, sum_of_channel
+from sarmitsuba.echo.raw_data import Layer, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means, block_middles
 from sarmitsuba.radar.geodesy import Anchor

@@ -10,9 +10,9 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from sarmitsuba.errors import OutputError
-from sarmitsuba.importing.model import Model, make_model
-from sarmitsuba.importing.options import ImportOptions
-from sarmitsuba.importing.source import find_source
+from sarmitsuba.importing.city_model import Model, make_model
+from sarmitsuba.importing.import_options import ImportOptions
+from sarmitsuba.importing.source_format import find_source
 from sarmitsuba.io.atomic import atomic_path, process_of_part
 from sarmitsuba.io.output import OutputFile, OutputFolder, output_folder
 from sarmitsuba.mesh.ply import write_ply
@@ -126,7 +126,7 @@ def _check_folder(folder: Path, force: bool) -> None:
             f"{folder}: the meshes go into a folder of this name, and the program did not make this one; move it, or "
             "choose another -o"
         )
-    if meshes.names and meshes.mark and not force:
+    if meshes.names and meshes.run_hash and not force:
         raise OutputError(
             f"{folder}: holds the meshes of a scene that was imported before; choose another -o, or --force replaces "
             "them"
@@ -163,7 +163,7 @@ def _write(model: Model, output: Path, meshes: OutputFolder) -> None:
                 made = temporary.lstat()
         finally:
             undo()
-    meshes.mark = output.name
+    meshes.run_hash = output.name
     meshes.enter(*names)
     meshes.drop(old)
 

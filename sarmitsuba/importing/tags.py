@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.importing.options import ImportOptions
-from sarmitsuba.importing.source import Footprint, Source
+from sarmitsuba.importing.import_options import ImportOptions
+from sarmitsuba.importing.source_format import BuildingFootprint, CitySource
 
 if TYPE_CHECKING:
     import shapely
@@ -41,8 +41,8 @@ def metres(value: object) -> float:
 
 
 def footprint(
-    source: Source, name: str, polygon: "shapely.Polygon", tags: Tags, options: ImportOptions
-) -> Footprint | None:
+    source: CitySource, name: str, polygon: "shapely.Polygon", tags: Tags, options: ImportOptions
+) -> BuildingFootprint | None:
     """A building of its tags; None, counted as skipped, where its heights contradict each other.
 
     A ``height`` reaches from the ground to the top of the roof; ``building:levels`` do not count those of the roof.
@@ -68,7 +68,7 @@ def footprint(
     if not 0.0 <= above < height:
         source.skip("buildings whose min_height is not below their height", name)
         return None
-    return Footprint(
+    return BuildingFootprint(
         name,
         polygon,
         height,
@@ -83,7 +83,9 @@ def footprint(
     )
 
 
-def _positive(source: Source, name: str, tags: Tags, keys: tuple[str, ...], most: float, what: str) -> float:
+def _positive(
+    source: CitySource, name: str, tags: Tags, keys: tuple[str, ...], most: float, what: str
+) -> float:
     """First of the tags that is there; nan where there is none or it is no number above 0, which is counted."""
     value = next((tags[key] for key in keys if tags.get(key) not in (None, "")), None)
     if value is None:

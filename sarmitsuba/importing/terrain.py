@@ -37,7 +37,7 @@ _LOWEST, _HIGHEST = -12e3, 9e3
 
 
 @dataclass(frozen=True, eq=False)
-class Raster:
+class HeightRaster:
     """Heights on a grid, as read.
 
     Parameters
@@ -80,7 +80,7 @@ class Raster:
         return np.where(inside, mean, np.nan)
 
 
-def read_raster(path: Path, geoid: float, around: F64 | None) -> Raster:
+def read_raster(path: Path, geoid: float, around: F64 | None) -> HeightRaster:
     """Read the first band of a GeoTIFF, and no other file: no side files, no other format under its name.
 
     Parameters
@@ -147,10 +147,10 @@ def read_raster(path: Path, geoid: float, around: F64 | None) -> Raster:
     matrix[:, 2] += 0.5 * (matrix[:, 0] + matrix[:, 1])  # the transform is of the samples' corners
     if abs(np.linalg.det(matrix[:, :2])) == 0.0:
         raise SceneError(f"{where}: its samples have no place; write a transform into it")
-    return Raster(where, heights + geoid, matrix, crs)
+    return HeightRaster(where, heights + geoid, matrix, crs)
 
 
-def terrain_mesh(raster: Raster, anchor: Anchor, tolerance: float) -> tuple[F64, I32, Network]:
+def terrain_mesh(raster: HeightRaster, anchor: Anchor, tolerance: float) -> tuple[F64, I32, Network]:
     """Terrain in the scene's frame: vertices (n, 3) m, faces upwards, and the network that they are of.
 
     Notes
@@ -188,4 +188,4 @@ def _whole(wanted: "Window", width: int, height: int, where: str) -> "Window":
     return Window(left, top, right - left, bottom - top)
 
 
-__all__ = ["MOST_SAMPLES", "Raster", "read_raster", "terrain_mesh"]
+__all__ = ["MOST_SAMPLES", "HeightRaster", "read_raster", "terrain_mesh"]

@@ -49,7 +49,7 @@ VECTOR_BYTES = 8 * sum(size for _, size in LAYOUT)
 
 
 @dataclass(frozen=True, eq=False)
-class Area:
+class GroundArea:
     """Imaged rectangle of the ground.
 
     Parameters
@@ -68,7 +68,7 @@ class Area:
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class CphdRecording:
     """Content of the document.
 
     Parameters
@@ -91,13 +91,13 @@ class Recording:
     channels: tuple[str, ...]
     vectors: NDArray[np.void]
     n_samples: int
-    area: Area
+    area: GroundArea
     anchor: Anchor
     dwell: tuple[float, float, float]
     facts: dict[str, str]
 
 
-def document(recording: Recording) -> lxml.etree._ElementTree:
+def document(recording: CphdRecording) -> lxml.etree._ElementTree:
     """The CPHD XML tree of a recording."""
     import lxml.etree
     import sarkit.cphd
@@ -158,7 +158,7 @@ def document(recording: Recording) -> lxml.etree._ElementTree:
     return tree
 
 
-def _scene_coordinates(top: Element, area: Area, anchor: Anchor) -> None:
+def _scene_coordinates(top: Element, area: GroundArea, anchor: Anchor) -> None:
     corners = np.array(
         [[area.low[0], area.low[1]], [area.low[0], area.high[1]], area.high, [area.high[0], area.low[1]]]
     )
@@ -191,7 +191,7 @@ def _scene_coordinates(top: Element, area: Area, anchor: Anchor) -> None:
     }
 
 
-def _data(top: Element, recording: Recording) -> None:
+def _data(top: Element, recording: CphdRecording) -> None:
     n_pulses = recording.vectors.size
     top["Data"] = {
         "SignalArrayFormat": "CF8",
@@ -211,7 +211,7 @@ def _data(top: Element, recording: Recording) -> None:
     }
 
 
-def _channels(top: Element, recording: Recording) -> None:
+def _channels(top: Element, recording: CphdRecording) -> None:
     vectors = recording.vectors
     steady = {
         name: bool(np.ptp(vectors[first]) == 0.0 and np.ptp(vectors[last]) == 0.0)
@@ -245,4 +245,4 @@ def _channels(top: Element, recording: Recording) -> None:
     }
 
 
-__all__ = ["LAYOUT", "NAMESPACE", "VECTOR_BYTES", "Area", "Recording", "document"]
+__all__ = ["LAYOUT", "NAMESPACE", "VECTOR_BYTES", "CphdRecording", "GroundArea", "document"]

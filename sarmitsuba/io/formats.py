@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, RadarError
+from sarmitsuba.image.pixel_bounds import check_image
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.image.validity import check_image
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.validity import check_radar, check_request
 from sarmitsuba.registry import Registry

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.extras import formats_package
 

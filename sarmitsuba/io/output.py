@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from sarmitsuba.errors import OutputError, SarmitsubaWarning
-from sarmitsuba.io import parameters
+from sarmitsuba.io import parameter_file
 from sarmitsuba.io.atomic import make_folder, part_name
 from sarmitsuba.io.encoding import json_value
 from sarmitsuba.io.locking import sole_writer
@@ -44,12 +44,12 @@ class OutputFolder:
 
     Attributes
     ----------
-    mark : run hash of the scene and settings of the results in the folder, or of those to be written
+    run_hash : of the scene and settings whose results lie here or, where there are none, come here
     """
 
     def __init__(self, path: Path, written: re.Pattern[str] = RESULTS) -> None:
         self.path = path
-        self.mark = ""
+        self.run_hash = ""
         self._written = written
         self._bytes: dict[str, int] = {}
         try:
@@ -57,7 +57,7 @@ class OutputFolder:
                 raise ValueError
             record = json_value(read_text(path / MANIFEST, errors="strict", most=_LARGEST_LIST))
             listed = {str(name): int(size) for name, size in record["files"].items()}
-            self.mark = str(record["mark"])
+            self.run_hash = str(record["mark"])
         except FileNotFoundError:
             pass
         except (OSError, ArithmeticError, ValueError, TypeError, KeyError, AttributeError) as error:
@@ -103,12 +103,12 @@ class OutputFolder:
         """Treat regular files of these names as the program's own, at the user's request."""
         self.enter(*(name for name in names if _is_plain(self.path / name)))
 
-    def check(self, mark: str, names: Iterable[str], *, force: bool) -> None:
+    def check(self, run_hash: str, names: Iterable[str], *, force: bool) -> None:
         """Check that results may be written, before the run.
 
         Parameters
         ----------
-        mark : of the scene and settings
+        run_hash : of the scene and settings
         names : of the files that will be written
         force : replace results of another run hash
 
@@ -119,8 +119,8 @@ class OutputFolder:
         """
         self.check_names(names)
         if not self.names:
-            self.mark = mark
-        if mark != self.mark and not force:
+            self.run_hash = run_hash
+        if run_hash != self.run_hash and not force:
             raise OutputError(
                 f"{self.path}: holds results of another scene, of other settings or of another version of the program; "
                 "choose another -o, or use --force to replace them"
@@ -137,17 +137,17 @@ class OutputFolder:
                 "some, choose another -o, or ask for less (image extents, pulses, --no-error-bars)"
             )
 
-    def clear(self, mark: str, keep: Iterable[Path] = ()) -> None:
+    def clear(self, run_hash: str, keep: Iterable[Path] = ()) -> None:
         """Remove the program's files, so that old and new results are never mixed.
 
         Parameters
         ----------
-        mark : run hash of the new results
+        run_hash : of the scene and settings whose results come now
         keep : files that stay
         """
         kept = [path for path in keep if os.path.exists(path)]
         stay = [name for name in self.names if any((self.path / name).samefile(other) for other in kept)]
-        self.mark = mark
+        self.run_hash = run_hash
         self.drop([name for name in self._bytes if name not in stay])
 
     def enter(self, *names: str) -> None:
@@ -202,7 +202,7 @@ class OutputFolder:
         if not self._bytes:
             (self.path / MANIFEST).unlink(missing_ok=True)
             return
-        parameters.write(self.path / MANIFEST, {"mark": self.mark, "files": self._bytes})
+        parameter_file.write(self.path / MANIFEST, {"mark": self.run_hash, "files": self._bytes})
 
 
 def _is_plain(path: Path) -> bool:

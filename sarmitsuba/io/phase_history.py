@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
@@ -41,7 +41,7 @@ class PhaseHistory:
 
     .. math:: F_{kn} = \sum_p a_p e^{-j 4 \pi f_{kn} (R_{pn} - r_n) / c}
 
-    with R half the path from transmitter over the point to receiver.
+    with R half the path from the transmitter over the point to the receiver.
 
     Parameters
     ----------
@@ -310,8 +310,8 @@ def _aim_point(history: PhaseHistory, swath: float) -> F64:
 
     def miss(place: F64) -> F64:
         point = np.array([place[0], place[1], 0.0])
-        ways = [np.linalg.norm(position - point, axis=1) for position in antennas]
-        return np.asarray(sum(ways) / len(ways) - wanted)
+        legs = [np.linalg.norm(position - point, axis=1) for position in antennas]
+        return np.asarray(sum(legs) / len(legs) - wanted)
 
     if float(np.abs(miss(np.zeros(2))).max()) < 0.01 * swath:
         return np.zeros(3)
@@ -339,8 +339,8 @@ def _profiles(history: PhaseHistory, radar: Radar) -> C64:
     reference = history.reference_range
     spread = reference**2
     if history.receiver is not None:
-        ways = [np.linalg.norm(radar.aim_point - at, axis=1) for at in (history.position, history.receiver)]
-        spread = ways[0] * ways[1]
+        legs = [np.linalg.norm(radar.aim_point - at, axis=1) for at in (history.position, history.receiver)]
+        spread = legs[0] * legs[1]
     level = radar.amplitude_constant / (spread * n_frequencies)
     data = np.empty((n_pulses, n), dtype=np.complex64)
     size = max(1, _BATCH // n)

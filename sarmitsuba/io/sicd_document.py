@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io.nga import EPOCH, LETTERS, MODE_TYPES, OTHER_MODE, Element, polarisations

@@ -13,7 +13,7 @@ from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.link.findings import Finding, antenna_area, findings
 from sarmitsuba.link.ghosts import azimuth_ambiguity, earth_radius, range_ambiguity, vantage_of
 from sarmitsuba.link.place import PlaceBudget, Processing, place_budget
-from sarmitsuba.link.pulses import PulseTiming, pulse_timing
+from sarmitsuba.link.prf_bounds import PulseTiming, pulse_timing
 from sarmitsuba.memory import in_bytes
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.focusing.aperture import flight
+from sarmitsuba.focusing.aperture_weights import flight
 from sarmitsuba.link.place import PlaceBudget
-from sarmitsuba.link.pulses import PulseTiming
+from sarmitsuba.link.prf_bounds import PulseTiming
 from sarmitsuba.radar.antenna import SINC_HALF_POWER
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.radar import Radar

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import EARTH_RADIUS
-from sarmitsuba.focusing.aperture import flight, incidence_angle
+from sarmitsuba.focusing.aperture_weights import flight, incidence_angle
 from sarmitsuba.link.ambiguity import azimuth_ambiguity_ratio, range_ambiguity_ratio
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.radar import Radar

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from sarmitsuba.focusing.aperture import (
+from sarmitsuba.focusing.aperture_weights import (
     direction_gain,
     ground_cell_area,
     incidence_angle,
@@ -14,7 +14,7 @@ from sarmitsuba.focusing.aperture import (
     matched_weights,
     range_gradients,
 )
-from sarmitsuba.focusing.noise import noise_equivalent_rcs
+from sarmitsuba.focusing.image_noise import noise_equivalent_rcs
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.radar.link_budget import nesz
 from sarmitsuba.radar.radar import Radar

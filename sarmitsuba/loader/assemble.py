@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.mesh.cleaning import JoinedMeshes, clean_meshes
 from sarmitsuba.mesh.convexity import is_convex_body
+from sarmitsuba.mesh.model_units import doubtful_unit
 from sarmitsuba.mesh.smooth_groups import smooth_groups
-from sarmitsuba.mesh.units import doubtful_unit
 from sarmitsuba.parameters import printable
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
@@ -23,11 +23,12 @@ from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
-from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL, Motion
+from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
+from sarmitsuba.scene.wires import WireTarget, wire_ends
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -43,7 +44,7 @@ MAX_PROVEN_FACES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class MeshSurface:
     """Triangles of one mesh and their material.
 
     Parameters
@@ -71,26 +72,27 @@ class Surface:
 def assemble(
     name: str,
     path: Path | None,
-    surfaces: Sequence[Surface],
+    surfaces: Sequence[MeshSurface],
     materials: Sequence[Material],
     points: Sequence[PointTarget],
     radar: RadarInput,
     settings: TraceSettings,
     notes: Sequence[str] = (),
-    lines: Sequence[LineTarget] = (),
+    wires: Sequence[WireTarget] = (),
     volumes: Sequence[Volume] = (),
+    scatterers: Sequence[ScattererTarget] = (),
 ) -> Scene:
     """Scene of cleaned and centred geometry with its radar.
 
     Parameters
     ----------
     name, path : of the file
-    surfaces, points, lines : in the file frame
+    surfaces, points, wires : in the file frame
     materials : list that ``Surface.material`` indexes
     radar : validated parameters of sensor and film
     settings : of the integrator
     notes : collected so far
-    volumes : in the file frame
+    volumes, scatterers : in the file frame
 
     Raises
     ------
@@ -103,7 +105,7 @@ def assemble(
         raise SceneError(
             f'{label}: no surface below the volume "{volumes[0].name}"; add ground, a shape with a radar_material'
         )
-    if not visible and not points and not lines:
+    if not visible and not points and not wires and not scatterers:
         what = "every shape is invisible" if surfaces else "there is no shape"
         raise SceneError(
             f"{label}: the scene has no scatterers: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
@@ -116,12 +118,15 @@ def assemble(
         )
     for point in points:
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
-    for line in lines:
-        _check_size(f'{label}: radar_wire "{line.name}"', line.ends)
+    for wire in wires:
+        _check_size(f'{label}: radar_wire "{wire.name}"', wire.ends)
+    for scatterer in scatterers:
+        _check_size(f'{label}: {scatterer.kind} "{scatterer.name}"', scatterer.position)
     for volume in volumes:
         _check_size(f'{label}: volume "{volume.name}"', volume.vertices)
     positions = np.array([p.position for p in points]).reshape(-1, 3)
-    places = np.concatenate([positions, line_ends(tuple(lines)), *(v.vertices for v in volumes)])
+    own = positions_of(tuple(scatterers))
+    places = np.concatenate([positions, own, wire_ends(tuple(wires)), *(v.vertices for v in volumes)])
     offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
@@ -141,8 +146,9 @@ def assemble(
         offset=offset,
         notes=(*notes, *repairs, *doubts, *radar_notes, *_black(label, surfaces, materials)),
         description=radar,
-        lines=tuple(line.moved(-offset) for line in lines),
+        wires=tuple(wire.moved(-offset) for wire in wires),
         volumes=tuple(replace(v, vertices=v.vertices - offset) for v in volumes),
+        scatterers=tuple(scatterer.moved(-offset) for scatterer in scatterers),
     )
 
 
@@ -173,7 +179,7 @@ def seen_by(
     return built, image, (*notes, *angle_notes)
 
 
-def _black(label: str, surfaces: Sequence[Surface], materials: Sequence[Material]) -> list[str]:
+def _black(label: str, surfaces: Sequence[MeshSurface], materials: Sequence[Material]) -> list[str]:
     """Warn that a scene without any diffuse return gives a black image except for mirror reflections."""
     seen = with_parts([m for m in (materials[s.material] for s in surfaces) if not m.invisible])
     if not seen or any(material.diffuse_law != "none" for material in seen):
@@ -198,7 +204,7 @@ def _check_angle(label: str, material: Material, radar: Radar, image: ImageReque
         )
 
 
-def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[str]]:
+def _geometry(label: str, surfaces: Sequence[MeshSurface]) -> tuple[Geometry, list[str]]:
     if not surfaces:
         return Geometry.empty(), []
     for surface in surfaces:
@@ -234,7 +240,7 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
     return geometry, [f"{label}: {note}" for note in notes]
 
 
-def _corner_values(surfaces: Sequence[Surface], joined: JoinedMeshes) -> dict[str, F64]:
+def _corner_values(surfaces: Sequence[MeshSurface], joined: JoinedMeshes) -> dict[str, F64]:
     """Attributes of all meshes at the corners of the remaining faces; NaN where a mesh has none."""
     out = {}
     for name in sorted({name for s in surfaces for name in s.corner_values}):
@@ -293,4 +299,4 @@ def _offset(geometry: Geometry, places: F64) -> F64:
     return np.asarray(np.round(center))
 
 
-__all__ = ["RECENTRE_DISTANCE", "Surface", "assemble", "seen_by"]
+__all__ = ["RECENTRE_DISTANCE", "MeshSurface", "assemble", "seen_by"]

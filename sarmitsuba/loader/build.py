@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.loader.assemble import Surface
+from sarmitsuba.loader.assemble import MeshSurface
 from sarmitsuba.loader.attributes import at_corners
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, RADAR_VOLUME
-from sarmitsuba.loader.volumes import closed_volume
+from sarmitsuba.loader.volume_book import closed_volume
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.vegetation.medium import VolumeMedium
 from sarmitsuba.parameters import Value, filled
@@ -25,10 +25,11 @@ from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
+from sarmitsuba.scene.scatterers import ScattererTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.scene.wires import WireTarget
 
 if TYPE_CHECKING:
     import trimesh
@@ -82,7 +83,7 @@ class SceneMesh:
 
 @dataclass(frozen=True, eq=False)
 class SceneVolume:
-    """A closed volume that waves penetrate, such as the crown of a tree.
+    """A closed volume that waves go through, such as the crown of a tree.
 
     Parameters
     ----------
@@ -103,9 +104,10 @@ class SceneVolume:
 def build_scene(
     meshes: Sequence[SceneMesh] = (),
     points: Sequence[PointTarget] = (),
-    lines: Sequence[LineTarget] = (),
+    wires: Sequence[WireTarget] = (),
     *,
     volumes: Sequence[SceneVolume] = (),
+    scatterers: Sequence[ScattererTarget] = (),
     radar: RadarDescription | None = None,
     film: FilmDescription | None = None,
     settings: TraceSettings | None = None,
@@ -116,7 +118,7 @@ def build_scene(
 
     Parameters
     ----------
-    meshes, points, lines, volumes : scatterers of the scene, m
+    meshes, points, wires, volumes, scatterers : what there is to see, m
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
     settings : of the tracing; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
@@ -149,7 +151,8 @@ def build_scene(
             elements.append((mesh.material, index))
         collector.surfaces.append(_surface(mesh, index, name))
     collector.points.extend(points)
-    collector.lines.extend(lines)
+    collector.wires.extend(wires)
+    collector.scatterers.extend(scatterers)
     for volume in volumes:
         _add_volume(collector, volume, name)
     return collector.scene()
@@ -221,7 +224,7 @@ def _triangles(vertices: ArrayLike, faces: ArrayLike, where: str) -> tuple[F64, 
     return v, f.astype(np.int32)
 
 
-def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
+def _surface(mesh: SceneMesh, material: int, label: str) -> MeshSurface:
     where = f'{label}: mesh "{mesh.name}"'
     vertices, faces = _triangles(mesh.vertices, mesh.faces, where)
     if mesh.to_world is not None:
@@ -231,7 +234,7 @@ def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
         vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     faces = faces.astype(np.int32)
     values = at_corners(mesh.attributes, faces, where)
-    return Surface(
+    return MeshSurface(
         mesh.name, vertices, faces, material, mesh.smooth, motion=mesh.motion, corner_values=values
     )
 

@@ -7,7 +7,7 @@ from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.loader.tables import INTEGRATOR
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.parameters import did_you_mean, filled
 from sarmitsuba.radar.description import SENSOR, RadarDescription, RadarInput
 from sarmitsuba.radar.film import FILM, FilmDescription

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.assemble import Surface, assemble
+from sarmitsuba.loader.assemble import MeshSurface, assemble
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.material_book import MaterialBook
@@ -18,16 +18,18 @@ from sarmitsuba.loader.mesh_files import MeshPart, obj_materials, read_parts
 from sarmitsuba.loader.names_of_materials import DEFAULT, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
-from sarmitsuba.loader.rods import rods
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
-from sarmitsuba.loader.volumes import RADAR_VOLUME, VolumeBook
+from sarmitsuba.loader.volume_book import RADAR_VOLUME, VolumeBook
+from sarmitsuba.loader.wire_shapes import wires
 from sarmitsuba.materials.bsdfs import wire_permittivity
-from sarmitsuba.materials.parts import map_attributes
+from sarmitsuba.materials.map_materials import map_attributes
 from sarmitsuba.memory import check_fits
+from sarmitsuba.parameters import float_value
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
+from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
@@ -56,9 +58,10 @@ class Collector:
     described: Described
     overrides: Overrides = field(default_factory=Overrides)
     notes: list[str] = field(default_factory=list)
-    surfaces: list[Surface] = field(default_factory=list)
+    surfaces: list[MeshSurface] = field(default_factory=list)
     points: list[PointTarget] = field(default_factory=list)
-    lines: list[LineTarget] = field(default_factory=list)
+    wires: list[WireTarget] = field(default_factory=list)
+    scatterers: list[ScattererTarget] = field(default_factory=list)
     n_faces: int = 0
 
     def __post_init__(self) -> None:
@@ -79,8 +82,11 @@ class Collector:
         if bsdf is not None and bsdf.plugin == tables.POINT_SCATTERER.plugin:
             self.points.append(self._point(placed, bsdf))
             return
+        if bsdf is not None and bsdf.plugin in SCATTERERS:
+            self.scatterers.append(self._scatterer(placed, bsdf))
+            return
         if bsdf is not None and bsdf.plugin == tables.RADAR_WIRE.plugin:
-            self.lines.extend(self._rods(placed, bsdf))
+            self.wires.extend(self._wires(placed, bsdf))
             return
         if bsdf is not None and bsdf.plugin == RADAR_VOLUME.plugin:
             self.volumes.add_shape(placed, bsdf, self.reader)
@@ -96,7 +102,7 @@ class Collector:
         self._check_faces(placed.element.where, len(faces))
         names = map_attributes(self.book.materials[material])
         self.surfaces.append(
-            Surface(
+            MeshSurface(
                 placed.name,
                 vertices,
                 faces,
@@ -145,7 +151,7 @@ class Collector:
             kind = kinds[part.material] or DEFAULT
             index = self.book.named(part.material or DEFAULT, kind, label)
             self._check_faces(label, len(part.faces))
-            self.surfaces.append(Surface(part.name, corners, part.faces, index, motion=motion))
+            self.surfaces.append(MeshSurface(part.name, corners, part.faces, index, motion=motion))
 
     def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:
         """Add an obj file with its own materials where the shape has none; note where the shape's bsdf replaces any."""
@@ -176,8 +182,9 @@ class Collector:
             self.described.radar,
             self.described.settings,
             self.notes,
-            self.lines,
+            self.wires,
             self.volumes.volumes,
+            self.scatterers,
         )
 
     def _check_faces(self, where: str, more: int) -> None:
@@ -190,13 +197,26 @@ class Collector:
                 "make curved shapes smaller or fewer, or take a mesh of fewer faces",
             )
 
-    def _rods(self, placed: Placed, bsdf: Element) -> list[LineTarget]:
+    def _wires(self, placed: Placed, bsdf: Element) -> list[WireTarget]:
         """Wires of a shape with ``radar_wire``."""
         values, given = self.overrides.read(bsdf, tables.RADAR_WIRE)
         permittivity, note = wire_permittivity(values, given, self.book.frequency, bsdf.where)
         if note:
             warn_once(self.notes, f"{bsdf.where.partition(':')[0]}: {note}")
-        return rods(placed, permittivity, self.book.frequency)
+        return wires(placed, permittivity, self.book.frequency)
+
+    def _scatterer(self, placed: Placed, bsdf: Element) -> ScattererTarget:
+        """Scatterer of a user's own kind, at the centre of a sphere element and turned as it is."""
+        kind, shape = SCATTERERS[bsdf.plugin], placed.element
+        values, _ = self.overrides.read(bsdf, kind.table)
+        if shape.plugin != "sphere":
+            raise SceneError(f"{shape.where}: {kind.name} is on a {shape.plugin}; put it on a sphere")
+        if not placed.motion.still:
+            raise SceneError(f"{shape.where}: {kind.name} on a shape that moves; leave its velocity out")
+        linear = placed.to_world[:3, :3]
+        position = linear @ sphere_center(shape) + placed.to_world[:3, 3]
+        numbers = {parameter.name: float_value(values, parameter.name) for parameter in kind.parameters}
+        return ScattererTarget(placed.name, kind.name, position, linear, numbers)
 
     def _point(self, placed: Placed, bsdf: Element) -> PointTarget:
         """Ideal scatterer at the centre of a sphere element."""

@@ -12,7 +12,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.mesh_files import MeshPart, read_parts
 from sarmitsuba.loader.names_of_materials import check_chosen
-from sarmitsuba.mesh.units import doubtful_unit, up_axis
+from sarmitsuba.mesh.model_units import doubtful_unit, up_axis
 
 F64 = NDArray[np.float64]
 

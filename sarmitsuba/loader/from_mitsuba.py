@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.assemble import Surface
+from sarmitsuba.loader.assemble import MeshSurface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import describe
 from sarmitsuba.loader.elements import Element, Property
@@ -76,7 +76,7 @@ def scene_from_mitsuba(
         elif shape.is_mesh() and element.plugin != tables.POINT_SCATTERER.plugin:
             material = collector.book.index(element, f'{_NAME}: shape "{name}"')
             vertices, faces = _mesh(shape)
-            collector.surfaces.append(Surface(name, vertices, faces, material))
+            collector.surfaces.append(MeshSurface(name, vertices, faces, material))
         else:
             collector.add_shape(_placed(shape, name), element)
     return collector.scene()

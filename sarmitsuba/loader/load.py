@@ -18,6 +18,7 @@ from sarmitsuba.loader.plugins import register_plugins
 from sarmitsuba.loader.references import check_meshes
 from sarmitsuba.loader.shapes import placed_shapes
 from sarmitsuba.loader.xml import parse_dict, parse_file, read_text
+from sarmitsuba.scene.scatterers import scatterer_tables
 from sarmitsuba.scene.scene import Scene
 
 _DICT = "dict"
@@ -60,7 +61,8 @@ def load_scene(
     Files and dicts keep positions in float64. An ``mi.Scene``, and a dict that holds objects made by Mitsuba, has
     vertices in float32, good to 1e-7 of their distance from the origin, and meshes merged by material.
     """
-    plain, overrides = split_parameters(parameters or {}, tables.TABLES)
+    known = tables.TABLES | scatterer_tables()
+    plain, overrides = split_parameters(parameters or {}, known)
     file = resolve(scene) if isinstance(scene, Path | str) else None
     radar_file = None if radar is None else resolve_radar(radar)
     radar_root = None if radar_file is None else parse_file(radar_file, plain, allow_outside=allow_outside)
@@ -81,7 +83,7 @@ def load_scene(
     elements = [e for tree in (root, radar_root) if tree is not None for e in walk(tree)]
     label = file.name if file is not None else _DICT if root is not None else "scene"
     texts = [read_text(path) for path in (file, radar_file) if path is not None and not is_mesh_file(path)]
-    check_used(plain, overrides, label, texts, {e.id: e.plugin for e in elements if e.id}, tables.TABLES)
+    check_used(plain, overrides, label, texts, {e.id: e.plugin for e in elements if e.id}, known)
     if root is None:
         return scene_from_mitsuba(loaded, radar_root=radar_root, overrides=overrides)
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.loader.elements import Element
+from sarmitsuba.materials.map_materials import varied
 from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.materials.parts import varied
 from sarmitsuba.materials.texture import ATTRIBUTE_TEXELS, Bitmap, Placement, in_plan, on_mesh
 from sarmitsuba.parameters import Value, did_you_mean, one_line, string_value
 from sarmitsuba.regular_files import check_regular, check_unpacked

@@ -22,8 +22,8 @@ from sarmitsuba.materials.bsdfs import (
     sionna_material,
 )
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.parameters import did_you_mean
 
 _SIONNA = ("itu-radio-material", "radio-material", "absorber-radio-material")

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from sarmitsuba.materials.change import CHANGE
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
-from sarmitsuba.materials.library import MATERIALS, material_parameters
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.materials.named_materials import MATERIALS, material_parameters
 from sarmitsuba.materials.texture import GREATEST_SHAPE
 from sarmitsuba.parameters import Param, ParamTable
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.materials.library import MATERIALS
+from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.parameters import did_you_mean, one_line
 
 # material of the library: beginnings of words in a name, tested in this order

@@ -11,7 +11,7 @@ from sarmitsuba.loader.material_tables import (
     RADAR_WIRE,
     RADIO_MATERIAL,
 )
-from sarmitsuba.loader.volumes import RADAR_VOLUME
+from sarmitsuba.loader.volume_book import RADAR_VOLUME
 from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
 from sarmitsuba.parameters import Param, ParamTable
 from sarmitsuba.radar.description import SENSOR

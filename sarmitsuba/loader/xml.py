@@ -117,7 +117,7 @@ def _tree(
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve_references(config, state)
     elements = []
-    lines = _Lines(state)
+    lines = _LineNumbers(state)
     for node in state.nodes:
         props = node.props
         plugin, name = props.plugin_name(), props.id()
@@ -145,7 +145,7 @@ def _tree(
     return elements[0]
 
 
-class _Lines:
+class _LineNumbers:
     """Line numbers of the nodes of files; Mitsuba's own search reads the file again for each node."""
 
     def __init__(self, state: "mi.parser.ParserState") -> None:

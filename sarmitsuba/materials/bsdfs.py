@@ -11,9 +11,13 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.change import change_of
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
 from sarmitsuba.materials.dispersion import Dispersion
-from sarmitsuba.materials.library import MATERIALS, material_parameters, permittivity_from_conductivity
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.materials.named_materials import (
+    MATERIALS,
+    material_parameters,
+    permittivity_from_conductivity,
+)
 from sarmitsuba.materials.texture import check_texture
 from sarmitsuba.parameters import Value, float_value, string_value
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sarmitsuba.materials.library import MATERIALS, permittivity_from_conductivity
+from sarmitsuba.materials.named_materials import MATERIALS, permittivity_from_conductivity
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,8 @@ def slab_coefficients(
 
     Notes
     -----
-    Ignores finite width and roughness. The kernel has the same formulas in single precision (``trace/slabs.py``);
+    Ignores finite width and roughness. The kernel has the same formulas in single precision
+    (``trace/slab_coefficients.py``);
     :mod:`sarmitsuba.theory.slabs` sums the reflections between the faces and shares nothing.
 
     References

@@ -127,7 +127,7 @@ def facets(
     boundary[:, :3][sharp] = np.concatenate([inward, offset[:, :, None]], axis=2)[sharp]
 
     ids = vertex.reshape(n, 3)
-    edges = _Edges(corners, ids, along, inward, length, rounding, sharp, np.where(flat, mate, -1))
+    edges = _TriangleEdges(corners, ids, along, inward, length, rounding, sharp, np.where(flat, mate, -1))
     part = edges.facet()
     shared = np.flatnonzero(flat.any(axis=1))
     if shared.size:
@@ -155,7 +155,7 @@ def facets(
 
 
 @dataclass(frozen=True, eq=False)
-class _Edges:
+class _TriangleEdges:
     """Edges of all triangles.
 
     Parameters
@@ -190,7 +190,7 @@ def _connected(mate: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
-def _simple_facets(edges: _Edges, faces: NDArray[np.int64], boundary: F64) -> NDArray[np.bool_]:
+def _simple_facets(edges: _TriangleEdges, faces: NDArray[np.int64], boundary: F64) -> NDArray[np.bool_]:
     """Fill in the rows of ``faces`` whose whole facet is convex with at most ``N_EDGES`` boundary edges; which are."""
     facet = np.unique(edges.facet()[faces], return_inverse=True)[1]
     count = int(facet.max()) + 1
@@ -233,7 +233,7 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], boundary: F64) -> ND
 
 
 def _without_inner_vertices(
-    edges: _Edges, facet: NDArray[np.int64], faces: NDArray[np.int64]
+    edges: _TriangleEdges, facet: NDArray[np.int64], faces: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Which of ``faces`` lie in a facet of few sides, cut into about as few triangles as its outline allows."""
     triangles = np.bincount(facet)
@@ -242,7 +242,7 @@ def _without_inner_vertices(
     return np.asarray(few[facet[faces]])
 
 
-def _paired(edges: _Edges, faces: NDArray[np.int64]) -> _Edges:
+def _paired(edges: _TriangleEdges, faces: NDArray[np.int64]) -> _TriangleEdges:
     """Cut the facets of ``faces`` into triangles and convex pairs of them; the narrowest find their mates first."""
     inside = np.zeros(len(edges.corners), dtype=bool)
     inside[faces] = True
@@ -274,7 +274,7 @@ def _paired(edges: _Edges, faces: NDArray[np.int64]) -> _Edges:
 
 
 def _cuts(
-    pairs: _Edges, mate: NDArray[np.int64], faces: NDArray[np.int64], boundary: F64
+    pairs: _TriangleEdges, mate: NDArray[np.int64], faces: NDArray[np.int64], boundary: F64
 ) -> NDArray[np.bool_]:
     """(len(faces), N_EDGES) boundary edges along which the facet goes on, with ``mate`` (n, 3) of the uncut facets."""
     lines = boundary[faces]
@@ -295,7 +295,7 @@ def _cuts(
 
 
 def _straight(
-    edges: _Edges,
+    edges: _TriangleEdges,
     facet: NDArray[np.int64],
     faces: NDArray[np.int64],
     own: NDArray[np.int64],
@@ -323,7 +323,7 @@ def _sums(group: NDArray[np.int64], rows: F64) -> F64:
     return out
 
 
-def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) -> F64:
+def _limits(edges: _TriangleEdges, faces: NDArray[np.int64], near: NDArray[np.int64]) -> F64:
     """(len(faces), N_EDGES, 4) boundary edges of each triangle, out of those of ``near`` (n, m), nearest first."""
     n = len(faces)
     valid = edges.sharp[near].reshape(n, -1)

@@ -136,9 +136,9 @@ def slant_factor(corners: F64, antenna: F64) -> F64:
     antenna : (3,) float64, m
     """
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    way = antenna - corners[:, 0]
-    length = np.linalg.norm(normal, axis=1) * np.linalg.norm(way, axis=1)
-    cosine = np.abs(np.einsum("ti,ti->t", normal, way)) / np.maximum(length, 1e-300)
+    leg = antenna - corners[:, 0]
+    length = np.linalg.norm(normal, axis=1) * np.linalg.norm(leg, axis=1)
+    cosine = np.abs(np.einsum("ti,ti->t", normal, leg)) / np.maximum(length, 1e-300)
     return np.asarray(np.sqrt(np.clip(cosine, LEAST_SLANT, SLANTED) / SLANTED))
 
 

@@ -10,7 +10,7 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.page.localise import on_plane
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import PathTable, PathTracer, joined
-from sarmitsuba.simulation.sampling.plan import azimuth_cell
+from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 
 F64 = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def page_paths(
 
 
 @dataclass(frozen=True, eq=False)
-class _Tile:
+class _PathTile:
     """Paths of a part of the image: the strongest few of every order and cell, and what all of them add up to.
 
     Parameters
@@ -150,7 +150,7 @@ def _of_tile(
     size: tuple[int, int],
     shape: tuple[int, int],
     tile: tuple[int, int, int, int, int],
-) -> _Tile:
+) -> _PathTile:
     """Trace the paths of one part of the image."""
     pulse, top, bottom, left, right = tile
     rows = np.clip(
@@ -175,7 +175,7 @@ def _of_tile(
         return np.asarray(np.bincount(of, weights=weights, minlength=n))
 
     few = _few(number, order, amplitude)
-    return _Tile(
+    return _PathTile(
         table=table[few],
         number=number[few],
         amplitude=amplitude[few],
@@ -189,9 +189,9 @@ def _of_tile(
 def _reach(scene: Scene, pulse: int, spots: F64) -> float:
     """Resolution cells from the middle of a part of the image, (3, 3, 3) m, that its paths stand away at most."""
     track, cell = scene.radar.track, scene.radar.waveform.range_cell
-    way = track.position[pulse] - spots.reshape(-1, 3)
-    distance = np.linalg.norm(way, axis=1)
-    ahead = way @ track.velocity[pulse] / np.linalg.norm(track.velocity[pulse])
+    leg = track.position[pulse] - spots.reshape(-1, 3)
+    distance = np.linalg.norm(leg, axis=1)
+    ahead = leg @ track.velocity[pulse] / np.linalg.norm(track.velocity[pulse])
     in_range = np.abs(distance - distance[4]).max() / cell
     in_azimuth = np.abs(ahead - ahead[4]).max() / azimuth_cell(scene)
     # the gate is straight in range and rate where a part of the image is not quite

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.page.geometry import PageMesh, drawn, page_mesh
+from sarmitsuba.page.gltf import PageMesh, drawn, page_mesh
 from sarmitsuba.page.paths import PagePaths, page_paths
-from sarmitsuba.page.profiles import page_grid, page_profiles
+from sarmitsuba.page.quantised_profiles import page_grid, page_profiles
 from sarmitsuba.page.run_folder import RunFolder
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.radar import Radar

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.range_compression import COMPRESSIONS, range_compress
 from sarmitsuba.image.sar_image import SarImage

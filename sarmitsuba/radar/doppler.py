@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.radar.effective_velocity import range_acceleration
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-from sarmitsuba.radar.turning import range_acceleration
 
 F64 = NDArray[np.float64]
 

@@ -74,9 +74,9 @@ def outline(radar: Radar, pulse: int, height: float = 0.0, n: int = 97) -> F64:
     )
     antenna_at = radar.track.position[pulse]
     with np.errstate(divide="ignore", invalid="ignore"):
-        way = (height - antenna_at[2]) / look[:, 2]
-    way = np.where((way > 0.0) & np.isfinite(way), way, np.nan)
-    return np.asarray(antenna_at + way[:, None] * look)
+        distance = (height - antenna_at[2]) / look[:, 2]
+    distance = np.where((distance > 0.0) & np.isfinite(distance), distance, np.nan)
+    return np.asarray(antenna_at + distance[:, None] * look)
 
 
 def lit(radar: Radar, points: ArrayLike) -> Lit:

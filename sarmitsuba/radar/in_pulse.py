@@ -24,7 +24,7 @@ def moving_in_pulse(radar: Radar) -> Radar:
     .. math:: \mathbf r(t) = \mathbf x(t + D), \quad D = 2 R_{aim} / c
 
     The times of the track are those of transmission. Echoes from other ranges arrive earlier or later than D; the
-    difference is added to each by its range and range rate (:mod:`sarmitsuba.echo.in_pulse`).
+    difference is added to each by its range and range rate (:mod:`sarmitsuba.echo.pulse_motion`).
 
     Notes
     -----
@@ -33,15 +33,15 @@ def moving_in_pulse(radar: Radar) -> Radar:
     """
     if radar.delay is not None:
         return radar
-    ways = radar.slant_range(radar.aim_point)
-    delay = 2.0 * ways / SPEED_OF_LIGHT
+    slant_range = radar.slant_range(radar.aim_point)
+    delay = 2.0 * slant_range / SPEED_OF_LIGHT
     middle = np.full_like(delay, delay[radar.track.center_index])
     rate = np.abs(radar.range_rate(radar.aim_point)).max()
     if rate * np.abs(delay - middle).max() < SAME_DELAY * radar.waveform.wavelength:
         delay = middle
     moved = replace(radar, receiver=later(radar.tracks[-1], delay), delay=delay)
     window = radar.window
-    samples = np.round((moved.slant_range(radar.aim_point) - ways) / window.sample_spacing)
+    samples = np.round((moved.slant_range(radar.aim_point) - slant_range) / window.sample_spacing)
     if np.abs(samples).max() > FREE_SAMPLES:
         window = replace(window, start_range=window.start_range + samples * window.sample_spacing)
     return replace(moved, window=window)

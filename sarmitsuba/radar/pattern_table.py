@@ -39,9 +39,9 @@ class PatternTable:
     elevation_cut: F64
 
     @cached_property
-    def cuts(self) -> "tuple[Cut, Cut]":
+    def cuts(self) -> "tuple[PatternCut, PatternCut]":
         """Both cuts with their derived quantities."""
-        return Cut(self.azimuth_cut), Cut(self.elevation_cut)
+        return PatternCut(self.azimuth_cut), PatternCut(self.elevation_cut)
 
     @property
     def numbers(self) -> tuple[float | F64, ...]:
@@ -82,7 +82,7 @@ class PatternTable:
         return PatternTable(*(_checked(path, cut, np.array(rows[cut]).reshape(-1, 2)) for cut in CUTS))
 
 
-class Cut:
+class PatternCut:
     """One cut of a table.
 
     Parameters
@@ -172,4 +172,4 @@ def _checked(path: Path, name: str, rows: F64) -> F64:
     return checked
 
 
-__all__ = ["CUTS", "Cut", "PatternTable"]
+__all__ = ["CUTS", "PatternCut", "PatternTable"]

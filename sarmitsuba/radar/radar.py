@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, RadarMode
 from sarmitsuba.radar.track import Track, numbers_of
-from sarmitsuba.radar.turning import turning
 from sarmitsuba.radar.waveform import Waveform
 
 
@@ -61,9 +61,9 @@ class Radar:
     offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
     recorded : track that the focuser uses, where it differs from ``track``, which is flown
     recorded_pointing : pointing that the focuser uses, where it differs from ``pointing``, the true one
-    receiver : of bistatic data, positions of the receiver when the echo of each pulse arrives, with the pulse times of
-        ``track``, the transmitter's; slant range is half the path from transmitter over the point to receiver
-        (reciprocal: both may be exchanged)
+    receiver : where the echoes are received elsewhere (bistatic data), where the receiver is when the echo of each
+        pulse arrives, with the pulse times of ``track``, the transmitter's; slant range is half the path from there
+        over the point to the receiver (so that both may change places)
     receiver_pointing : of the receiver's antenna, which has the transmitter's pattern; None: as ``pointing``
     delay : (n_pulses,) float64, s, from transmission to reception, where antennas move on meanwhile: ``receiver`` then
         has the positions after that delay; None: start-stop, antennas at rest during a pulse
@@ -136,7 +136,7 @@ class Radar:
         )
 
     def slant_range(self, point: NDArray[np.float64], pulses: slice = slice(None)) -> NDArray[np.float64]:
-        """Slant range of a point (3,), m, scene frame: half the path from transmitter to receiver, (n_pulses,) m."""
+        """Half the path from the transmitter over a point (3,), m, scene frame, to the receiver: (n_pulses,) m."""
         legs = [np.linalg.norm(point - track.position[pulses], axis=-1) for track in self.tracks]
         return np.asarray(legs[0] if len(legs) == 1 else 0.5 * (legs[0] + legs[1]))
 
@@ -161,7 +161,7 @@ class Radar:
         told = self.recorded_pointing or self.pointing
         boresight = np.sum(told.boresight[pick] * forward, axis=1)
         held = 1.0 - float(boresight[1] - boresight[0]) / float(aim[1] - aim[0])
-        return held * turning(self.track, self.aim_point, i)
+        return held * effective_velocity_ratio(self.track, self.aim_point, i)
 
     @property
     def all_round(self) -> bool:
@@ -182,8 +182,8 @@ class Radar:
         """Range rate of a point (3,), m, scene frame, at rest: (n_pulses,) m/s."""
         rates = []
         for track in self.tracks:
-            way = track.position[pulses] - point
-            rates.append(np.einsum("ni,ni->n", way, track.velocity[pulses]) / np.linalg.norm(way, axis=1))
+            leg = track.position[pulses] - point
+            rates.append(np.einsum("ni,ni->n", leg, track.velocity[pulses]) / np.linalg.norm(leg, axis=1))
         return np.asarray(rates[0] if len(rates) == 1 else 0.5 * (rates[0] + rates[1]))
 
     @property
@@ -204,8 +204,8 @@ class Radar:
         r"""Equivalent start-stop radar: at rest during a pulse, with nearly the same echoes.
 
         Its antenna is halfway between transmission and reception: slant ranges are those of both places to
-        :math:`b^2 \cos^2\psi / 8 R`, for a distance b flown meanwhile and a squint psi, the same for the whole scene.
-        Its receive window begins nearer by the range-Doppler shift of an echo from the boresight. A start-stop radar is
+        :math:`b^2 \cos^2\psi / 8 R`, for a path b meanwhile and a squint psi, the same for all that is seen. Its
+        receive window begins nearer by the range-Doppler shift of an echo from the boresight. A start-stop radar is
         returned unchanged; separate antennas stay separate.
 
         Notes

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import Value
+from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.mode import AimGeometry, RadarMode
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.track import Track
-from sarmitsuba.radar.turning import turning
 
 F64 = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class BeamOverPath:
         time = np.array([-step, 0.0, step])
         aim, boresight = self.sines(time, self.geometry.aim[None])
         held = 1.0 - float(boresight[2] - boresight[0]) / float(aim[2, 0] - aim[0, 0])
-        return held * turning(Track(time, *self.path.states(time)), self.geometry.aim, 1)
+        return held * effective_velocity_ratio(Track(time, *self.path.states(time)), self.geometry.aim, 1)
 
     def track_length(self, points: F64, half_aperture: float, where: str) -> float:
         """Length of track, centred on mid-aperture, whose beam passes over all points, m.

@@ -13,10 +13,11 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import late
 from sarmitsuba.scene.geometry import Geometry, PointTarget
-from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL
+from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
+from sarmitsuba.scene.wires import WireTarget, wire_ends
 
 F64 = NDArray[np.float64]
 
@@ -36,8 +37,9 @@ class Scene:
         5 km from the file's origin, whole metres then
     notes : one line each: assumptions and repairs made while loading
     description : parameters that radar and film were made from; None where they were not made from any
-    lines : wires, which scatter by a closed form
-    volumes : bodies that waves penetrate
+    wires : straight round ones that scatter by a closed form
+    volumes : closed volumes that waves go through
+    scatterers : at known positions, of kinds of a user's own
     """
 
     name: str
@@ -51,8 +53,9 @@ class Scene:
     offset: F64 = field(default_factory=lambda: np.zeros(3))
     notes: tuple[str, ...] = ()
     description: RadarInput | None = None
-    lines: tuple[LineTarget, ...] = ()
+    wires: tuple[WireTarget, ...] = ()
     volumes: tuple[Volume, ...] = ()
+    scatterers: tuple[ScattererTarget, ...] = ()
 
     @property
     def anchor(self) -> Anchor:
@@ -62,14 +65,25 @@ class Scene:
     @property
     def places(self) -> F64:
         """Positions of points and bounds of wires and volumes, (n, 3) float64, m, scene frame."""
-        bodies = [volume.vertices for volume in self.volumes]
         positions = np.array([p.position for p in self.points]).reshape(-1, 3)
-        return np.concatenate([positions, line_ends(self.lines), *bodies])
+        return np.concatenate([positions, self.source_places])
+
+    @property
+    def source_places(self) -> F64:
+        """(n, 3) float64, m, scene frame: the same without ideal points."""
+        volumes = [volume.vertices for volume in self.volumes]
+        return np.concatenate([self.segments.reshape(-1, 3), *volumes])
+
+    @property
+    def segments(self) -> F64:
+        """(n, 2, 3) float64, m, scene frame: ends of what no ray hits, wires and scatterers, those twice one place."""
+        ends = [wire_ends(self.wires), np.repeat(positions_of(self.scatterers), 2, axis=0)]
+        return np.concatenate(ends).reshape(-1, 2, 3)
 
     @property
     def has_sources(self) -> bool:
         """True with scatterers that are not in the mesh and not ideal points (wires, volumes)."""
-        return bool(self.lines or self.volumes)
+        return bool(self.wires or self.volumes or self.scatterers)
 
     @property
     def traced(self) -> bool:
@@ -78,7 +92,8 @@ class Scene:
 
     def same_shapes(self, other: "Scene") -> bool:
         """Whether another scene shares the same mesh, wires and volumes; ideal points are not compared."""
-        beside = self.lines == other.lines and self.volumes == other.volumes
+        beside = self.wires == other.wires and self.volumes == other.volumes
+        beside &= self.scatterers == other.scatterers
         return beside and self.geometry is other.geometry
 
     def replace(self, **changes: object) -> "Scene":
@@ -116,8 +131,9 @@ class Scene:
         parts = [
             f"{self.geometry.n_faces} faces in {len(self.geometry.mesh_names)} meshes",
             f"{len(self.points)} points" if self.points else "",
-            f"{len(self.lines)} lines" if self.lines else "",
+            f"{len(self.wires)} wires" if self.wires else "",
             f"{len(self.volumes)} volumes" if self.volumes else "",
+            f"{len(self.scatterers)} scatterers" if self.scatterers else "",
             f"{moving} moving" if moving else "",
             f"{radar.mode} {radar.waveform.center_frequency / 1e9:.4g} GHz {'/'.join(radar.channels)}",
             f"{radar.track.n_pulses} pulses",

@@ -1,4 +1,4 @@
-"""Scattering volumes that waves penetrate: crowns of trees, hedges, forest stands."""
+"""Volumes that waves go through: crowns of trees, hedges, stands."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,14 +15,14 @@ I32 = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Closed body filled homogeneously with a medium. It does not move, and has no surface for rays.
+    """Closed volume filled evenly with a medium. It rests, and no surface of a scene knows of it.
 
     Parameters
     ----------
     name : of the shape
     vertices : (n_v, 3) float64, m, scene frame
     faces : (n_f, 3) int32, normals outwards
-    medium : scattering medium; where volumes overlap, both media count
+    medium : what it is filled with; where volumes overlap, both fill the place
     spacing : m, distance between the scatterers that represent it; 0: from the radar's resolution
     """
 

@@ -7,18 +7,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.sources.kind import passages_of
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 
 C64 = NDArray[np.complex64]
 
@@ -137,7 +136,7 @@ class TraceJob:
         return BatchTracer(tracer, rays, self.layers.per_subset, self.layers.max_order)
 
 
-class Crew(Protocol):
+class Workers(Protocol):
     """Workers that trace batches in processes of their own."""
 
     @property
@@ -154,9 +153,8 @@ def built(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
     geometry, materials, seed = scene.geometry, scene.materials, scene.settings.seed
-    places = np.concatenate([line_ends(scene.lines), *(volume.vertices for volume in scene.volumes)])
-    made = build_trace_scene(geometry, materials, wavelength, antenna, places, seed)
+    made = build_trace_scene(geometry, materials, wavelength, antenna, scene.source_places, seed)
     return replace(made, passages=passages_of(scene))
 
 
-__all__ = ["Batch", "BatchTracer", "Crew", "TraceJob", "Traced", "built"]
+__all__ = ["Batch", "BatchTracer", "TraceJob", "Traced", "Workers", "built"]

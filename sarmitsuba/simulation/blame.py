@@ -10,16 +10,16 @@ import numpy as np
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.finite import all_finite
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.simulation.recording import Recording
-from sarmitsuba.trace.state import RETRO
+from sarmitsuba.trace.state import RECIPROCAL
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sarmitsuba.materials.material import Material
     from sarmitsuba.scene.geometry import Geometry
-    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.state import Contribution
 
 # such paths that there is room for; one is named
@@ -69,16 +69,16 @@ def blamed(
     if not len(rows.labels):
         return ""
     kind, order, pulse = (int(v) for v in rows.labels[0, 1:4])
-    hits = (order + 1) // 2 if kind == RETRO else order
+    hits = (order + 1) // 2 if kind == RECIPROCAL else order
     faces = rows.chains(np.full(len(rows.labels), hits))[1][0]
     faces = scene.geometry_faces[faces[faces >= 0]]
-    way = f"{label(pulse)}: an echo of {order} bounce{'s' if order > 1 else ''}"
+    echo = f"{label(pulse)}: an echo of {order} bounce{'s' if order > 1 else ''}"
     if not faces.size:
-        return f"{way} from a scatterer that no ray finds (rod, edge, crown or pair)"
+        return f"{echo} from a scatterer that no ray finds (wire, edge, volume or pair)"
     face = int(faces[-1])
     shape = geometry.mesh_names[int(np.searchsorted(geometry.mesh_face_offset, face, side="right")) - 1]
     material = with_parts(materials)[int(geometry.face_material[face])]
-    return f'{way} that ends on the shape "{shape}", face {face}, material "{material.name}",'
+    return f'{echo} that ends on the shape "{shape}", face {face}, material "{material.name}",'
 
 
 def check_traced(

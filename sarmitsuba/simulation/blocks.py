@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
@@ -32,15 +32,15 @@ F64 = NDArray[np.float64]
 GROWTH = 0.5
 # mean over a block, whose pulses are up to half a block from the key pulse, over the change from one key pulse to the
 # next, dB
-SEAM_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
-# one seam tells the mean over all blocks to within so much, n of them to that over the root of n; added to what is
-# stated, dB (benchmarks/stated_errors.py)
-SEAM_SCATTER_DB = 2.5
+BOUNDARY_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
+# one boundary tells the mean over all blocks to within so much, n of them to that over the root of n; added to what is
+# stated, dB (benchmarks/suite/stated_errors.py)
+BOUNDARY_SCATTER_DB = 2.5
 # blocks are to be so much below a wanted error of the whole run, dB
 BELOW_TARGET_DB = 3.0
 # shortest blocks that are tried: shorter ones cost more than the direct accumulator
 SHORTEST = 8
-# a block's error that is so little above a wanted one is let pass, dB: a seam does not tell it better
+# a block's error that is so little above a wanted one is let pass, dB: a block boundary does not tell it better
 LEEWAY_DB = 1.0
 # nothing wanted, blocks stay as the track allows up to this error above that of the rays, dB: half of it costs twice
 # the time, and shadows that move in steps of less than a cell do not change what an image shows
@@ -80,7 +80,7 @@ class Blocks:
 
     Attributes
     ----------
-    interval : pulses that share one tracing; what geometry allows at first, what the seams allow in the end
+    interval : pulses that share one tracing; what geometry allows at first, what the block boundaries allow in the end
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Blocks:
         n = data.shape[1]
         self.interval: int = min(tracer.sampling.key_pulse_interval, n)
         if self.automatic and 1 < self.interval and n < 2 * self.interval:
-            self.interval = self._fitting(-(-n // 2))  # two blocks at least: a seam tells their error
+            self.interval = self._fitting(-(-n // 2))  # two blocks at least: their boundary tells the error
         if finished is not None:
             self.interval = finished.interval or self.interval
             tracer.largest_grid = max(tracer.largest_grid, finished.grid_bytes)
@@ -113,7 +113,7 @@ class Blocks:
         self.blocks = partition(self.data.shape[1], self.interval)
         if self.automatic:
             self.interval = max(stop - start for start, stop in self.blocks)
-        self.seams = np.zeros(
+        self.boundaries = np.zeros(
             (self.data.shape[0], max(len(self.blocks) - 1, 0), self.data.shape[2]), dtype=np.complex64
         )
         self.done: set[int] = set()
@@ -172,14 +172,14 @@ class Blocks:
         return map(self.batches.trace, batches)
 
     def _keep(self, traced: Traced) -> None:
-        """Put a batch in its place; what a block has beyond its end is for the seam."""
+        """Put a batch in its place; what a block has beyond its end is for the block boundary."""
         batch, pick = traced.batch, self._layers_of(traced.batch.subset)
         stop = batch.stop
         if batch.together:
             index = self.first[batch.start]
             stop = self.blocks[index][1]
             if batch.stop > stop:
-                self.seams[pick, index] = traced.profiles[:, -1]
+                self.boundaries[pick, index] = traced.profiles[:, -1]
         self.data[pick, batch.start : stop] = traced.profiles[:, : stop - batch.start]
         self.tracer.largest_grid = max(self.tracer.largest_grid, traced.grid_bytes)
 
@@ -207,7 +207,7 @@ class Blocks:
             self._cut()
 
     def survey(self, most_rays: int) -> tuple[int, int]:
-        """Trace blocks on both sides of further seams, spread over the track: seams known then, and all there are.
+        """Trace blocks on both sides of further block boundaries, spread over the track: known then, and all there are.
 
         Parameters
         ----------
@@ -219,8 +219,8 @@ class Blocks:
         """
         if self.interval == 1:
             return 0, 0
-        seams = range(len(self.blocks) - 1)
-        for i in sorted(seams, key=lambda i: (GOLDEN * i) % 1.0):
+        boundaries = range(len(self.blocks) - 1)
+        for i in sorted(boundaries, key=lambda i: (GOLDEN * i) % 1.0):
             todo = [k for k in (i, i + 1) if k not in self.done]
             each = sum(grid.n_rays for grids in self.rays.at(self.blocks[i][0]) for grid in grids)
             most_rays -= each * len(todo)
@@ -228,7 +228,7 @@ class Blocks:
                 break
             for k in todo:
                 self.block(k)
-        return sum({i, i + 1} <= self.done for i in seams), len(seams)
+        return sum({i, i + 1} <= self.done for i in boundaries), len(boundaries)
 
     def sample(self) -> tuple[float, TraceStatistics]:
         """Trace one batch of the first ray subset as the run does: the share of its pulses, and figures."""
@@ -281,26 +281,26 @@ class Blocks:
 
     @property
     def error_db(self) -> float:
-        """Energy of the error against tracing every pulse over that of the data, dB; worst channel, seams so far.
+        """Energy of the error against tracing every pulse over that of the data, dB; worst channel so far.
 
-        With the scatter of so many seams. -inf where every pulse is traced, NaN where there is one block only.
+        With the scatter of so many boundaries. -inf where every pulse is traced, NaN where there is one block only.
         """
         if self.interval == 1:
             return -np.inf
-        seams = [i for i in range(len(self.blocks) - 1) if {i, i + 1} <= self.done]
-        worst = max(self._errors(seams).values(), default=np.nan)
-        return float(worst + SEAM_SCATTER_DB / max(len(seams), 1) ** 0.5)
+        boundaries = [i for i in range(len(self.blocks) - 1) if {i, i + 1} <= self.done]
+        worst = max(self._errors(boundaries).values(), default=np.nan)
+        return float(worst + BOUNDARY_SCATTER_DB / max(len(boundaries), 1) ** 0.5)
 
-    def _errors(self, seams: Sequence[int]) -> dict[str, float]:
-        """Error of each channel from some of the seams, dB; empty without a seam."""
-        if not len(seams):
+    def _errors(self, boundaries: Sequence[int]) -> dict[str, float]:
+        """Error of each channel from some of the block boundaries, dB; empty without one."""
+        if not len(boundaries):
             return {}
-        pulses = [self.blocks[i][1] for i in seams]
+        pulses = [self.blocks[i][1] for i in boundaries]
         out = {}
         for channel in dict.fromkeys(layer.channel for layer in self.layers):
             here = self._channel(self.data[:, pulses], channel)
-            change = self._channel(self.seams[:, list(seams)], channel) - here
-            out[channel] = _ratio_db(change, here) + SEAM_DB
+            change = self._channel(self.boundaries[:, list(boundaries)], channel) - here
+            out[channel] = _ratio_db(change, here) + BOUNDARY_DB
         return out
 
     def _channel(self, planes: C64, channel: str) -> C64:
@@ -312,7 +312,7 @@ class Blocks:
         return total
 
     def _shorter(self) -> int:
-        """Pulses per block that the seam in the middle allows; as before where it is content."""
+        """Pulses per block that the block boundary in the middle allows; as before where it is content."""
         settings = self.tracer.sampling.scene.settings
         error = self._errors([self._middle])
         if max(error.values()) <= settings.tolerance_db + LEEWAY_DB:

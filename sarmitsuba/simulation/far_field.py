@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION
+from sarmitsuba.simulation.sampling.density_plan import CELLS_PER_RESOLUTION
 from sarmitsuba.simulation.sources.kind import passages_of
 from sarmitsuba.simulation.sources.site import VIEW_TURN, Site
 from sarmitsuba.trace.edges import edges_of
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 
 F64 = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ class FarSite(Site):
         self.aspects = aspects
 
     @property
-    def line_step(self) -> float:
+    def wire_step(self) -> float:
         """See :class:`Site`: a wire is one node."""
         return float("inf")
 

@@ -53,7 +53,7 @@ def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
             digest.update(repr(value).encode() + b";")
 
     settings = replace(scene.settings, target_error_db=0.0, time_limit=0.0)
-    seen = (scene.geometry, scene.materials, scene.points, scene.lines, scene.volumes)
+    seen = (scene.geometry, scene.materials, scene.points, scene.wires, scene.volumes, scene.scatterers)
     feed((*seen, scene.radar, settings, scene.image, scene.offset))
     feed((_program(), [importlib.metadata.version(name) for name in _PACKAGES]))
     for extension in extensions:

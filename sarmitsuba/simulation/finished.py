@@ -24,7 +24,7 @@ class FinishedBlocks:
     Parameters
     ----------
     path : file; what another scene, other settings or another program left there is dropped
-    mark : of scene, settings and program (:func:`sarmitsuba.simulation.fingerprint.fingerprint`)
+    run_hash : of scene, settings and program (:func:`sarmitsuba.simulation.fingerprint.fingerprint`)
     plan : decided effects
     part : of the work on the scene that the blocks are of: which pass of rays
 
@@ -43,15 +43,15 @@ class FinishedBlocks:
         The file cannot be written, or is not one of these.
     """
 
-    def __init__(self, path: Path | str, mark: str, plan: EffectsPlan, part: str = "") -> None:
+    def __init__(self, path: Path | str, run_hash: str, plan: EffectsPlan, part: str = "") -> None:
         self._journal = Journal(path)
         self.path = self._journal.path
         self.interval: int | None = None
         self.settled = False
         self._first = {
             "kind": "run",
-            "mark": mark,
-            "effects": repr((plan.flags, plan.max_depth)),  # a plan of the caller's own is not in the mark
+            "mark": run_hash,
+            "effects": repr((plan.flags, plan.max_depth)),  # a plan of the caller's own is not in the hash
             "variant": mi.variant(),
             "part": part,
         }

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_generator, noise_power
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
+from sarmitsuba.focusing.aperture_weights import incidence_angle, matched_weights
 from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.look_geometry import passing_time, sweeps
@@ -32,9 +32,9 @@ from sarmitsuba.simulation.sampling.checks import check_small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import MAX_LANES, Tracer, polarisation_up
 from sarmitsuba.timing import StageTimer
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
+from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import stages_of
 
 C64 = NDArray[np.complex64]
@@ -176,7 +176,7 @@ class Imager:
                 f"{run.scene.name}: method raster projects what rests, and a mesh moves; take method image or "
                 "hybrid, or set moving_targets off"
             )
-        left_out = f"{run.scene.name}: method raster draws surfaces alone; rods and volumes are left out"
+        left_out = f"{run.scene.name}: method raster draws surfaces alone; wires and volumes are left out"
         if run.scene.has_sources and left_out not in run.notes:
             run.notes.append(left_out)
         left = [stage.name for stage in stages_of(run.plan.flags) if stage.name in run.plan.flags.extra]

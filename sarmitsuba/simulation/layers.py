@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sources.kind import most_bounces
@@ -28,7 +28,11 @@ class LayerPlan:
         """Layers that the settings ask for; ``scene`` as the effects plan leaves it."""
         settings = scene.settings
         # scatterers beside the mesh return over the ground whatever rays do
-        depth = max(plan.max_depth, most_bounces(scene) if scene.has_sources else 1)
+        depth = max(
+            plan.max_depth,
+            most_bounces(scene) if scene.has_sources else 1,
+            2 if plan.flags.diffuse_pairs else 1,  # whatever mirrors return
+        )
         return LayerPlan(
             channels=scene.radar.channels,
             orders=tuple(range(1, depth + 1)) if settings.keep_orders else (0,),

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.scene_tables import TraceScene
 
 # m; a point so near a facet lies on it: meshes and heights read from files are hardly more exact
 ON_SURFACE = 1e-3
@@ -35,10 +35,10 @@ def _touched_facets(
     beside = np.full(len(triangles), np.inf)
     for k in range(3):
         corner, edge = triangles[:, k], triangles[:, (k + 1) % 3] - triangles[:, k]
-        way = point - corner
-        inside &= np.einsum("ni,ni->n", np.cross(normal, edge), way) >= 0.0
-        share = np.einsum("ni,ni->n", way, edge) / np.einsum("ni,ni->n", edge, edge)
-        foot = way - np.clip(share, 0.0, 1.0)[:, None] * edge
+        step = point - corner
+        inside &= np.einsum("ni,ni->n", np.cross(normal, edge), step) >= 0.0
+        share = np.einsum("ni,ni->n", step, edge) / np.einsum("ni,ni->n", edge, edge)
+        foot = step - np.clip(share, 0.0, 1.0)[:, None] * edge
         beside = np.minimum(beside, np.linalg.norm(foot, axis=1))
     return np.asarray(triangles[(on_plane & inside) | (beside <= reach)])
 

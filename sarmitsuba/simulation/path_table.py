@@ -21,11 +21,11 @@ from sarmitsuba.simulation.prediction.counting import check_rays
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.recording import Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.plan import azimuth_cell
+from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.source import Launch
-from sarmitsuba.trace.state import RETRO, REVERSED
+from sarmitsuba.trace.state import RECIPROCAL, REVERSED
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -33,7 +33,7 @@ I32 = NDArray[np.int32]
 # by the number that a row carries: by physical optics, from a diffuse scatterer straight home, from one back along its
 # own chain of mirrors, from an ideal point, from a diffuse scatterer home through mirrors to a receiver apart, and from
 # a scatterer that no ray finds
-KINDS = ("coherent", "diffuse", "retro", "point", "reversed", "scatterer")
+KINDS = ("coherent", "diffuse", "reciprocal", "point", "reversed", "scatterer")
 POINT = 3
 # contributions that there is room for at first, per ray and at least; a launch that finds more is run once more
 ROOM_PER_RAY, LEAST_ROOM = 2, 1 << 16
@@ -65,9 +65,9 @@ class PathTable:
     Notes
     -----
     The other bounces are where the middle of the ray's tube hits, so that the legs of a path behind mirrors add up to
-    its length to second order in the tube's width. Panes that a path goes through are no bounces, and its length holds
-    their delay. Of a path that no ray of a lattice finds, such as a rod's over the ground, every bounce is at its phase
-    centre, on no face.
+    its length to second order in the tube's width. Slabs that a path goes through are no bounces, and its length holds
+    their delay. Of a path that no ray of a lattice finds, such as a wire's over the ground, every bounce is at its
+    phase centre, on no face.
     """
 
     channels: tuple[str, ...]
@@ -177,7 +177,7 @@ def trace_paths(
     -------
     the paths that method ``raw`` adds up to the pulse's echo with the same seed, before any noise and where the effect
     ``wideband`` is off: each stands in it as ``amplitude sinc((r - slant_range) / range_cell)``; with the effect
-    ``motion_in_pulse`` shifted besides by its range rate, see :mod:`sarmitsuba.echo.in_pulse`
+    ``motion_in_pulse`` shifted besides by its range rate, see :mod:`sarmitsuba.echo.pulse_motion`
 
     Raises
     ------
@@ -318,7 +318,7 @@ def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
     """Rows of a recording as a table; amplitudes still without the phase of the length."""
     scene = run.scene
     kind, order = (rows.labels[:, i].astype(np.int64) for i in (1, 2))
-    turn = np.where(kind == RETRO, (order + 1) // 2, order)  # bounce that the path turns round at
+    turn = np.where(kind == RECIPROCAL, (order + 1) // 2, order)  # bounce that the path turns round at
     chain, chain_rows = rows.chains(turn)
     path = np.arange(kind.size)
     most = int(order.max(initial=1))

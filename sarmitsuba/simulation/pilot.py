@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
@@ -26,16 +25,16 @@ from sarmitsuba.radar.polarisation import linear_letters
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.pulses import AntennaStates
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.simulation.sources.pairs import pair_level
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.tracing import polarisation_up, pulse_batch
 from sarmitsuba.timing import Clock
 from sarmitsuba.trace.accumulators import phase_factor
-from sarmitsuba.trace.arrays import device_array
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.state import Contribution, Hit, Kernel, RayState
 
 F64 = NDArray[np.float64]
@@ -50,7 +49,7 @@ SIDE = 8
 RAY_SHARE = 0.006
 MAX_RAYS = 300_000
 # patches of a pulse, whatever the run: recording and launching take longer than tracing these
-LEAST_PATCHES = 128
+LEAST_PATCHES = 512
 # a run shorter than this is not worth a pilot: recording and launching its kernels takes about 0.1 s
 SHORTEST_RUN = 2.0
 # share of a run that proofs from the geometry may take
@@ -115,7 +114,7 @@ def examine(
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not returns:
         return SceneContext(scene, sampling.for_effects(), known_shape=shape)
-    # a draw of pairs takes so little that no run is too short for it
+    # a realisation of pairs takes so little that no run is too short for it
     paired = draft.flags.diffuse and pilot is not False and _may_pair(scene)
     traced = wanted or not (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape))
     known = SceneContext(scene, sampling.for_effects(), known_shape=shape)
@@ -134,9 +133,6 @@ def examine(
     while result is None or (orders <= MOST_ORDERS and not result.settled(scene.settings.tolerance_db)):
         result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock, orders=orders)
         orders *= 2
-    # of a run too short for a pilot it says only whether the bounces followed without one are enough
-    if not wanted and 1 <= result.enough(scene.settings.tolerance_db) <= DEFAULT_DEPTH:
-        return known
     return replace(known, pilot=result)
 
 
@@ -377,7 +373,7 @@ def _trace(
     patches: _Patches,
     orders: int,
 ) -> tuple[F64, float]:
-    """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum.
+    """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, reciprocal, and their coherent sum.
 
     And the largest share of a patch's power that still goes on after the last order.
     """

@@ -13,9 +13,9 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.polarisation import RECEIVED, isotropic_response, linear_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.off_surface import off_surfaces
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.leg import Surroundings, antenna_basis, straight_leg
-from sarmitsuba.trace.slabs import lets_waves_through
+from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.slab_coefficients import lets_waves_through
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -28,7 +28,7 @@ class PointLegs:
     Parameters
     ----------
     seen : (n,) float64, 1 where the point sees the antenna, else 0
-    shift : (n, 3) float64, m, of the antenna as the point sees it through panes
+    shift : (n, 3) float64, m, of the antenna as the point sees it through slabs
     to_antenna : (n, 3) unit vectors
     waves : (n, 2, 2) complex128: the H and V (second) that a point has of unit waves sent in H and V (first); likewise
         home. None where nothing takes a part of the wave
@@ -41,7 +41,7 @@ class PointLegs:
 
     @property
     def delay(self) -> F64:
-        """(n,) m, one-way path that panes add."""
+        """(n,) m, one-way path that slabs add."""
         return np.asarray(np.einsum("ni,ni->n", self.shift, self.to_antenna))
 
     @staticmethod
@@ -61,7 +61,7 @@ class PointLegs:
         Parameters
         ----------
         trace_scene : what may stand in the way; None: nothing
-        flags : whether panes let waves through; facets hide points whatever ``visibility`` says of rays
+        flags : whether slabs let waves through; facets hide points whatever ``visibility`` says of rays
         wavelength : m
         position, antenna : (n, 3) float64, m
         up : vertical reference of the polarisation

@@ -8,18 +8,18 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
-from sarmitsuba.echo.in_pulse import InPulse, carrier_range
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.pulse_motion import InPulse, carrier_range
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.focusing.aperture import antennas_gain
+from sarmitsuba.focusing.aperture_weights import antennas_gain
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.point_legs import PointLegs, over_band, takes_part
 from sarmitsuba.simulation.tracing import polarisation_up
-from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import changes_echoes, echoed
 from sarmitsuba.trace.state import SCATTERER, Contribution
 
@@ -35,7 +35,7 @@ class PointEcho:
 
     Parameters
     ----------
-    slant_range, range_rate : (n,) float64, m and m/s, with the delay in panes
+    slant_range, range_rate : (n,) float64, m and m/s, with the delay in slabs
     amplitude : (n,) complex128, sqrt(W), co-polar, as if nothing stood in the way
     legs : to the transmitter and to the receiver
     changed : (n,) complex128 of each channel, as stages of the kernel change them; None: none does
@@ -155,7 +155,7 @@ def add_points(
 
     .. math:: K \sqrt{\sigma} e^{j \phi} g_t / (R_t R_r) \, \mathrm{sinc}((r - R) / \Delta r) e^{-j 4 \pi f_c R / c}
 
-    with :math:`R = (R_t + R_r) / 2` half the way from the transmitter to the receiver, mostly one antenna.
+    with :math:`R = (R_t + R_r) / 2` half the path from the transmitter to the receiver, mostly one antenna.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise
 from sarmitsuba.echo.direct import DirectPlan, finish, plan_direct
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
 
 C64 = NDArray[np.complex64]

@@ -14,12 +14,12 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.radar.polarisation import linear_parts
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size
-from sarmitsuba.trace.geometry import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
 from sarmitsuba.trace.launch import frame_towards, window_of
+from sarmitsuba.trace.scene_tables import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

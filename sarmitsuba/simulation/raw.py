@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.batches import Crew
+from sarmitsuba.simulation.batches import Workers
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.fingerprint import fingerprint
@@ -27,8 +27,8 @@ from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.simulation.sampling.checks import check_sampling, check_small_parts
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.folding import check_folding
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.timing import Clock
 
@@ -47,8 +47,8 @@ def simulate(
     ready: Ready | None = None,
     clock: Clock = time.perf_counter,
     state: Path | str | None = None,
-    mark: str | None = None,
-    crew: Crew | None = None,
+    run_hash: str | None = None,
+    workers: Workers | None = None,
 ) -> RawData:
     """Trace a scene and return the range-compressed echoes of every pulse.
 
@@ -63,8 +63,8 @@ def simulate(
     clock : of the stages' seconds in the metadata
     state : file that keeps every finished block of pulses, so that a run that was killed goes on from there with the
         same bits; remove it when the data are safe. None keeps nothing
-    mark : of what the blocks in ``state`` depend on; default: that of the scene, its settings and the program
-    crew : workers that share the tracing, such as :class:`sarmitsuba.cluster.crew.DaskCrew`; the result
+    run_hash : of what the blocks in ``state`` depend on; default: that of the scene, its settings and the program
+    workers : workers that share the tracing, such as :class:`sarmitsuba.cluster.dask_workers.DaskWorkers`; the result
         has the same bits
 
     Returns
@@ -86,10 +86,10 @@ def simulate(
     """
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
-    run = Run(scene, plan=plan, clock=clock, crew=crew)
+    run = Run(scene, plan=plan, clock=clock, workers=workers)
     run.needs().check()
     if state is not None:
-        run.finished = FinishedBlocks(state, mark or fingerprint(scene), run.plan, f"pass {pass_index}")
+        run.finished = FinishedBlocks(state, run_hash or fingerprint(scene), run.plan, f"pass {pass_index}")
     try:
         if ready:
             ready(run)
@@ -139,17 +139,17 @@ def _trace(
     """Fill ``data`` (layers, pulses, samples) block by block."""
     tracer = run.tracer(sampling)
     rays = run.rays(sampling, pass_index)
-    crew = run.crew
-    spread = None if crew is None else partial(crew.trace, run.job(sampling, pass_index))
+    workers = run.workers
+    spread = None if workers is None else partial(workers.trace, run.job(sampling, pass_index))
     blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order, run.finished, spread)
     run.timer.lap("plan")
     for done, batch in blocks.trace():
         run.statistics = run.statistics.plus(batch)
-        if crew is not None:  # the rate is that of all workers together
+        if workers is not None:  # the rate is that of all workers together
             run.timer.lap("trace")
         rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
-        workers = {} if crew is None else {"workers": float(crew.n_workers)}
-        progress("trace", done, 1.0, {"rays/s": rate, **workers})
+        counted = {} if workers is None else {"workers": float(workers.n_workers)}
+        progress("trace", done, 1.0, {"rays/s": rate, **counted})
     error_db = blocks.error_db
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])

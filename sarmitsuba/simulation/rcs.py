@@ -24,12 +24,12 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.blame import blamed, check_traced
 from sarmitsuba.simulation.recording import Recording
-from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.trace.accumulators import SumAccumulator
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch, frame_towards, lattice, project
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.source import Source, launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.surfaces import Surfaces
@@ -189,7 +189,7 @@ def monostatic_rcs(
     keep_orders: bool = False,
     flags: KernelFlags | None = None,
     seed: int = 0,
-    draw: int = 0,
+    realisation: int = 0,
     cell: float = 0.0,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
     days: float = 0.0,
@@ -214,12 +214,12 @@ def monostatic_rcs(
     keep_orders : keep bounce numbers apart
     flags : effects; default all coherent ones that the materials call for
     seed : shift and turn of the ray lattice, and the diffuse scatterers
-    draw : number of the independent lattice of this seed
+    realisation : number of the independent lattice of this seed
     cell : m, edge of the cells that carry one diffuse scatterer; 0 = a third of the wavelength
     up : (3,) vertical reference of the polarisation, scene frame
     days : since the first pass
     most_rays : of one direction, where their distance is automatic
-    sources : what returns echoes beside the surfaces, such as edges and rods
+    sources : what returns echoes beside the surfaces, such as edges and wires
     places : (n, 3) m, where wires and volumes stand; the mesh may then be empty
     passages : what takes a part of the waves that pass, such as volumes
     progress : called after every launch
@@ -261,7 +261,7 @@ def monostatic_rcs(
         f"{n_rays:.3g} rays {spacing:.3g} m apart take the most: leave ray_spacing out or set it wider, or check that "
         "the model is in metres",
     )
-    grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, draw=draw)
+    grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, realisation=realisation)
     flags = flags or _flags_of(materials, channels, depth)
     scene = replace(
         build_trace_scene(geometry, materials, wavelength, places=places), passages=tuple(passages)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.state import NO_HIT
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.batches import Crew, TraceJob, built
+from sarmitsuba.simulation.batches import TraceJob, Workers, built
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import examine, plan_in
@@ -19,15 +19,15 @@ from sarmitsuba.simulation.prediction.counting import needs_of
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import glance
 from sarmitsuba.simulation.sampling.cropping import lit_points
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import mirrors_outside
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.sampling.small_parts import Shortfall
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import Clock, StageTimer
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.scene_tables import TraceScene
 
 # told when a run is made ready and before anything is traced, e.g. to show its plan and what it will take
 Ready = Callable[["Run"], None]
@@ -41,7 +41,7 @@ class Run:
     scene : as loaded
     plan : overrides the automatic effects plan
     clock : of the run's stages
-    crew : workers that share the tracing of raw data; None: this process traces alone
+    workers : workers that share the tracing of raw data; None: this process traces alone
     geometry : of the scene as loaded, on the device already; None builds it
 
     Attributes
@@ -66,7 +66,7 @@ class Run:
         *,
         plan: EffectsPlan | None = None,
         clock: Clock = time.perf_counter,
-        crew: Crew | None = None,
+        workers: Workers | None = None,
         geometry: TraceScene | None = None,
     ) -> None:
         ensure_backend()
@@ -76,7 +76,7 @@ class Run:
                 f"{scene.name}: method {scene.settings.method} takes one look, but the track goes round the scene; "
                 "take method hybrid or raw"
             )
-        self.timer, self.crew = StageTimer(clock), crew
+        self.timer, self.workers = StageTimer(clock), workers
         self.trace_scene: TraceScene | None = None
         self.sampling: SamplingPlan | None = None
         if scene.traced:

@@ -16,15 +16,15 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.blame import blamed, check_traced
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.recording import Recording
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sources.kind import sources_of
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.kernel import Accumulator, KernelSettings
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
+from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.source import Launch, Source, launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.surfaces import Surfaces

@@ -19,23 +19,22 @@ from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import RadarError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader.assemble import seen_by
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
-from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.sources.kind import passages_of, sources_of
-from sarmitsuba.simulation.sources.pairs import pair_level
+from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.stage import STAGES
 
@@ -47,7 +46,7 @@ STEEP = 1e-3
 # directions that are traced a second time, with other rays, for the error of the sampling
 CHECKED = 24
 # distance of those rays over the first ones', and energy of the first ones' error over that of the difference: both
-# have a part of it in common (benchmarks/stated_errors.py --kind rcs)
+# have a part of it in common (benchmarks/suite/stated_errors.py --kind rcs)
 OTHER_SPACING, ERROR_SHARE = 2.0**-0.5, 2.0
 # energy of the error of phases over that of the returns: rays' sums in float32, and the bend of the waves
 ROUNDING = 10.0**-9.5
@@ -144,7 +143,7 @@ def rcs_sweep(
     channels = channels or scene.radar.channels
     frequency = scene.radar.waveform.center_frequency
     scene, flags, depth = _effects(scene, aspects, channels)
-    tracing = _Tracing(scene, flags, depth, most_rays, progress, FarSite(scene, flags, aspects))
+    tracing = _AspectTracing(scene, flags, depth, most_rays, progress, FarSite(scene, flags, aspects))
     shape = (aspects.azimuth.size, depth, len(channels))
     amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
     notes: tuple[str, ...] = ()
@@ -174,7 +173,7 @@ def rcs_sweep(
 
 
 @dataclass(frozen=True, eq=False)
-class _Tracing:
+class _AspectTracing:
     """Tracing of one scene from any aspects."""
 
     scene: Scene
@@ -189,9 +188,11 @@ class _Tracing:
         """Of returns beside the rays'."""
         return sources_of(self.site)
 
-    def amplitudes(self, aspects: Aspects, draw: int) -> RcsResult:
-        """Scattering amplitudes (n, depth, n_channels); other draws have other rays."""
-        parts = [(pick, self._traced(aspects.directions[pick], up, draw)) for pick, up in _uprights(aspects)]
+    def amplitudes(self, aspects: Aspects, realisation: int) -> RcsResult:
+        """Scattering amplitudes (n, depth, n_channels); other realisations have other rays."""
+        parts = [
+            (pick, self._traced(aspects.directions[pick], up, realisation)) for pick, up in _uprights(aspects)
+        ]
         first = parts[0][1]
         amplitude = np.empty((aspects.azimuth.size, *first.amplitude.shape[1:]), dtype=np.complex128)
         unfinished = np.zeros(aspects.azimuth.size, dtype=bool)
@@ -229,7 +230,7 @@ class _Tracing:
         with np.errstate(divide="ignore", invalid="ignore"):
             return tuple(float(v) for v in 10.0 * np.log10(error / energy))
 
-    def _traced(self, directions: F64, up: tuple[float, float, float], draw: int) -> RcsResult:
+    def _traced(self, directions: F64, up: tuple[float, float, float], realisation: int) -> RcsResult:
         scene = self.scene
         return monostatic_rcs(
             scene.geometry,
@@ -242,13 +243,13 @@ class _Tracing:
             keep_orders=True,
             flags=self.flags,
             seed=scene.settings.seed,
-            draw=draw,
+            realisation=realisation,
             cell=self.site.scatterer_cell,
             up=up,
             days=scene.settings.pass_days,
             most_rays=self.most_rays,
             sources=self.sources,
-            places=np.concatenate([line_ends(scene.lines), *(v.vertices for v in scene.volumes)]),
+            places=scene.source_places,
             passages=passages_of(scene),
             progress=self.progress,
         )
@@ -290,7 +291,8 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
         extra=plan.flags.extra - near,
     )
     left = plan.apply(scene)
-    return dataclasses.replace(scene, lines=left.lines, volumes=left.volumes), flags, plan.max_depth
+    kept = dataclasses.replace(scene, wires=left.wires, volumes=left.volumes, scatterers=left.scatterers)
+    return kept, flags, plan.max_depth
 
 
 def _uprights(aspects: Aspects) -> Iterator[tuple[NDArray[np.intp], tuple[float, float, float]]]:
@@ -308,7 +310,7 @@ def _uprights(aspects: Aspects) -> Iterator[tuple[NDArray[np.intp], tuple[float,
 
 
 def _points(scene: Scene, flags: KernelFlags, channels: tuple[str, ...], aspects: Aspects) -> C128:
-    """Amplitudes (n, n_channels) of the ideal points, hidden where a mesh stands before them that is no pane."""
+    """Amplitudes (n, n_channels) of the ideal points, hidden where a mesh stands before them that is no slab."""
     look = aspects.directions
     center, radius = target_middle(scene)
     wavelength = scene.radar.waveform.wavelength

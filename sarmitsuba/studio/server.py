@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.materials.library import MATERIALS
+from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.radar.bands import BANDS
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.studio.bench import View, command, first_state, save, surfaces, view_of
 from sarmitsuba.studio.guard import Guard, check_host
-from sarmitsuba.studio.stage import beam_at, bodies, image_plane, track_shown
+from sarmitsuba.studio.scene_3d import beam_at, bodies, image_plane, track_shown
 from sarmitsuba.view.display import Display, PictureOptions, prepare
 from sarmitsuba.view.quicklook import panel, pixels
 

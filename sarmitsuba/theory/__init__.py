@@ -1,15 +1,27 @@
 """Closed forms that the simulator is assessed against, gathered under one name."""
 
 from sarmitsuba.theory import polarimetry
-from sarmitsuba.theory.ambiguity import azimuth_ghost, azimuth_ghost_level
-from sarmitsuba.theory.beam import (
+from sarmitsuba.theory.antenna_gain import (
     doppler_centroid,
     gaussian_gain,
     mispointed_level,
     uniform_aperture_gain,
 )
+from sarmitsuba.theory.azimuth_ghosts import azimuth_ghost, azimuth_ghost_level
 from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.canonical_rcs import (
+    DihedralAmplitudes,
+    coherent_loss,
+    cylinder_rcs,
+    dihedral,
+    disc_rcs,
+    plate_amplitude,
+    plate_rcs,
+    rolled_dihedral,
+    trihedral_rcs,
+    wall_ground_amplitude,
+)
 from sarmitsuba.theory.clutter import (
     asked_correlation,
     averaged_shape,
@@ -30,8 +42,7 @@ from sarmitsuba.theory.diffraction import (
     wedge_coefficients,
     wedge_current_series,
 )
-from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
-from sarmitsuba.theory.geometry import (
+from sarmitsuba.theory.foreshortening import (
     BridgeReturns,
     BuildingReturns,
     bridge_returns,
@@ -39,7 +50,7 @@ from sarmitsuba.theory.geometry import (
     foreshortening,
     slant_offset,
 )
-from sarmitsuba.theory.in_pulse import chirp_range_shift, moving_echo, start_stop_azimuth_shift
+from sarmitsuba.theory.half_space import fresnel, normal_wavenumber
 from sarmitsuba.theory.interferometry import (
     baseline_coherence,
     coherence_pdf,
@@ -75,20 +86,9 @@ from sarmitsuba.theory.moving import (
     smear_length,
     smear_loss_db,
 )
-from sarmitsuba.theory.orbit import OrbitDoppler, circular_orbit_doppler, orbital_speed
+from sarmitsuba.theory.moving_echo import chirp_range_shift, moving_echo, start_stop_azimuth_shift
+from sarmitsuba.theory.orbit_doppler import OrbitDoppler, circular_orbit_doppler, orbital_speed
 from sarmitsuba.theory.pulse_timing import jitter_noise, jittered_response, staggered_line, staggered_lines
-from sarmitsuba.theory.rcs import (
-    DihedralAmplitudes,
-    coherent_loss,
-    cylinder_rcs,
-    dihedral,
-    disc_rcs,
-    plate_amplitude,
-    plate_rcs,
-    rolled_dihedral,
-    trihedral_rcs,
-    wall_ground_amplitude,
-)
 from sarmitsuba.theory.rough_surface import (
     integral_equation_sigma0,
     shared_energy_sigma0,
@@ -96,7 +96,7 @@ from sarmitsuba.theory.rough_surface import (
     small_slope_sigma0,
 )
 from sarmitsuba.theory.slabs import SlabWaves, layers_insertion, slab, slab_delay, slab_insertion, slab_shift
-from sarmitsuba.theory.statistics import (
+from sarmitsuba.theory.speckle_statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
     intensity_test,
@@ -112,27 +112,27 @@ from sarmitsuba.theory.synthetic_aperture import (
     circular_response,
     half_power_width,
 )
-from sarmitsuba.theory.vegetation import (
-    crown_ground_sigma0,
-    cylinder_at_broadside,
-    isotropic_between,
-    isotropic_orientation,
-    layer_transmission,
-    plant_permittivity,
-    sphere_cloud,
-    thin_rod,
-    trunk_ground_rcs,
-    water_cloud_sigma0,
-    way_through_ball,
-    way_through_box,
-)
-from sarmitsuba.theory.wires import (
+from sarmitsuba.theory.thin_wires import (
     cylinder_series,
     dielectric_needle_series,
     line_amplitude,
     post_amplitude,
     thin_wire_moments,
     thin_wire_rcs,
+)
+from sarmitsuba.theory.vegetation import (
+    crown_ground_sigma0,
+    cylinder_at_broadside,
+    isotropic_between,
+    isotropic_orientation,
+    layer_transmission,
+    path_in_ball,
+    path_in_box,
+    plant_permittivity,
+    sphere_cloud,
+    thin_rod,
+    trunk_ground_rcs,
+    water_cloud_sigma0,
 )
 
 __all__ = [
@@ -214,6 +214,8 @@ __all__ = [
     "optics_coefficients",
     "orbital_speed",
     "pair_sum",
+    "path_in_ball",
+    "path_in_box",
     "phase_test",
     "plant_permittivity",
     "plate_along_its_sheet",
@@ -263,8 +265,6 @@ __all__ = [
     "wall_ground_amplitude",
     "wall_phase_ramp",
     "water_cloud_sigma0",
-    "way_through_ball",
-    "way_through_box",
     "wedge_coefficients",
     "wedge_current_series",
 ]

@@ -8,7 +8,7 @@ C128 = NDArray[np.complex128]
 
 
 def bistatic_range(transmitter: ArrayLike, point: ArrayLike, receiver: ArrayLike) -> F64:
-    """Bistatic slant range: half the path from transmitters over points to receivers (..., 3), m."""
+    """Half the path from transmitters over points to receivers (..., 3), m."""
     p = np.asarray(point, dtype=np.float64)
     legs = [np.linalg.norm(p - np.asarray(at, dtype=np.float64), axis=-1) for at in (transmitter, receiver)]
     return np.asarray(0.5 * (legs[0] + legs[1]))
@@ -75,8 +75,8 @@ def corner_line(transmitter: F64, receiver: F64, start: F64, end: F64, wavelengt
     n = 4000
     s = (np.arange(n) + 0.5) / n
     line = start + s[:, None] * (end - start)
-    way = 2.0 * bistatic_range(transmitter, line, receiver)
-    return complex(np.exp(-2j * np.pi / wavelength * way).mean())
+    path = 2.0 * bistatic_range(transmitter, line, receiver)
+    return complex(np.exp(-2j * np.pi / wavelength * path).mean())
 
 
 __all__ = ["bistatic_po", "bistatic_range", "corner_line"]

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaln
 
-from sarmitsuba.theory.fresnel import fresnel
+from sarmitsuba.theory.half_space import fresnel
 
 GroundModel = Literal["geometrical_optics", "physical_optics"]
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import quad
 from scipy.special import j0
 
-from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
+from sarmitsuba.theory.half_space import fresnel, normal_wavenumber
 
 F64 = NDArray[np.float64]
 

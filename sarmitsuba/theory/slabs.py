@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import VACUUM_IMPEDANCE
-from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
+from sarmitsuba.theory.half_space import fresnel, normal_wavenumber
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]

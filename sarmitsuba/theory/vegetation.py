@@ -1,13 +1,13 @@
-r"""Vegetation in closed form: water cloud over ground, plant permittivity, simple scatterers, path lengths in volumes.
+r"""Vegetation in closed form: a cloud of scatterers over ground, plant matter, simple scatterers, paths in volumes.
 
-Extinction is of power: a wave loses :math:`1 - e^{-\kappa s}` of it on a way s. Time convention exp(+j w t).
+Extinction is of power: a wave loses :math:`1 - e^{-\kappa s}` of it on a path s. Time convention exp(+j w t).
 """
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import hankel2, jv
 
-from sarmitsuba.theory.fresnel import fresnel
+from sarmitsuba.theory.half_space import fresnel
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -44,16 +44,16 @@ def water_cloud_sigma0(
 
     Notes
     -----
-    Ignores multiple scattering, ways over ground and scatterer, and edges of the layer.
+    Ignores multiple scattering, legs over ground and scatterer, and edges of the layer.
 
     References
     ----------
     Attema & Ulaby 1978, Vegetation modeled as a water cloud, Radio Science 13, equation 6.
     """
-    way = 2.0 * np.asarray(kappa, dtype=np.float64) * np.asarray(depth) / np.cos(theta)
+    optical = 2.0 * np.asarray(kappa, dtype=np.float64) * np.asarray(depth) / np.cos(theta)
     # (1 - exp(-x)) / x without 0 / 0
-    mean = np.where(way > 1e-12, -np.expm1(-way) / np.where(way > 1e-12, way, 1.0), 1.0)
-    return np.asarray(np.asarray(sigma_v) * np.asarray(depth) * mean + np.asarray(ground) * np.exp(-way))
+    mean = np.where(optical > 1e-12, -np.expm1(-optical) / np.where(optical > 1e-12, optical, 1.0), 1.0)
+    return np.asarray(np.asarray(sigma_v) * np.asarray(depth) * mean + np.asarray(ground) * np.exp(-optical))
 
 
 def plant_permittivity(moisture: ArrayLike, frequency: ArrayLike) -> C128:
@@ -135,7 +135,7 @@ def crown_ground_sigma0(
 ) -> tuple[F64, F64]:
     r"""Backscatter coefficients of a layer by way of level smooth ground: once, and on both ways.
 
-    Every scatterer's way over the ground crosses the layer down and up in all, wherever it is, and both ways round add
+    Every scatterer's leg over the ground crosses the layer down and up in all, wherever it is, and both ways round add
     in phase:
 
     .. math::
@@ -145,7 +145,7 @@ def crown_ground_sigma0(
 
     Parameters
     ----------
-    sigma_v : m^2/m^3, of the ways over the ground
+    sigma_v : m^2/m^3, of the legs over the ground
     kappa, depth, theta : as for the water cloud
     reflection : Fresnel coefficient of the ground
 
@@ -275,8 +275,8 @@ def trunk_ground_rcs(
     return np.asarray(hh), np.asarray(vv)
 
 
-def way_through_ball(origin: F64, direction: F64, length: ArrayLike, center: F64, radius: float) -> F64:
-    """Path length of straight legs in a ball, m.
+def path_in_ball(origin: F64, direction: F64, length: ArrayLike, center: F64, radius: float) -> F64:
+    """Length of the part of straight legs that lies in a ball, m.
 
     Parameters
     ----------
@@ -290,8 +290,8 @@ def way_through_ball(origin: F64, direction: F64, length: ArrayLike, center: F64
     return np.asarray(np.clip(along + root, 0.0, length) - np.clip(along - root, 0.0, length))
 
 
-def way_through_box(origin: F64, direction: F64, length: ArrayLike, low: F64, high: F64) -> F64:
-    """Path length of straight legs in an axis-parallel box, m; arguments as of a ball."""
+def path_in_box(origin: F64, direction: F64, length: ArrayLike, low: F64, high: F64) -> F64:
+    """Length of the part of straight legs that lies in a box along the axes, m; arguments as of a ball."""
     a, b = (low - origin) / direction, (high - origin) / direction
     enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
     leave = np.maximum(leave, enter)
@@ -371,11 +371,11 @@ __all__ = [
     "isotropic_between",
     "isotropic_orientation",
     "layer_transmission",
+    "path_in_ball",
+    "path_in_box",
     "plant_permittivity",
     "sphere_cloud",
     "thin_rod",
     "trunk_ground_rcs",
     "water_cloud_sigma0",
-    "way_through_ball",
-    "way_through_box",
 ]

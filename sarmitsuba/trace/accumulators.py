@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.echo.in_pulse import carrier_range
-from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.echo.pulse_motion import carrier_range
+from sarmitsuba.trace.device_arrays import device_array
 
 if TYPE_CHECKING:
     LostCount = tuple[mi.UInt32, mi.Float, mi.Float]
     from sarmitsuba.echo.block import BlockPlan
     from sarmitsuba.echo.direct import DirectPlan
-    from sarmitsuba.echo.gridding import SpreadingKernel
+    from sarmitsuba.echo.gridding import GriddingKernel
     from sarmitsuba.trace.state import Contribution
 
 
@@ -96,7 +96,7 @@ class GridAccumulator:
         contribution: Contribution,
         range_offset: mi.Float64,
         cells: tuple[mi.Float64, mi.Float64],
-        kernels: tuple[SpreadingKernel, SpreadingKernel],
+        kernels: tuple[GriddingKernel, GriddingKernel],
     ) -> mi.Bool:
         """Spread over rows and columns (position in cells and kernel of each); the lanes that are within the grid.
 
@@ -281,7 +281,7 @@ class SumAccumulator(GridAccumulator):
         return state
 
 
-def grid_cells(x: mi.Float64, kernel: SpreadingKernel, n: int) -> tuple[mi.UInt32, list[mi.Float], mi.Bool]:
+def grid_cells(x: mi.Float64, kernel: GriddingKernel, n: int) -> tuple[mi.UInt32, list[mi.Float], mi.Bool]:
     """First cell, weights and validity of a position in cells; the kernel's cell convention."""
     shifted = x + kernel.shift
     base = dr.floor(shifted)

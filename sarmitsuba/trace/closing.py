@@ -15,12 +15,12 @@ from sarmitsuba.trace.stage import closed as by_stages
 from sarmitsuba.trace.state import (
     COHERENT,
     Contribution,
-    Footprint,
     Hit,
     Kernel,
     Lane,
     RayState,
     Reflection,
+    TubeFootprint,
 )
 from sarmitsuba.trace.tubes import polygon
 
@@ -41,19 +41,19 @@ class Receiver:
 
 
 def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
-    """How the antenna receives what comes from a hit; lane and hit are adjusted for the delay in panes."""
+    """How the antenna receives what comes from a hit; lane and hit are adjusted for the delay in slabs."""
     around = Surroundings.within(kernel)
     gain = lane.pattern.received(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
     if around.clear:
         h, v = field.polarisation_basis(-hit.to_antenna, around.up)
         return Receiver({"H": h, "V": v}, gain), lane, hit
-    panes = hit.sees
+    through = hit.sees
     if ray.crossed is not None and not kernel.bistatic:
-        # what came straight from the antenna through no pane goes home through none
-        panes = panes & (~hit.first | (ray.crossed > 0))
+        # what came straight from the antenna through no slab goes home through none
+        through = through & (~hit.first | (ray.crossed > 0))
     basis = antenna_basis(around, hit.to_antenna)
     vectors, shift = around.passed(
-        hit.departure, hit.to_antenna, mi.Float(hit.length_back), hit.sees, basis, panes
+        hit.departure, hit.to_antenna, mi.Float(hit.length_back), hit.sees, basis, through
     )
     if shift is not None:
         step = mi.Vector3d(shift)
@@ -76,7 +76,7 @@ def close_coherent(
     lane: Lane,
     ray: RayState,
     hit: Hit,
-    tube_here: Footprint,
+    tube_here: TubeFootprint,
     reflection: Reflection,
     receive: Receiver,
 ) -> Contribution:
@@ -105,8 +105,10 @@ def close_coherent(
     slant_range, point = _mean_leg(kernel, hit), hit.p
     # of antenna and virtual antenna, as the lit patch sees them
     velocity, virtual_velocity = lane.velocity, ray.virtual_velocity
-    if hit.movement is not None and ray.rim is not None:
-        patch = ray.rim.at(hit.movement, hit.largest_cell).on(hit.movement, hit.direction64, hit.normal64)
+    if hit.movement is not None and ray.shadow_boundary is not None:
+        patch = ray.shadow_boundary.at(hit.movement, hit.largest_cell).on(
+            hit.movement, hit.direction64, hit.normal64
+        )
         velocity, virtual_velocity = velocity - patch, virtual_velocity - patch
     range_rate = 0.5 * (
         dr.dot(hit.to_antenna64, velocity) - dr.dot(hit.direction64, virtual_velocity)

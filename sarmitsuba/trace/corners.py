@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.boundary_edges import N_EDGES
-from sarmitsuba.trace.geometry import INNER_BIT
+from sarmitsuba.trace.scene_tables import INNER_BIT
 from sarmitsuba.trace.state import Hit, Kernel, Lane, Mirror, RayState
 
 # power of the ratio of reaches with which a path's share falls

@@ -29,14 +29,14 @@ import numpy as np
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.trace import field
-from sarmitsuba.trace.beam import fade
-from sarmitsuba.trace.geometry import MATERIAL_MASK
-from sarmitsuba.trace.incoherent import mixed
+from sarmitsuba.trace.antenna_weight import fade
+from sarmitsuba.trace.diffuse_return import mixed
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, pattern_gain, straight_leg
-from sarmitsuba.trace.pair_search import FACING, Pairs, off_surface
-from sarmitsuba.trace.rays import antenna_of
+from sarmitsuba.trace.pair_search import FACING, SurfacePairs, off_surface
+from sarmitsuba.trace.propagation import antenna_of
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.source import MAX_LANES, Part
 from sarmitsuba.trace.speckle import mix
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class _End:
+class _PairEnd:
     """One scatterer of a pair."""
 
     point: mi.Vector3d
@@ -62,7 +62,7 @@ class _End:
 
 
 @dataclass(frozen=True, eq=False)
-class _Struck:
+class _StruckEnd:
     """An end with the wave that falls on it; see :class:`sarmitsuba.trace.scattering_matrix.Struck`."""
 
     material: mi.UInt32
@@ -72,14 +72,14 @@ class _Struck:
 
 
 @dataclass(frozen=True, eq=False)
-class _Lit:
+class _LitEnd:
     """An end's leg to an antenna, and the amplitude of the launch window there."""
 
     leg: Leg
     fade: mi.Float
 
 
-class DiffusePairs:
+class PairSource:
     """Returns of pairs of diffuse scatterers; a :class:`sarmitsuba.trace.source.Source`.
 
     Parameters
@@ -94,7 +94,7 @@ class DiffusePairs:
     tell what it sends home.
     """
 
-    def __init__(self, pairs: Pairs) -> None:
+    def __init__(self, pairs: SurfacePairs) -> None:
         self.n = pairs.n
         self.places = device_array(mi.Float64, _rows(pairs))
         self.faces = device_array(mi.UInt32, pairs.face.astype(np.uint32))
@@ -120,25 +120,25 @@ class DiffusePairs:
         if receiver is not None:
             home_a, home_b = (_lit(kernel, receiver, pulse, end) for end in (a, b))
         weight = weight * kernel.constants.amplitude
-        one = self._way(kernel, antenna, pulse, (a, out_a), (b, home_b), weight)
+        one = self._path(kernel, antenna, pulse, (a, out_a), (b, home_b), weight)
         added = accumulator.begin()
         if receiver is None:
             # the other way round has the same length, and the transposed channel
-            other = self._way(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
+            other = self._path(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
             both = tuple(x + y for x, y in zip(one.amplitudes, other.amplitudes, strict=True))
             added = accumulator.add(added, replace(one, amplitudes=both))
             contributions = dr.select(one.active, mi.UInt32(1), 0)
         else:
-            other = self._way(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
+            other = self._path(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
             added = accumulator.add(accumulator.add(added, one), other)
             contributions = dr.select(one.active, mi.UInt32(1), 0) + dr.select(other.active, mi.UInt32(1), 0)
         return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
 
-    def at(self, wavelength: float) -> DiffusePairs:
+    def at(self, wavelength: float) -> PairSource:
         """Itself: the kernel's tables tell what its ends scatter."""
         return self
 
-    def _ends(self, kernel: Kernel, index: mi.UInt32) -> tuple[_End, _End, mi.Float]:
+    def _ends(self, kernel: Kernel, index: mi.UInt32) -> tuple[_PairEnd, _PairEnd, mi.Float]:
         """Both scatterers, and the weight of the pair."""
         rows = [dr.gather(mi.Vector4d, self.places, 4 * index + i) for i in range(4)]
         faces = dr.gather(mi.Vector2u, self.faces, index)
@@ -159,7 +159,7 @@ class DiffusePairs:
             age = Age.of(kernel, word)
             key_here = mix(key ^ (0x1B873593 * (i + 1)))
             ends.append(
-                _End(
+                _PairEnd(
                     point=point,
                     normal64=normal64,
                     normal=mi.Vector3f(normal64),
@@ -170,13 +170,13 @@ class DiffusePairs:
             )
         return ends[0], ends[1], weight
 
-    def _way(
+    def _path(
         self,
         kernel: Kernel,
         antenna: Antenna,
         pulse: mi.UInt32,
-        begin: tuple[_End, _Lit],
-        end: tuple[_End, _Lit],
+        begin: tuple[_PairEnd, _LitEnd],
+        end: tuple[_PairEnd, _LitEnd],
         weight: mi.Float,
     ) -> Contribution:
         """The path over both ends in one order."""
@@ -190,10 +190,10 @@ class DiffusePairs:
         planes = replace(flags, multi_bounce=True)
         never = mi.Bool(False)
         first = ScatteringMatrix(
-            kernel.scene, _Struck(a.material, a.normal, -out.to_antenna, a.properties), s, planes, never
+            kernel.scene, _StruckEnd(a.material, a.normal, -out.to_antenna, a.properties), s, planes, never
         )
         second = ScatteringMatrix(
-            kernel.scene, _Struck(b.material, b.normal, s, b.properties), home.to_antenna, planes, never
+            kernel.scene, _StruckEnd(b.material, b.normal, s, b.properties), home.to_antenna, planes, never
         )
         spreads = dr.opaque(mi.Bool, flags.spreading)
         loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
@@ -212,7 +212,7 @@ class DiffusePairs:
             fields.append(field.add(field.scale(zu, u), field.scale(zv, v)))
         passed, shift = Surroundings.within(kernel).passed(arrival, -s, r, out.seen, tuple(fields))
         between = dict(zip(letters, passed, strict=True))
-        if shift is not None:  # the delay in panes between the two
+        if shift is not None:  # the delay in slabs between the two
             length = length - dr.dot(mi.Vector3d(s), mi.Vector3d(shift))
         values = [
             mixed(second.between_fields(home.sent(channel[1]), between[channel[0]]), b.random) * factor
@@ -230,7 +230,7 @@ class DiffusePairs:
         )
 
 
-def _rows(pairs: Pairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _rows(pairs: SurfacePairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     """(n, 4, 4) float64: point of an end and the weight, its normal and a zero, twice."""
     rows = np.zeros((pairs.n, 4, 4))
     rows[:, 0::2, :3], rows[:, 1::2, :3] = pairs.point, pairs.normal
@@ -238,7 +238,7 @@ def _rows(pairs: Pairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return rows
 
 
-def _lit(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _End) -> _Lit:
+def _lit(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _PairEnd) -> _LitEnd:
     """Leg between an end and the antenna of a pulse."""
     position, velocity = antenna_of(pulses, pulse)
     clearance = kernel.constants.clearance
@@ -247,7 +247,7 @@ def _lit(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _End) -> _Li
         return off_surface(end.point, end.normal, to, clearance), dr.dot(to, end.normal) > FACING
 
     leg = straight_leg(Surroundings.within(kernel), end.point, departure, position, velocity)
-    return _Lit(leg, _window(kernel, pulse, position, -leg.to_antenna64))
+    return _LitEnd(leg, _window(kernel, pulse, position, -leg.to_antenna64))
 
 
 def _window(kernel: Kernel, pulse: mi.UInt32, position: mi.Vector3d, leaving: mi.Vector3d) -> mi.Float:
@@ -275,4 +275,4 @@ def _linear(flags: KernelFlags) -> tuple[str, ...]:
     return tuple(dict.fromkeys(part for c in flags.channels for _, part in linear_parts(c)))
 
 
-__all__ = ["DiffusePairs"]
+__all__ = ["PairSource"]

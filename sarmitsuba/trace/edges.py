@@ -82,13 +82,13 @@ def spans(edges: SharpEdges, scene: mi.Scene, largest: float) -> F64:
         return out
     rim = edges.of(rims)
     turn = np.pi * ((np.arange(DIRECTIONS) + 0.5) / DIRECTIONS - 0.5)
-    ways = np.cos(turn)[:, None] * rim.inward[:, None, 0] + np.sin(turn)[:, None] * rim.along[:, None]
-    up = np.broadcast_to(rim.normal[:, None, 0], ways.shape)
+    directions = np.cos(turn)[:, None] * rim.inward[:, None, 0] + np.sin(turn)[:, None] * rim.along[:, None]
+    up = np.broadcast_to(rim.normal[:, None, 0], directions.shape)
     reach = max(1e-4 * largest, 16.0 * 2.0**-24 * float(np.abs(edges.middle).max()))
-    low, high = np.zeros(ways.shape[:2]), np.full(ways.shape[:2], largest)
+    low, high = np.zeros(directions.shape[:2]), np.full(directions.shape[:2], largest)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        place = rim.middle[:, None] + middle[..., None] * ways - reach * up
+        place = rim.middle[:, None] + middle[..., None] * directions - reach * up
         there = _met(scene, place.reshape(-1, 3), (2.0 * reach * up).reshape(-1, 3)).reshape(middle.shape)
         low, high = np.where(there, middle, low), np.where(there, high, middle)
     out[rims] = 0.5 * (low + high)
@@ -202,7 +202,7 @@ class FringeCurrents(Scatterers):
         if self._wedge is None or not self._wedge.sees(incident, scattered):
             # one wedge for all channels of two legs
             rows = [self._row(index, i) for i in range(4)]
-            self._wedge = _Wedge.of(kernel, rows, incident, scattered, lambda way: self._width(index, way))
+            self._wedge = _Wedge.of(kernel, rows, incident, scattered, lambda leg: self._width(index, leg))
         return self._wedge.amplitude(e, q)
 
     def _width(self, index: mi.UInt32, turn: mi.Float) -> mi.Float:
@@ -218,13 +218,13 @@ class FringeCurrents(Scatterers):
 
 @dataclass(frozen=True, eq=False)
 class _Wedge:
-    """A piece of edge as two ways see it.
+    """A piece of edge as two legs see it.
 
     Parameters
     ----------
     legs : of the incident and of the scattered wave
     strips : of both faces, for the path and for the reversed one
-    gain : m, length of the piece times what its phase integral leaves over twice the root of pi; 0 where a way does
+    gain : m, length of the piece times what its phase integral leaves over twice the root of pi; 0 where a leg does
         not lie in the exterior
     along : what the sheet leaves of waves that graze it to or from the edge, their electric field across it
     """

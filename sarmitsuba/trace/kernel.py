@@ -5,8 +5,8 @@ persistent diffuse scatterers it falls on close as well. A path behind mirrors i
 mirrored through its chain ("unfolded"), which is carried in float64 and mirrored exactly in each facet's plane:
 lengths depend on where a ray hits, never on the rounding of how it got there.
 
-What this does not do: what no ray of a lattice finds (rods, crowns, edges of metal, pairs of diffuse scatterers), which
-:mod:`sarmitsuba.trace.source` launches by itself, and diffraction beyond the edges of metal.
+What this does not do: what no ray of a lattice finds (wires, volumes, edges of metal, pairs of diffuse scatterers),
+which :mod:`sarmitsuba.trace.source` launches by itself, and diffraction beyond the edges of metal.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.closing import close_coherent, receiver, selected
-from sarmitsuba.trace.incoherent import DiffuseReturns, Slot, close_diffuse
-from sarmitsuba.trace.panes import Waiting, branched
-from sarmitsuba.trace.rays import (
+from sarmitsuba.trace.diffuse_return import DiffuseReturns, Slot, close_diffuse
+from sarmitsuba.trace.propagation import (
     footprint,
     intersect,
     launch,
@@ -27,6 +26,7 @@ from sarmitsuba.trace.rays import (
     reflect,
     through_passages,
 )
+from sarmitsuba.trace.slab_passage import Waiting, branched
 from sarmitsuba.trace.stage import arrived as by_stages
 from sarmitsuba.trace.stage import launched
 from sarmitsuba.trace.state import (
@@ -95,7 +95,7 @@ def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[T
         ray = replace(ray, trail=mi.UInt32(NO_HIT))
 
     if kernel.transmits:
-        return _through_panes(kernel, lane, ray, accumulator)
+        return _through_slabs(kernel, lane, ray, accumulator)
 
     def alive(ray: RayState, added: LaneArrays) -> mi.Bool:
         return ray.active
@@ -110,10 +110,10 @@ def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[T
     return TraceCounts(ray.hits, ray.contributions), added
 
 
-def _through_panes(
+def _through_slabs(
     kernel: Kernel, lane: Lane, ray: RayState, accumulator: Accumulator
 ) -> tuple[TraceCounts, LaneArrays]:
-    """The loop where paths branch at panes: lanes go on until none of their paths waits."""
+    """The loop where paths branch at slabs: lanes go on until none of their paths waits."""
 
     def alive(ray: RayState, waiting: Waiting, added: LaneArrays) -> mi.Bool:
         return ray.active
@@ -175,7 +175,7 @@ def _add(
 ) -> tuple[LaneArrays, mi.UInt32]:
     """Hand the contributions of a hit to the accumulator; returns how many there are.
 
-    Each lane goes through its own in a loop, so that the accumulator's code, long for spreading kernels, is in the
+    Each lane goes through its own in a loop, so that the accumulator's code, long for gridding kernels, is in the
     kernel once, and lanes with one contribution do not wait for the slots of nine.
     """
     if diffuse is None:

@@ -20,7 +20,7 @@ Purpose = Literal["all", "coherent", "diffuse"]
 
 
 @dataclass(frozen=True)
-class Level:
+class LatticeLevel:
     """Rays of one density within a lattice.
 
     Parameters
@@ -61,7 +61,7 @@ class LaunchGrid:
     taper: float
     purpose: Purpose = "all"
     frame: "LaunchFrame | None" = None
-    levels: tuple[Level, ...] = ()
+    levels: tuple[LatticeLevel, ...] = ()
     pulses: tuple[int, int] | None = None
 
     def serves(self, pulse: int) -> bool:
@@ -74,9 +74,9 @@ class LaunchGrid:
         return int(self.x.size)
 
     @property
-    def every_level(self) -> tuple[Level, ...]:
+    def every_level(self) -> tuple[LatticeLevel, ...]:
         """Its levels; a lattice of one density has one that serves every face."""
-        return self.levels or (Level(0, self.spacing, (0.0, np.inf)),)
+        return self.levels or (LatticeLevel(0, self.spacing, (0.0, np.inf)),)
 
     @property
     def level(self) -> NDArray[np.uint32]:
@@ -163,7 +163,7 @@ def lattice(
     *,
     taper: float = 0.0,
     seed: int = 0,
-    draw: int = 0,
+    realisation: int = 0,
     purpose: Purpose = "all",
     edges: F64 | None = None,
 ) -> LaunchGrid:
@@ -177,13 +177,13 @@ def lattice(
     ----------
     half_x, half_y, spacing, taper : m
     seed : shifts the lattice at random and adds to its turn
-    draw : number of the independent lattice of this seed (ray subsets, passes)
+    realisation : number of the independent lattice of this seed (ray subsets, passes)
     purpose : kept with the lattice
     edges : (n, 2) m, of facets as seen in the launch plane, that no line of the lattice is to follow; None: any may
     """
-    rng = np.random.default_rng([seed & 0x7FFFFFFF, draw, 0x5A12])
+    rng = np.random.default_rng([seed & 0x7FFFFFFF, realisation, 0x5A12])
     shift = rng.random(2) * spacing
-    turns = LATTICE_TURN + 0.25 * np.pi * rng.random(TURNS) * ((np.arange(TURNS) + draw + seed) > 0)
+    turns = LATTICE_TURN + 0.25 * np.pi * rng.random(TURNS) * ((np.arange(TURNS) + realisation + seed) > 0)
     # keep away from the axes and diagonals of the window
     turns = 0.15 + (turns % (0.25 * np.pi - 0.3))
     turn = float(turns[0] if edges is None else turns[np.argmin(_along_edges(turns, edges))])
@@ -259,9 +259,9 @@ class PulseBatch:
 
 __all__ = [
     "LATTICE_TURN",
+    "LatticeLevel",
     "LaunchFrame",
     "LaunchGrid",
-    "Level",
     "PulseBatch",
     "frame_towards",
     "lattice",

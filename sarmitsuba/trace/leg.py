@@ -15,15 +15,15 @@ import numpy as np
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.trace import field
-from sarmitsuba.trace.beam import BeamPattern
-from sarmitsuba.trace.panes import along
+from sarmitsuba.trace.antenna_weight import BeamPattern
 from sarmitsuba.trace.passage import passed
-from sarmitsuba.trace.slabs import lets_waves_through
+from sarmitsuba.trace.slab_coefficients import lets_waves_through
+from sarmitsuba.trace.slab_passage import along
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.radar.antenna import Antenna
-    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.state import Kernel
 
     # where a leg along a direction starts, m, and the lanes in which the scatterer has one
@@ -36,12 +36,12 @@ class Surroundings:
 
     Parameters
     ----------
-    scene : facets, panes and volumes
+    scene : facets, slabs and volumes
     wavenumber : rad/m
     clearance : m, how far a wave starts off a facet that it leaves
     up : vertical reference of the polarisation basis, scene frame
     visibility : whether facets hide what is behind them
-    transmits : whether panes let waves through
+    transmits : whether slabs let waves through
     """
 
     scene: TraceScene
@@ -111,7 +111,7 @@ class Surroundings:
         distance: mi.Float,
         active: mi.Bool,
         vectors: tuple[field.ComplexVector, ...],
-        behind_panes: mi.Bool | None = None,
+        behind_slabs: mi.Bool | None = None,
     ) -> tuple[tuple[field.ComplexVector, ...], mi.Vector3f | None]:
         """Complex vectors at the start of a straight leg from those at its end, and the end's shift, m.
 
@@ -120,17 +120,19 @@ class Surroundings:
         start, direction, distance : m, unit vector, m
         active : lanes that have the leg
         vectors : of waves that come along it, or receiving ones: every object is a symmetric dyad
-        behind_panes : lanes in which panes may stand in the way; None: those of ``active``
+        behind_slabs : lanes in which slabs may stand in the way; None: those of ``active``
 
         Returns
         -------
-        vectors, shift : shift as of :func:`sarmitsuba.trace.panes.along`; None where no pane lets waves through
+        vectors, shift : shift as of :func:`sarmitsuba.trace.slab_passage.along`; None where no slab lets waves through
         """
         vectors = passed(self.scene.passages, start, direction, distance, active, vectors)
         if not self.transmits:
             return vectors, None
-        panes = active if behind_panes is None else behind_panes
-        return along(self.scene, self.wavenumber, self.clearance, start, direction, distance, panes, vectors)
+        through = active if behind_slabs is None else behind_slabs
+        return along(
+            self.scene, self.wavenumber, self.clearance, start, direction, distance, through, vectors
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +144,7 @@ class Leg:
     to_antenna64, to_antenna : unit vectors from the scatterer to the antenna or its image: to where the wave seems to
         come from, and along the leg
     leaving : unit vector in which the leg leaves the antenna
-    length : float64, m, of the whole leg, with the delay in panes
+    length : float64, m, of the whole leg, with the delay in slabs
     rate : float64, m/s, its change
     seen : lanes in which nothing hides it
     h, v : complex vectors at the scatterer of a unit wave sent in H and V

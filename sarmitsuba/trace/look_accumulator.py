@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.trace.accumulators import GridAccumulator
-from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.trace.device_arrays import device_array
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.accumulators import LostCount

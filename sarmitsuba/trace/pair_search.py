@@ -9,7 +9,8 @@ of surface at either end, is that of both orders,
     f(c) = \frac{1}{2} \left( \frac{c}{\pi} + \frac{1}{2 \pi} \right)
 
 with the distance r, the cosines :math:`c` of both ends' angles towards each other, and :math:`d` points for each m^2.
-:attr:`Pairs.weight` is :math:`1 / \sqrt{4 \pi r^2 p}`: r drops out, and neighbours across a corner weigh no more than
+:attr:`SurfacePairs.weight` is :math:`1 / \sqrt{4 \pi r^2 p}`: r drops out, and neighbours across a corner weigh no
+more than
 others.
 """
 
@@ -22,12 +23,12 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.mesh.surface_samples import SurfaceSamples
-from sarmitsuba.trace.arrays import vector_rows
-from sarmitsuba.trace.geometry import MATERIAL_MASK
+from sarmitsuba.trace.device_arrays import vector_rows
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.leg import Surroundings
-from sarmitsuba.trace.rays import hit_point
+from sarmitsuba.trace.propagation import hit_point
 from sarmitsuba.trace.scattering_matrix import diffuse_lookup
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import mix
 
 F64 = NDArray[np.float64]
@@ -39,7 +40,7 @@ FACING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class SurfacePairs:
     """Pairs of surface points, none twice.
 
     Parameters
@@ -75,14 +76,14 @@ def find_pairs(
     *,
     seed: int = 0,
     scatters: NDArray[np.bool_] | None = None,
-) -> Pairs:
+) -> SurfacePairs:
     """Draw one partner for each point, and keep the pairs whose ends the views see.
 
     Parameters
     ----------
     around : geometry at rest, and what of it hides or lets waves through
     samples : points of faces of the scene
-    views : (n, 3) m, antenna positions; the middle one is that of ``Pairs.clutter``
+    views : (n, 3) m, antenna positions; the middle one is that of ``SurfacePairs.clutter``
     cell, box : of the samples, m
     seed : of textures
     scatters : (n_faces,) faces that may be an end; None: all
@@ -90,7 +91,7 @@ def find_pairs(
     Notes
     -----
     Pairs that have an end which only positions between the views see are left out, and those that see each other
-    through a pane which scatters itself.
+    through a slab which scatters itself.
     """
     sides = _facing(samples, views)
     index = np.concatenate([np.flatnonzero(side) for side in sides])
@@ -113,7 +114,7 @@ def _search(
     box: F64,
     seed: int,
     scatters: NDArray[np.bool_] | None,
-) -> Pairs:
+) -> SurfacePairs:
     scene = around.scene
     stops, rows = _stopping(around, scatters)
     if stops is None:
@@ -166,7 +167,7 @@ def _search(
     # each component alone: the kernel that would bring three together has their number compiled in
     b, n_b64 = (np.stack([dr.gather(f64, x, lanes).numpy() for x in v], axis=1) for v in (b, n_b64))
     face_b, weight = (dr.gather(type(v), v, lanes).numpy() for v in (face_b, weight))
-    return Pairs(
+    return SurfacePairs(
         point=np.stack([samples.point[index[pick]], b], axis=1),
         normal=np.stack([normal[pick], n_b64], axis=1),
         face=np.stack([samples.face[index[pick]], face_b.astype(np.intp)], axis=1),
@@ -273,8 +274,8 @@ def _stopping(
     return intersector(triangles), device_array(mi.UInt32, rows.astype(np.uint32))
 
 
-def _none() -> Pairs:
-    return Pairs(
+def _none() -> SurfacePairs:
+    return SurfacePairs(
         np.zeros((0, 2, 3)),
         np.zeros((0, 2, 3)),
         np.zeros((0, 2), np.intp),
@@ -284,4 +285,4 @@ def _none() -> Pairs:
     )
 
 
-__all__ = ["FACING", "Pairs", "find_pairs", "off_surface"]
+__all__ = ["FACING", "SurfacePairs", "find_pairs", "off_surface"]

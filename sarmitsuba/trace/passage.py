@@ -1,4 +1,4 @@
-"""What a straight way between two surfaces does to a wave: extinction in a crown, transmission through a pane."""
+"""What a straight leg between two surfaces does to a wave: extinction in a volume, transmission through a slab."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 class Passage(Protocol):
     """Something that stands in the way and lets a part of the wave through.
 
-    What it does is a symmetric dyad, so that the same function serves the wave that goes out and, in its receiving
-    vectors, the one that comes home.
+    What it does is a symmetric dyad, so that the same function serves the incident wave and, in its receiving
+    vectors, the scattered one.
     """
 
     def through(
@@ -25,11 +25,11 @@ class Passage(Protocol):
         active: mi.Bool,
         fields: tuple[ComplexVector, ...],
     ) -> tuple[ComplexVector, ...]:
-        """Complex vectors at the end of a straight way, from those at its beginning.
+        """Complex vectors at the end of a straight leg, from those at its beginning.
 
         Parameters
         ----------
-        origin : m, scene frame; begin of the way
+        origin : m, scene frame; start of the leg
         direction : unit vector along it
         distance : m, its length
         active : lanes that have it

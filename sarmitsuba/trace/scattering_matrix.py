@@ -8,8 +8,8 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
-from sarmitsuba.trace.bistatic import Planes, bragg_dyad, facet_dyad
-from sarmitsuba.trace.geometry import (
+from sarmitsuba.trace.bistatic_dyads import Planes, bragg_dyad, facet_dyad
+from sarmitsuba.trace.scene_tables import (
     DIFFUSE_NODES,
     FORM_SHIFT,
     FORMS,
@@ -22,7 +22,7 @@ from sarmitsuba.trace.speckle import gaussian, unit_phase
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
-    from sarmitsuba.trace.bistatic import Dyad
+    from sarmitsuba.trace.bistatic_dyads import Dyad
     from sarmitsuba.trace.temporal import Age
 
 

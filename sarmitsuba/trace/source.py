@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Protocol
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.closing import selected
-from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
-from sarmitsuba.trace.rays import antenna_of, hit_point, reflected
+from sarmitsuba.trace.propagation import antenna_of, hit_point, reflected
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.stage import mirrored
 from sarmitsuba.trace.staged import through_stages
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
@@ -144,14 +144,14 @@ class PointSource:
 
     .. math:: K g_t g_r \, \mathbf q \cdot S \mathbf e / (L_t L_r)
 
-    with the ways :math:`L_t, L_r` straight, or one or both over the ground below the scatterer, whose image of the
-    antenna is exact where the ground is plane. With one antenna the way out over the ground and the way home over it
-    are two paths of one length.
+    with the legs :math:`L_t, L_r` straight, or one or both over the ground below the scatterer, whose image of the
+    antenna is exact where the ground is plane. With one antenna the incident leg over the ground and the scattered leg
+    over it are two paths of one length.
 
     Parameters
     ----------
     scatterers : what returns
-    max_order : 1: straight ways alone; 2: one way over the ground as well; 3: both
+    max_order : 1: straight legs alone; 2: one leg over the ground as well; 3: both
 
     Notes
     -----
@@ -228,7 +228,7 @@ class PointSource:
         position: mi.Vector3d,
         velocity: mi.Vector3d,
     ) -> Leg:
-        """The way over the facet in which the scatterer sees the antenna; the ground below tells where to look."""
+        """The leg over the facet in which the scatterer sees the antenna; the ground below tells where to look."""
         clearance = kernel.constants.clearance
         down = mi.Vector3f(0.0, 0.0, -1.0)
         here = mi.Vector3f(point)
@@ -255,22 +255,22 @@ class PointSource:
         seen &= (dr.dot(position - before.point, n64) > 0.0) & (dr.dot(above, n64) > 0.0)
         there = point + to64 * (dr.dot(before.point - point, n64) / dr.dot(to64, n64))
         leg_out = position - there
-        way = dr.norm(leg_out)
-        to_antenna = mi.Vector3f(leg_out / way)
+        outer = dr.norm(leg_out)
+        to_antenna = mi.Vector3f(leg_out / outer)
         n = mi.Vector3f(n64)
         departure = mi.Vector3f(there) + (n + to_antenna) * clearance
         around = Surroundings.within(kernel)
-        seen &= around.free(departure, to_antenna, mi.Float(way), mi.Bool(True))
+        seen &= around.free(departure, to_antenna, mi.Float(outer), mi.Bool(True))
         basis = antenna_basis(around, to_antenna)
-        fields, first = around.passed(departure, to_antenna, mi.Float(way), seen, basis)
+        fields, first = around.passed(departure, to_antenna, mi.Float(outer), seen, basis)
         reflection = reflected(
             kernel, -to_antenna, n, found.properties, found.slab, dr.dot(found.own, n64) < 0.0, fields
         )
         fields = mirrored(kernel, found.properties, dr.dot(to_antenna, n), reflection.fields)
-        fields, second = around.passed(start, to, mi.Float(length - way), seen, fields)
-        for way_to, shift in ((to_antenna, first), (to, second)):
+        fields, second = around.passed(start, to, mi.Float(length - outer), seen, fields)
+        for along, shift in ((to_antenna, first), (to, second)):
             if shift is not None:  # farther; aside it changes nothing but the range rate
-                length = length + dr.dot(mi.Vector3d(way_to), mi.Vector3d(shift))
+                length = length + dr.dot(mi.Vector3d(along), mi.Vector3d(shift))
         image_velocity = velocity - n64 * (2.0 * dr.dot(velocity, n64))
         rate = dr.dot(to64, image_velocity)
         return Leg(to64, to, -to_antenna, length, rate, seen, fields[0], fields[1], over_ground=True)

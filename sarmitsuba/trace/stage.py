@@ -43,7 +43,7 @@ class Stage:
 
         Parameters
         ----------
-        properties : row of the material, see :func:`sarmitsuba.trace.geometry.material_rows`
+        properties : row of the material, see :func:`sarmitsuba.trace.scene_tables.material_rows`
         cosine : of the angle of incidence
         """
         return None

@@ -9,21 +9,21 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
-from sarmitsuba.trace.moving import Rim  # as the next
-from sarmitsuba.trace.slabs import lets_waves_through
-from sarmitsuba.trace.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
+from sarmitsuba.trace.movement import ShadowBoundary  # as the next
+from sarmitsuba.trace.slab_coefficients import lets_waves_through
+from sarmitsuba.trace.tubes.tube import TubeExtent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
-    from sarmitsuba.trace.beam import BeamPattern
-    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.antenna_weight import BeamPattern
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
-    from sarmitsuba.trace.moving import Movement
+    from sarmitsuba.trace.movement import Movement
+    from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.tubes.polygon import Bounds
     from sarmitsuba.trace.tubes.tube import Patch
 
 # kinds of return, as numbers that a lane can carry
-COHERENT, DIFFUSE, RETRO = range(3)
+COHERENT, DIFFUSE, RECIPROCAL = range(3)
 # a diffuse path the other way round, to a receiver apart, and a return of a scatterer that no ray finds; 3 is an ideal
 # point's
 REVERSED, SCATTERER = 4, 5
@@ -140,13 +140,13 @@ class Kernel:
         return self.flags.multi_bounce and self.scene.curvature_table is not None
 
     @property
-    def both_ways(self) -> bool:
+    def reciprocal_diffuse(self) -> bool:
         """True where diffuse paths go back through their chains of mirrors too."""
         return self.flags.diffuse and self.flags.diffuse_double and self.flags.multi_bounce
 
     @property
     def transmits(self) -> bool:
-        """True where paths go through panes, which takes the loop and the panes' own coefficients."""
+        """True where paths go through slabs, which takes the loop and the slabs' own coefficients."""
         return self.flags.multi_bounce and lets_waves_through(self.scene.slabs, self.flags)
 
     @property
@@ -162,7 +162,7 @@ class Kernel:
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """What stays the same on a ray's whole way.
+    """What stays the same on a ray's whole path.
 
     Parameters
     ----------
@@ -247,10 +247,10 @@ class RayState:
     edge_a, edge_b : m, tube cross-section at the launch plane, behind curved mirrors at the last hit
     spread : growth of the cross-section behind curved mirrors, None where there are none
     extent : how far the facets hit so far let the tube extend
-    rim : what bounds the light, None where nothing moves
+    shadow_boundary : what bounds the light, None where nothing moves
     fields : of each tracked transmit polarisation, unit at launch
     contributions : so far
-    crossed : panes that the path went through; None where nothing lets waves through
+    crossed : slabs that the path went through; None where nothing lets waves through
     mirror : that the ray comes from; None where no path and the reversed one are two estimates of one return
     trail : number that a follower gave the last hit, ``NO_HIT`` before the first; None where nothing follows
     """
@@ -266,8 +266,8 @@ class RayState:
     edge_a: mi.Vector3f
     edge_b: mi.Vector3f
     spread: TubeSpread | None
-    extent: Extent
-    rim: Rim | None
+    extent: TubeExtent
+    shadow_boundary: ShadowBoundary | None
     fields: tuple[ComplexVector, ...]
     contributions: mi.UInt32
     crossed: mi.UInt32 | None = None
@@ -277,7 +277,7 @@ class RayState:
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """Where a ray meets a facet, and the way from there to the antenna.
+    """Where a ray meets a facet, and the leg from there to the antenna.
 
     Parameters
     ----------
@@ -342,7 +342,7 @@ class Hit:
 
 
 @dataclass(frozen=True, eq=False)
-class Footprint:
+class TubeFootprint:
     """The tube on the facet that was hit.
 
     Parameters
@@ -352,18 +352,18 @@ class Footprint:
     patch : what its diffuse return comes from, as a quadrilateral
     bounds : of what its coherent return comes from, exact up to the facet's corners
     area : m^2, of the whole footprint
-    loss, loss_retro : 1/m^2, spreading of the field on the way home, and back along the ray's own chain
+    loss, loss_reciprocal : 1/m^2, spreading of the field on the scattered leg, and back along the ray's own chain
     lost : lanes whose tube curved mirrors have spread beyond all measure; None where no mirror bends
     """
 
     u: mi.Vector3f
     v: mi.Vector3f
-    extent: Extent
+    extent: TubeExtent
     patch: Patch
     bounds: Bounds
     area: mi.Float
     loss: mi.Float
-    loss_retro: mi.Float
+    loss_reciprocal: mi.Float
     lost: mi.Bool | None = None
 
 
@@ -381,7 +381,7 @@ class Contribution:
 
     Parameters
     ----------
-    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RETRO``, ``REVERSED`` or ``SCATTERER``
+    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RECIPROCAL``, ``REVERSED`` or ``SCATTERER``
     order : uint32, number of bounces, from 1
     pulse : uint32, number in the batch
     slant_range : float64, m, absolute
@@ -405,17 +405,17 @@ __all__ = [
     "COHERENT",
     "DIFFUSE",
     "NO_HIT",
-    "RETRO",
+    "RECIPROCAL",
     "REVERSED",
     "SCATTERER",
     "Constants",
     "Contribution",
-    "Footprint",
     "Hit",
     "Kernel",
     "KernelSettings",
     "Lane",
     "RayState",
     "Reflection",
+    "TubeFootprint",
     "TubeSpread",
 ]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.geometry import MATERIAL_MASK
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import gaussian, mix, unit_phase, unit_uniform
 
 if TYPE_CHECKING:
@@ -90,8 +90,8 @@ class Age:
     def unit_phase(self, key: mi.UInt32, stream: int) -> mi.Complex2f:
         """Unit modulus and a hashed phase; a change leaves a share gamma_inf of the scatterers untouched."""
         changed, newer = self._latest(key)
-        goes = unit_uniform(key, 0x2545F491) >= self.coherence
-        return unit_phase(dr.select(changed & goes, newer, key), stream)
+        replaced = unit_uniform(key, 0x2545F491) >= self.coherence
+        return unit_phase(dr.select(changed & replaced, newer, key), stream)
 
     def _latest(self, key: mi.UInt32) -> tuple[mi.Bool, mi.UInt32]:
         """Whether a scatterer is another one than in the first pass, and the key of its latest change."""

@@ -1,7 +1,7 @@
 """Three small metal scenes on a perfectly conducting ground whose exact scattering is stored.
 
-The stored amplitudes come from the boundary-element solver of ``benchmarks/full_wave.py``; see there. Lengths are in
-wavelengths: the scenes are simulated at a wavelength of 1 m.
+The stored amplitudes come from the boundary-element solver of ``benchmarks/suite/full_wave.py``; see there. Lengths
+are in wavelengths: the scenes are simulated at a wavelength of 1 m.
 """
 
 import json
@@ -27,7 +27,7 @@ C128 = NDArray[np.complex128]
 CHANNELS = ("HH", "HV", "VV")
 # distances from a scene's peak, dB, between which the simulator is judged
 BELOW_PEAK = (0.0, 3.0, 10.0, 20.0, 30.0, 80.0)
-REMAKE = "python benchmarks/full_wave.py --compute FILE"
+REMAKE = "python benchmarks/suite/full_wave.py --compute FILE"
 STORED = Path(__file__).parent / "full_wave.json"
 WAVELENGTH = 1.0
 ALL = slice(None)
@@ -47,7 +47,7 @@ CYLINDER_SAGITTA = WAVELENGTH / 512.0
 
 
 @dataclass(frozen=True)
-class Cut:
+class DirectionCut:
     """Directions towards the radar along one circle, degrees; azimuth from +x to +y.
 
     Parameters
@@ -88,7 +88,7 @@ class FullWaveScene:
 
     name: str
     title: str
-    cuts: tuple[Cut, ...]
+    cuts: tuple[DirectionCut, ...]
 
 
 SCENES = {
@@ -98,20 +98,20 @@ SCENES = {
             "corner",
             f"Corner of two plates {CORNER_WIDTH:g} x {CORNER_HEIGHT:g} wavelengths on ground",
             (
-                Cut("azimuth", 20.0, -30.0, 45.0),
-                Cut("azimuth", 45.0, -30.0, 45.0),
-                Cut("elevation", 45.0, 10.0, 80.0),
-                Cut("elevation", 20.0, 10.0, 80.0),
+                DirectionCut("azimuth", 20.0, -30.0, 45.0),
+                DirectionCut("azimuth", 45.0, -30.0, 45.0),
+                DirectionCut("elevation", 45.0, 10.0, 80.0),
+                DirectionCut("elevation", 20.0, 10.0, 80.0),
             ),
         ),
         FullWaveScene(
             "box",
             f"Box {BOX_X:g} x {BOX_Y:g} x {BOX_HEIGHT:g} wavelengths on ground",
             (
-                Cut("azimuth", 20.0, 0.0, 90.0),
-                Cut("azimuth", 45.0, 0.0, 90.0),
-                Cut("elevation", 0.0, 10.0, 80.0),
-                Cut("elevation", 35.0, 10.0, 80.0, glint=False),
+                DirectionCut("azimuth", 20.0, 0.0, 90.0),
+                DirectionCut("azimuth", 45.0, 0.0, 90.0),
+                DirectionCut("elevation", 0.0, 10.0, 80.0),
+                DirectionCut("elevation", 35.0, 10.0, 80.0, glint=False),
             ),
         ),
         FullWaveScene(
@@ -119,10 +119,10 @@ SCENES = {
             f"Cylinder of radius {CYLINDER_RADIUS:g} beside a plate {PLATE_WIDTH:g} x {PLATE_HEIGHT:g} wavelengths "
             "on ground",
             (
-                Cut("azimuth", 20.0, -30.0, 90.0),
-                Cut("azimuth", 45.0, -30.0, 90.0),
-                Cut("elevation", 90.0, 10.0, 80.0),
-                Cut("elevation", 55.0, 10.0, 80.0, glint=False),
+                DirectionCut("azimuth", 20.0, -30.0, 90.0),
+                DirectionCut("azimuth", 45.0, -30.0, 90.0),
+                DirectionCut("elevation", 90.0, 10.0, 80.0),
+                DirectionCut("elevation", 55.0, 10.0, 80.0, glint=False),
             ),
         ),
     )
@@ -155,7 +155,7 @@ def ground(lowest: float) -> targets.Mesh:
     return targets.parallelogram(-0.5 * (a + b), a, b)
 
 
-def simulated(name: str, cut: Cut, pick: slice = ALL, *, edges: bool = False) -> C128:
+def simulated(name: str, cut: DirectionCut, pick: slice = ALL, *, edges: bool = False) -> C128:
     """Return the simulator's amplitudes with its automatic settings, less those of the bare ground.
 
     Parameters
@@ -227,7 +227,7 @@ def stored(path: Path = STORED) -> dict[str, dict[str, C128]]:
 
 
 @dataclass(frozen=True)
-class Band:
+class LevelBand:
     """Directions whose exact level lies between two distances from the scene's peak.
 
     Parameters
@@ -245,7 +245,7 @@ class Band:
     rms_db: float
 
 
-def bands(exact: C128, simulated: C128) -> list[Band]:
+def bands(exact: C128, simulated: C128) -> list[LevelBand]:
     """How the simulator does by level below the peak; one channel, (n,) each."""
     want, got = np.abs(exact), np.maximum(np.abs(simulated), 1e-12)
     below = 20.0 * np.log10(want.max() / want)
@@ -255,7 +255,7 @@ def bands(exact: C128, simulated: C128) -> list[Band]:
         if here.any():
             ratio = 20.0 * np.log10(got[here] / want[here])
             mean = 10.0 * np.log10(np.sum(got[here] ** 2) / np.sum(want[here] ** 2))
-            out.append(Band(near, far, int(here.sum()), float(mean), float(np.sqrt(np.mean(ratio**2)))))
+            out.append(LevelBand(near, far, int(here.sum()), float(mean), float(np.sqrt(np.mean(ratio**2)))))
     return out
 
 
@@ -264,9 +264,9 @@ __all__ = [
     "CHANNELS",
     "SCENES",
     "STORED",
-    "Band",
-    "Cut",
+    "DirectionCut",
     "FullWaveScene",
+    "LevelBand",
     "bands",
     "bodies",
     "ground",

@@ -7,7 +7,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import (
+from sarmitsuba.validation.band_sampling import (
     X_BAND,
 )
 

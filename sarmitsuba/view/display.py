@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.quality.looks import spectral_looks
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means
 from sarmitsuba.image.calibration import backscatter

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from sarmitsuba.focusing.comparison import FocuserResult
+from sarmitsuba.focusing.focuser_comparison import FocuserResult
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.quicklook import draw

@@ -69,7 +69,7 @@ def scene_plan(scene: Scene, *, whole_beam: bool = False) -> Figure:
         )
         axes.add_collection(faces)
         figure.colorbar(faces, ax=axes, label="height (m)")
-    for number, line in enumerate(scene.lines):
+    for number, line in enumerate(scene.wires):
         axes.plot(*line.ends[:, :2].T, "b-", linewidth=0.8, label="" if number else "lines")
     if scene.points:
         place = np.array([point.position for point in scene.points])

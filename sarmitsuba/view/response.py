@@ -7,8 +7,8 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.quality.carrier import Carrier
-from sarmitsuba.analysis.quality.points import PointQuality
-from sarmitsuba.analysis.quality.report import QualityReport
+from sarmitsuba.analysis.quality.image_report import QualityReport
+from sarmitsuba.analysis.quality.point_quality import PointQuality
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import PictureOptions

@@ -19,10 +19,14 @@ def test_reference_names_every_public_name() -> None:
     assert described == set(sarmitsuba.__all__) - {"__version__"}
 
 
-def test_every_page_is_on_the_site() -> None:
+def test_every_page_is_on_the_site_and_on_its_map() -> None:
+    """The contents at the side list every page, and the map by what one wants to do links to each."""
     index = (ROOT / "docs" / "index.md").read_text()
-    pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
-    assert {page for page in pages if re.search(rf"^{page}$", index, re.MULTILINE)} == pages
+    trees = re.findall(r"```{toctree}\n(.*?)```", index, re.DOTALL)
+    listed = [line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")]
+    pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"} | {"tutorials/index"}
+    assert sorted(listed) == sorted(pages)
+    assert set(re.findall(r"\]\(([\w/]+)\.md(?:#[\w-]+)?\)", index)) == pages
 
 
 def test_site_builds_without_a_warning(tmp_path: Path) -> None:

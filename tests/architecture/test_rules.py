@@ -119,6 +119,41 @@ def test_no_prefix_is_a_folder_squeezed_flat(house: Any) -> None:
     assert not wrong, str(wrong)
 
 
+# folders whose modules are named for the entry that they hold, whatever else has that name
+ENTRIES = {
+    "cases",
+    "catalog",
+    "commands",
+    "focusers",
+    "laws",
+    "modes",
+    "named",
+    "patterns",
+    "presets",
+    "stages",
+}
+
+
+def test_a_module_name_stands_once(house: Any) -> None:
+    """A module's name tells what is in it, without its folder."""
+    where: dict[str, list[str]] = {}
+    for module in house:
+        entry = module.folder.rpartition(".")[2] in ENTRIES | {"sources"}
+        if not (module.is_package or entry or module.room == "plugins"):
+            where.setdefault(module.path.stem, []).append(module.where)
+    assert not {name: found for name, found in where.items() if len(found) > 1}
+
+
+def test_a_class_name_stands_once(house: Any) -> None:
+    where: dict[str, list[str]] = {}
+    for module in house:
+        if module.room != "plugins":
+            for node in ast.walk(module.tree):
+                if isinstance(node, ast.ClassDef):
+                    where.setdefault(node.name.lstrip("_"), []).append(f"{module.where}:{node.lineno}")
+    assert not {name: found for name, found in where.items() if len(found) > 1}
+
+
 def test_any_stays_at_the_boundary(house: Any) -> None:
     counts: Counter[str] = Counter()
     for module in house:

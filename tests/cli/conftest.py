@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.antenna import Antenna, Pointing

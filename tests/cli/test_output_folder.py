@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, FileFormat, read_image, read_raw

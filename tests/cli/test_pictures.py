@@ -1,9 +1,8 @@
 """First pictures of five cities look like pictures, and are drawn again without computing anything."""
 
-import importlib.util
 import json
 import os
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,21 +13,10 @@ import pytest
 
 from sarmitsuba import cli
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
 
 @pytest.fixture(scope="module")
-def cities() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("cities_of_the_benchmark", BENCHMARKS / "cities.py")
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    path = list(sys.path)
-    try:
-        spec.loader.exec_module(module)
-    finally:
-        sys.path[:] = path
-    return module
+def cities(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
+    return benchmark_script("cities")
 
 
 SMALL = {

@@ -10,7 +10,7 @@ import trimesh
 
 from sarmitsuba.cli import main
 from sarmitsuba.io import read_image
-from sarmitsuba.theory.rcs import plate_amplitude
+from sarmitsuba.theory.canonical_rcs import plate_amplitude
 
 
 def table(folder: Path) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The README's commands and its Python, run from top to bottom."""
+"""The commands of the README and of the page on the command line, run from top to bottom."""
 
 import json
 import os
@@ -23,16 +23,15 @@ CITY = """<scene version="3.0.0">
 </scene>"""
 
 
-def blocks(language: str) -> list[str]:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+PAGES = ("README.md", "docs/commands.md")
 
 
-def commands() -> list[str]:
-    """Lines of the shell blocks that run the program."""
+def commands(page: str) -> list[str]:
+    """Lines of a page's shell blocks that run the program."""
+    text = (ROOT / page).read_text(encoding="utf-8")
     return [
         line.partition("#")[0].strip()
-        for block in blocks("sh")
+        for block in re.findall(r"^```sh\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
         for line in block.splitlines()
         if line.startswith("python -m sarmitsuba ")
     ]
@@ -73,26 +72,33 @@ def shell_cell(line: str) -> str:
 QUICK = ("scenes", "render city.glb", "picture", "import")
 
 
-def test_readme_quick_commands_and_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The commands that take seconds, and the Python block, in this process: starting one takes longer."""
+def test_readme_is_short() -> None:
+    """A newcomer reads one page: a sentence, a picture, ten commands; everything else is in docs."""
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 90
+    ten = [line for line in commands("README.md") if not line.endswith("doctor")]
+    assert len(ten) == 10
+    assert {line.split()[3] for line in ten} <= {line.split()[3] for line in commands("docs/commands.md")}
+
+
+def test_quick_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands that take seconds, in this process: starting one takes longer."""
     own_files(tmp_path)
     monkeypatch.chdir(tmp_path)
-    quick = [line.removeprefix("python -m sarmitsuba ") for line in commands()]
+    quick = [line.removeprefix("python -m sarmitsuba ") for line in commands("docs/commands.md")]
     quick = [line for line in quick if line.startswith(QUICK)]
     assert len(quick) >= 4
     for line in quick:
         assert cli.main(shlex.split(line)) == 0, line
-    for block in blocks("python"):
-        exec(compile(block, "README.md", "exec"), {})
     assert (tmp_path / "out" / "mesh" / "quicklook.png").is_file()
 
 
 @pytest.mark.slow
-def test_readme_all_commands(tmp_path: Path) -> None:
+@pytest.mark.parametrize("page", PAGES)
+def test_all_commands(page: str, tmp_path: Path) -> None:
     """The same from top to bottom as a notebook."""
     own_files(tmp_path)
     ours = [
-        line for line in commands() if "gotcha/" not in line
+        line for line in commands(page) if "gotcha/" not in line
     ]  # tests/unit/test_phase_histories.py has such files
     assert len(ours) >= 11
-    run_as_notebook([*(shell_cell(line) for line in ours), *blocks("python")], tmp_path)
+    run_as_notebook([shell_cell(line) for line in ours], tmp_path)

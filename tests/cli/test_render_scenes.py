@@ -41,7 +41,7 @@ def test_point_target_ends_up_where_it_is_with_its_rcs(point: Path) -> None:
     row, column = np.unravel_index(power.argmax(), power.shape)
     assert abs(image.grid.azimuth[row]) <= 0.5 * image.grid.azimuth_spacing
     assert abs(image.grid.range[column] - 10_000.0) <= 0.5 * image.grid.range_spacing
-    # tol: 0.05 dB, spreading kernels and interpolation
+    # tol: 0.05 dB, gridding kernels and interpolation
     assert 10 * np.log10(power.max()) == pytest.approx(0.0, abs=0.05)
     record = json.loads((point / "parameters.json").read_text())
     assert record["seed"] == 5
@@ -139,7 +139,7 @@ def test_a_folder_of_results_does_not_hide_a_shipped_scene(
         line
         == "warning: point: the file point.xml in this folder is used, not the shipped scene of that name"
     )
-    # tol: 0.05 dB, spreading kernels and interpolation
+    # tol: 0.05 dB, gridding kernels and interpolation
     assert 10 * np.log10(read_image("own/image.h5").rcs().max()) == pytest.approx(20.0, abs=0.05)
 
 

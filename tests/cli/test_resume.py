@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import OutputError

@@ -16,7 +16,7 @@ from sarmitsuba.errors import SarmitsubaError, SceneError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.io import read_image
 from sarmitsuba.studio.bench import BenchState, command, first_state, save, scene_xml, surfaces, view_of
-from sarmitsuba.studio.stage import beam_at, bodies, image_plane, track_shown
+from sarmitsuba.studio.scene_3d import beam_at, bodies, image_plane, track_shown
 
 
 def drawn_state(seed: int) -> BenchState:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.focusing.aperture import direction_gain, look_directions
+from sarmitsuba.echo.raw_data import Layer, RawData
+from sarmitsuba.focusing.aperture_weights import direction_gain, look_directions
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.ideal import ideal_radar

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.echo.direct import box_distance, finish, plan_direct, spread_reference
-from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.echo.gridding import gridding_kernel
 
 
 def _run(s, exact, error_db, width, pulses=slice(250, 254), n_paths=200, extra=0.0):
@@ -27,7 +27,7 @@ def test_error_falls_with_the_width_as_predicted(setting, exact, error_db, width
     error = _run(setting(), exact, error_db, width)
     assert error < bound
     # tol: 1 dB, 200 random positions sample the kernel's mean error; complex64 ends at -138 dB
-    assert abs(error - max(spreading_kernel(width).error_db, -138.0)) < (1.0 if width < 8 else 4.0)
+    assert abs(error - max(gridding_kernel(width).error_db, -138.0)) < (1.0 if width < 8 else 4.0)
 
 
 @pytest.mark.parametrize("oversampling", [1.0, 1.2, 2.0])

@@ -14,8 +14,8 @@ from sarmitsuba.simulation.refinement.error_bars import PASSES, estimate_error
 from sarmitsuba.simulation.refinement.passes import refine
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 # draws of both lattices that are averaged
 RUNS = 4
@@ -46,7 +46,7 @@ def test_estimate_follows_the_truth(name: str) -> None:
         estimate = mean_db([bar.error_db[0] for bar in bars])
         true = mean_db([image_error_db(image.total(), reference) for image in images])
         # tol: what both lattices blur alike is one constant for all scenes, within 1.5 dB in these two
-        # (benchmarks/error_bars.py); 0.5 dB for the mean of four draws of 1 dB
+        # (benchmarks/suite/error_bars.py); 0.5 dB for the mean of four draws of 1 dB
         assert abs(estimate - true) < 2.0
         found.append(true)
         for bar, image in zip(bars, images, strict=True):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.ideal import ideal_radar

@@ -1,6 +1,5 @@
 """The table of hard cases: what every test of this folder measures, docs/numerics.md shows."""
 
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -17,7 +16,7 @@ def row(record_property: Callable[[str, object], None]) -> Callable[..., None]:
     """Check one line of the table: our error within the bound, the naive way's beyond it.
 
     Arguments: case, our error, its bound, unit; ``naive`` the error of the naive way where the test measures it,
-    and ``remedy``, what is done in its place. ``benchmarks/numerics.py`` collects the lines.
+    and ``remedy``, what is done in its place. ``benchmarks/studies/numerics.py`` collects the lines.
     """
 
     def check(
@@ -61,11 +60,9 @@ def plain_scene() -> Callable[..., "mi.Scene"]:
 
 
 @pytest.fixture(scope="session")
-def hostile() -> ModuleType:
-    """benchmarks/hostile.py, whose drawn files a part of the tests reads."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
-        return importlib.import_module("hostile")
+def hostile(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
+    """benchmarks/studies/hostile.py, whose drawn files a part of the tests reads."""
+    return benchmark_script("hostile")
 
 
 @pytest.fixture(scope="session")

@@ -11,8 +11,8 @@ from sarmitsuba.mesh import curvature
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.tessellate import cylinder, sphere
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.theory.canonical_rcs import cylinder_rcs
 from sarmitsuba.theory.mie import sphere_po
-from sarmitsuba.theory.rcs import cylinder_rcs
 from sarmitsuba.trace.launch import frame_towards, lattice
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import record_paths

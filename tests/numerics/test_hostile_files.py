@@ -1,4 +1,4 @@
-"""A part of benchmarks/hostile.py: drawn damage to every kind of file, and what is refused by rule."""
+"""A part of benchmarks/studies/hostile.py: drawn damage to every kind of file, and what is refused by rule."""
 
 import os
 import random
@@ -11,20 +11,19 @@ import pytest
 
 from sarmitsuba import cli, exclusive
 from sarmitsuba.commands.scenes import copy_scene
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError, RadarError, SarmitsubaError, SceneError
 from sarmitsuba.io import read_raw
 from sarmitsuba.isolated import survive
 from sarmitsuba.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.ephemeris import StateVectors
-from sarmitsuba.simulation.refinement.state import Passes, PassLayout
+from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
 
 # shapes without a material are said to be read as concrete
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 
 LAYOUT = PassLayout((Layer("VV"),), 3, 3, 10.0)
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 # what is read in this process; the others may take it down, and have their readers tried apart
 KINDS = (
     "scene",

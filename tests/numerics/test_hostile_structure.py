@@ -1,4 +1,4 @@
-"""A part of benchmarks/hostile.py: files of the right outer form whose content is drawn; work without a network."""
+"""A part of benchmarks/studies/hostile.py: files of the right outer form, their content drawn; work without network."""
 
 import json
 import os
@@ -13,13 +13,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.io.journal import Journal
 from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.page.run_folder import read_run
-from sarmitsuba.simulation.refinement.state import Passes, PassLayout
+from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
 
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 
@@ -72,7 +72,7 @@ def test_what_opens_files_elsewhere_or_connections_is_noticed(hostile: ModuleTyp
     (tmp_path / "secret").write_text("x")
     code = f"""
 import socket, sys
-sys.path.insert(0, {str(ROOT / "benchmarks")!r})
+sys.path.insert(0, {str(ROOT / "benchmarks" / "studies")!r})
 import hostile
 from contextlib import closing
 from pathlib import Path

@@ -13,8 +13,8 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS
-from sarmitsuba.materials.library import permittivity_from_conductivity
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.named_materials import permittivity_from_conductivity
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.validation.targets import PEC, dihedral
 from tests.support.paths import coherent_flags

@@ -8,12 +8,12 @@ import pytest
 import sarmitsuba
 from sarmitsuba.backend import mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.trace.accumulators import phase_factor
-from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import frame_towards, lattice
+from sarmitsuba.trace.scene_tables import build_trace_scene
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import coherent_flags, record_paths
 

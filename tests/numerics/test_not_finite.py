@@ -1,7 +1,7 @@
 """Results that are not numbers: none come of odd bodies, and what makes one stops the run and is named."""
 
-import importlib.util
 import warnings
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -27,16 +27,12 @@ ROOT = Path(__file__).parents[2]
 ODD = (2, 8, 10)
 
 
-def odd_bodies() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("odd_bodies", ROOT / "benchmarks" / "odd_bodies.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture
+def odd_bodies(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
+    return benchmark_script("odd_bodies")
 
 
-def outcome(seed: int, folder: Path) -> tuple[str, str]:
-    module = odd_bodies()
+def outcome(module: ModuleType, seed: int, folder: Path) -> tuple[str, str]:
     drawn = module.draw(seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -45,23 +41,25 @@ def outcome(seed: int, folder: Path) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize("seed", ODD)
-def test_odd_bodies_return_numbers(seed: int, tmp_path: Path) -> None:
-    kind, line = outcome(seed, tmp_path)
+def test_odd_bodies_return_numbers(odd_bodies: ModuleType, seed: int, tmp_path: Path) -> None:
+    kind, line = outcome(odd_bodies, seed, tmp_path)
     assert kind == "finite", line
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 130))
-def test_more_odd_bodies_return_numbers_or_are_refused(seed: int, tmp_path: Path) -> None:
-    kind, line = outcome(seed, tmp_path)
+def test_more_odd_bodies_return_numbers_or_are_refused(
+    odd_bodies: ModuleType, seed: int, tmp_path: Path
+) -> None:
+    kind, line = outcome(odd_bodies, seed, tmp_path)
     assert kind in ("finite", "refused"), line
     assert kind == "finite" or 0 < len(line) < 1000
 
 
 @pytest.mark.slow
-def test_a_crane_of_thin_cylinders(tmp_path: Path) -> None:
+def test_a_crane_of_thin_cylinders(benchmark_script: Callable[[str], ModuleType], tmp_path: Path) -> None:
     """88 members of 4 and 8 cm: after five mirrors so curved a tube is wider than float32 can tell. Was all NaN."""
-    scene = load_scene(odd_bodies().crane(tmp_path), radar="airborne_x")
+    scene = load_scene(benchmark_script("crane").crane(tmp_path), radar="airborne_x")
     raw = simulate(scene)
     assert all_finite(raw.data) and np.any(raw.data)
 

@@ -13,7 +13,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.point_legs import PointLegs
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 
 WAVELENGTH = 0.03
 SCENE = """<scene version="3.0.0">

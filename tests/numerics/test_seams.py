@@ -7,9 +7,9 @@ from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.theory.rcs import plate_amplitude
-from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.theory.canonical_rcs import plate_amplitude
 from sarmitsuba.trace.launch import frame_towards
+from sarmitsuba.trace.scene_tables import build_trace_scene
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
 from tests.support.paths import aimed_at, record_paths, square_grid
 

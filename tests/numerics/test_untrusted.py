@@ -2,10 +2,10 @@
 
 import dataclasses
 import hashlib
-import importlib
 import os
 import re
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -315,25 +315,23 @@ def test_kernels_that_others_could_have_written_are_not_used(
 
 
 @pytest.fixture(scope="module")
-def mixes() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        return importlib.import_module("thread_mixes")
+def mixes(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
+    return benchmark_script("thread_mixes")
 
 
 def test_threads_get_the_bits_of_one_thread(mixes: ModuleType) -> None:
-    """A part of benchmarks/thread_mixes.py; the last mix is the first that a process of its own does."""
+    """A part of benchmarks/studies/thread_mixes.py; the last mix is the first that a process of its own does."""
     report = mixes.run(4, fresh_every=4)
     assert report["calls"] >= 8 and report["different"] == 0, report["first"]
 
 
 @needs_posix
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_signals_end_a_run_with_one_line_whatever_it_is_at(tmp_path: Path, number: int, status: int) -> None:
-    """A part of benchmarks/interrupt.py: at the first moment, while modules load, and in the middle of the work."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        interrupt = importlib.import_module("interrupt")
+def test_signals_end_a_run_with_one_line_whatever_it_is_at(
+    tmp_path: Path, benchmark_script: Callable[[str], ModuleType], number: int, status: int
+) -> None:
+    """A part of benchmarks/studies/interrupt.py: at the first moment, while modules load, in the middle of the work."""
+    interrupt = benchmark_script("interrupt")
     for share in (0.0, 0.4):
         ended = interrupt.interrupted(tmp_path, number, delay=share)
         assert ended.status == status and ended.wrong == "", ended

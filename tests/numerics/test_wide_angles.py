@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.scene import Scene

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focusers.backprojection import backproject
@@ -16,7 +16,7 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import coherence
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.loader.build import build_scene
-from sarmitsuba.page.profiles import page_center, page_grid, page_profiles
+from sarmitsuba.page.quantised_profiles import page_center, page_grid, page_profiles
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget

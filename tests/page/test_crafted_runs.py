@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.page.rcs import PAGE
+from sarmitsuba.page.rcs_payload import PAGE
 from sarmitsuba.page.run_folder import read_run
 from sarmitsuba.page.write import write_page
 

@@ -11,7 +11,7 @@ from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import coherence
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.page.profiles import page_grid, page_profiles
+from sarmitsuba.page.quantised_profiles import page_grid, page_profiles
 
 SHOW = """
 const { createImageView } = await import("sarmitsuba/image_view.js");

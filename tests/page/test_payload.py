@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba import LineTarget, build_scene, load_scene
+from sarmitsuba import WireTarget, build_scene, load_scene
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid
-from sarmitsuba.page.geometry import GRID, drawn, page_mesh
+from sarmitsuba.page.gltf import GRID, drawn, page_mesh
 from sarmitsuba.page.localise import on_plane
 from sarmitsuba.page.paths import ORDERS, page_paths, pixels_of
 from sarmitsuba.page.write import Packer, write_page
@@ -203,10 +203,10 @@ def test_images_without_pulses_and_data_without_a_scene_have_pages(tmp_path: Pat
 
 def test_rods_are_drawn_as_prisms() -> None:
     """One mesh of their own, around their lines, with a material that no face of the scene has."""
-    rod = LineTarget("rod", np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 5.0]), 0.05)
-    scene = build_scene(lines=[rod, LineTarget("wire", np.zeros(3), np.array([9.0, 0.0, 4.0]), 1e-4)])
+    wire = WireTarget("wire", np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 5.0]), 0.05)
+    scene = build_scene(wires=[wire, WireTarget("wire", np.zeros(3), np.array([9.0, 0.0, 4.0]), 1e-4)])
     geometry, materials = drawn(scene)
-    assert materials == ("metal rods",) and geometry.mesh_names == ("rods",)
+    assert materials == ("metal wires",) and geometry.mesh_names == ("wires",)
     loaded = trimesh.load(io.BytesIO(page_mesh(geometry, np.zeros(3)).glb), file_type="glb")
     ((name, mesh),) = loaded.geometry.items()
     assert name == "0/0" and len(mesh.faces) == 12

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.page.rcs import PAGE
+from sarmitsuba.page.rcs_payload import PAGE
 from sarmitsuba.page.write import write_page
 
 SWEEP = ("--frequency", "2e9", "--azimuth", "150:210:4", "--pol", "HH,HV")

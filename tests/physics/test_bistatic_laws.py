@@ -19,8 +19,8 @@ from sarmitsuba.materials.bsdfs import rough
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix
+from sarmitsuba.trace.scene_tables import build_trace_scene
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.targets import geometry, parallelogram
 

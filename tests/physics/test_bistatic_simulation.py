@@ -8,7 +8,7 @@ import pytest
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focusers.backprojection import backproject
@@ -283,7 +283,7 @@ def test_lengths_behind_a_mirror() -> None:
         ("diffuse", 1, 0, (False, False)),
         ("diffuse", 2, 1, (True, False)),
         ("reversed", 2, 0, (False, True)),
-        ("retro", 3, 1, (True, True)),
+        ("reciprocal", 3, 1, (True, True)),
     ):
         rows = paths[(names == name) & (paths.order == order)]
         found += len(rows)

@@ -7,7 +7,7 @@ from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.cases.plates import plate
 from sarmitsuba.validation.cases.tessellation import tessellation
 from sarmitsuba.validation.comparison import summarise
-from sarmitsuba.validation.run import run_case, select
+from sarmitsuba.validation.run_cases import run_case, select
 
 # images of a minute and more
 SLOW = {"building", "bridge", "ground_sigma0", "ground_rays"}

@@ -16,7 +16,7 @@ from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.rcs import BouncesLeft, monostatic_rcs
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import X_BAND
+from sarmitsuba.validation.band_sampling import X_BAND
 from sarmitsuba.validation.chain import make_scene, unwarned
 
 SMALL = {

@@ -137,7 +137,7 @@ def test_a_bent_plate_rolled_about_the_look_turns_its_matrix(angle_deg: float) -
 def test_a_bent_plate_against_the_method_of_moments(
     angle_deg: float, arms: tuple[float, float], bound_along: float, bound_across: float
 ) -> None:
-    """Levels within 20 dB of a face's peak over +-60 degrees, rms; `benchmarks/corner_angles.py` has more corners."""
+    """Levels within 20 dB of a face's peak over +-60 degrees, rms; more in `benchmarks/studies/corner_angles.py`."""
     azimuth = np.radians(np.arange(-59.3, 60.1, 2.0))
     half = 0.5 * np.radians(angle_deg)
     ends = [

@@ -17,9 +17,9 @@ from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.folding import check_folding
@@ -138,12 +138,12 @@ def layered(radar: RadarDescription, extent: float, half: float, **changes: obje
     box = np.array([-half, -half, 0.0]) + 0.5 * (vertices + 1.0) * np.array([2 * half, 2 * half, 2.0])
     ground = 1.5 * half * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     wires = [
-        LineTarget(f"w{i}", np.array([-half, y, 3.0]), np.array([half, y, 3.0]), 0.005)
+        WireTarget(f"w{i}", np.array([-half, y, 3.0]), np.array([half, y, 3.0]), 0.005)
         for i, y in enumerate(np.linspace(-half, half, 5))
     ]
     return build_scene(
         [SceneMesh(ground, np.array([[0, 1, 2], [0, 2, 3]]), {"material": "pec"}, "ground")],
-        lines=wires,
+        wires=wires,
         volumes=[SceneVolume(box, faces, CLOUD, "layer")],
         radar=replace(radar, **changes),
         film=film(extent),

@@ -16,14 +16,14 @@ from sarmitsuba.mesh.surface_samples import SurfaceSamples, surface_samples
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.sources.pairs import PairEcho, pair_echo
+from sarmitsuba.simulation.sources.pair_estimate import PairEcho, pair_echo
 from sarmitsuba.trace.accumulators import SumAccumulator
-from sarmitsuba.trace.diffuse_pairs import DiffusePairs
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.trace.kernel import KernelSettings
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.leg import Surroundings
-from sarmitsuba.trace.pair_search import Pairs, find_pairs
+from sarmitsuba.trace.pair_search import SurfacePairs, find_pairs
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation import targets
@@ -66,14 +66,16 @@ def stone(scene: TraceScene) -> NDArray[np.bool_]:
     return np.asarray(scene.geometry_faces < 4)
 
 
-def drawn(scene: TraceScene, to_radar: F64, cell: float, seed: int, flags: KernelFlags = THROUGH) -> Pairs:
+def drawn(
+    scene: TraceScene, to_radar: F64, cell: float, seed: int, flags: KernelFlags = THROUGH
+) -> SurfacePairs:
     around = Surroundings.of(scene, flags, WAVELENGTH)
     samples = points(scene, cell, seed)
     return find_pairs(around, samples, (FAR * to_radar)[None], cell, BOX, scatters=stone(scene))
 
 
 def echo(
-    scene: TraceScene, pairs: Pairs, to_radar: F64, *channels: str, depolarised: bool = False
+    scene: TraceScene, pairs: SurfacePairs, to_radar: F64, *channels: str, depolarised: bool = False
 ) -> PairEcho:
     flags = replace(THROUGH, channels=channels, depolarisation=depolarised)
     return pair_echo(pairs, scene, FAR * to_radar, np.zeros(3), flags, wavelength=WAVELENGTH)
@@ -195,7 +197,7 @@ def test_another_antenna_at_the_same_place_hears_the_same() -> None:
     for both in (batch, replace(batch, receiver=batch)):
         kernel = Kernel.of(scene, grid, both, flags, settings)
         accumulator = SumAccumulator(1, 2, 0, WAVELENGTH, FAR)
-        for launch in launches([DiffusePairs(pairs)], [grid], 1):
+        for launch in launches([PairSource(pairs)], [grid], 1):
             _, state = launch.record(kernel, Antenna(), accumulator)
             dr.eval(state, accumulator.memory)
         sums.append(accumulator.grid().ravel())

@@ -17,7 +17,7 @@ from sarmitsuba.mesh.tessellate import cube, sphere
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene, run_pilot
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
 F64 = NDArray[np.float64]
 PEC = Material("pec", pec=True)

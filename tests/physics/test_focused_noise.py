@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.aperture import aperture_weights, direction_gain, look_directions
+from sarmitsuba.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
 from sarmitsuba.focusing.focuser import FOCUSERS
 from sarmitsuba.focusing.ideal import ideal_echoes
 from sarmitsuba.focusing.windows import parse_window

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.aperture import aperture_weights, direction_gain, look_directions
+from sarmitsuba.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject, series_at
 from sarmitsuba.focusing.focusers.chirp_scaling import ChirpScaling
-from sarmitsuba.focusing.frequency_domain.geometry import range_walk, track_geometry
+from sarmitsuba.focusing.frequency_domain.track_geometry import range_walk, track_geometry
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import parse_window

@@ -1,7 +1,7 @@
 """The stored exact solutions: checked against closed forms, symmetry and, where it is installed, their solver."""
 
-import importlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -13,19 +13,16 @@ from sarmitsuba.errors import OutputError
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import full_wave
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
 
 @pytest.fixture
-def solver(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    module = importlib.import_module("full_wave_solver")
+def solver(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
+    module = benchmark_script("full_wave_solver")
     if not module.installed():
         pytest.skip("bempp-cl or pyopencl is not installed: pip install '.[full-wave]'")
     return module
 
 
-def cut(name: str, index: int) -> tuple[full_wave.Cut, full_wave.C128]:
+def cut(name: str, index: int) -> tuple[full_wave.DirectionCut, full_wave.C128]:
     chosen = full_wave.SCENES[name].cuts[index]
     return chosen, full_wave.stored()[name][chosen.name]
 

@@ -6,7 +6,7 @@ import pytest
 from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import interferogram, second_pass
 from sarmitsuba.simulation.render import render
-from sarmitsuba.validation.pairs import ROUGH, WAVELENGTH, Setting
+from sarmitsuba.validation.interferometric_pairs import ROUGH, WAVELENGTH, RadarSetting
 
 
 @pytest.mark.slow
@@ -14,7 +14,7 @@ from sarmitsuba.validation.pairs import ROUGH, WAVELENGTH, Setting
 @pytest.mark.parametrize("share", [0.02, 0.3])
 def test_method_image_keeps_phase_and_coherence(seed: int, share: float) -> None:
     """Level ground on one ground grid: coherence of theory, phase zero."""
-    setting = Setting.drawn(seed, 1.0)
+    setting = RadarSetting.drawn(seed, 1.0)
     ground = setting.parallelogram((-110.0, -66.0, 0.0), (220.0, 0.0, 0.0), (0.0, 132.0, 0.0))
     critical = theory.critical_baseline(WAVELENGTH, setting.slant_range, setting.incidence, 1.0)
     pixels = {"pixel_spacing_azimuth": 0.4, "pixel_spacing_range": 0.6}

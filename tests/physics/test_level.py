@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.dim_rows import dim_rows_warning
+from sarmitsuba.focusing.beam_edge import beam_edge_warning
 from sarmitsuba.focusing.ideal import ideal_echoes
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db
@@ -155,7 +155,7 @@ def test_rows_outside_a_steered_beam_are_named() -> None:
     window = parse_window("rectangular")
     for extent, named in ((90.0, False), (120.0, True)):
         scene = ground("spotlight", "rectangular", extent)
-        said = dim_rows_warning(scene.radar, default_grid(scene.radar, scene.image), window, CELL)
+        said = beam_edge_warning(scene.radar, default_grid(scene.radar, scene.image), window, CELL)
         assert said.startswith("the rows at azimuth -60.") if named else not said
     raw = ideal_echoes(scene.radar, np.zeros(3))
     with pytest.warns(SarmitsubaWarning, match="lie at the edge of the beam"):

@@ -12,7 +12,7 @@ from sarmitsuba.loader.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.validation.noise import empty_echoes, focused_noise, focused_peak
+from sarmitsuba.validation.measured_noise import empty_echoes, focused_noise, focused_peak
 
 # of the noise, in four channels each: as many cells where only the rows about the aim point count
 DRAWS = {"stripmap": 4, "spotlight": 12}

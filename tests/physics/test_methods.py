@@ -15,8 +15,8 @@ from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.density_plan import LOOK_SPACING, SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop
-from sarmitsuba.simulation.sampling.plan import LOOK_SPACING, SamplingPlan
 
 
 def points_only(**parameters: str) -> Scene:

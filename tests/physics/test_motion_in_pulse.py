@@ -9,7 +9,7 @@ import trimesh
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focuser import FOCUSERS
@@ -18,7 +18,7 @@ from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.io import read_raw
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.materials.material import Material
-from sarmitsuba.page.profiles import page_profiles
+from sarmitsuba.page.quantised_profiles import page_profiles
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
@@ -149,7 +149,7 @@ def test_every_path_of_a_mesh(kind: str, method: str) -> None:
         value = value * np.exp(-4j * np.pi * CARRIER / LIGHT * (way - r))
         samples = radar.window.start_range[pulse] + np.arange(exact.shape[1]) * radar.window.sample_spacing
         exact[row] = np.sinc((samples[:, None] - place) / wave.range_cell) @ value
-    # tol: spreading kernels four cells wide
+    # tol: gridding kernels four cells wide
     assert error_db(raw.data[0, pulses], exact) < -48.0
 
 

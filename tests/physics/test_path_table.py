@@ -78,7 +78,7 @@ def assert_sums_to_raw(scene: Scene, pulses: list[int]) -> PathTable:
     for pulse in pulses:
         ours, theirs = binned(table, scene, pulse), raw.data[:, pulse]
         error = np.linalg.norm(ours - theirs) / np.linalg.norm(theirs)
-        # tol: float32 amplitudes and phases of up to a million paths, and the 8-wide spreading kernel
+        # tol: float32 amplitudes and phases of up to a million paths, and the 8-wide gridding kernel
         assert 20.0 * np.log10(error) < -90.0, (scene.name, pulse)
     return table
 
@@ -105,7 +105,7 @@ def test_paths_of_shipped_scenes_add_up_to_the_raw_data(name: str, more: dict[st
     table = assert_sums_to_raw(scene, [0, 3])
     kinds = {KINDS[k] for k in np.unique(table.kind)}
     # edges of metal are scatterers
-    wanted = {"coherent"} if name == "dihedral" else {"coherent", "diffuse", "retro"}
+    wanted = {"coherent"} if name == "dihedral" else {"coherent", "diffuse", "reciprocal"}
     wanted |= set() if name == "tower" else {"scatterer"}
     assert kinds == wanted
 
@@ -180,9 +180,9 @@ def assert_geometry_holds(table: PathTable, scene: Scene) -> None:
     # tol: of the first facet the middle of what is left, whose range is taken to first order over the tube
     assert np.abs(legs - table.length)[direct].max() < 1e-3
     assert np.median(np.abs(legs - table.length)[~direct]) < 0.02  # tol: second order in the tube's width
-    retro = table[table.kind == 2]
-    assert (retro.order % 2 == 1).all() and (retro.order >= 3).all()
-    for path, order in zip(retro.points[:50], retro.order[:50], strict=True):
+    reciprocal = table[table.kind == 2]
+    assert (reciprocal.order % 2 == 1).all() and (reciprocal.order >= 3).all()
+    for path, order in zip(reciprocal.points[:50], reciprocal.order[:50], strict=True):
         np.testing.assert_array_equal(path[:order], path[:order][::-1])
 
 

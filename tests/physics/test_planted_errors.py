@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "planted_errors.py"
+SCRIPT = Path(__file__).parents[2] / "benchmarks" / "studies" / "planted_errors.py"
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.echo.chirp import to_chirped
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.focusers.backprojection import backproject

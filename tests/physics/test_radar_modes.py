@@ -204,5 +204,5 @@ def test_blocks_of_a_circle_are_as_wrong_as_they_say(seed: int) -> None:
     shared = simulate(replace(scene, settings=replace(scene.settings, key_pulse_interval=4)))
     stated = shared.metadata["sampling"]["block_error_db"]
     true = image_error_db(focus(shared, grid).total(), exact)
-    # tol: as in tests/random/test_block_error.py; a circle has no end, where seams would say less
+    # tol: as in tests/random/test_block_error.py; a circle has no end, where block boundaries would say less
     assert true - 3.0 < stated < true + 12.0

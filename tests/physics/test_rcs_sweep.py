@@ -15,7 +15,7 @@ from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.turntable import Aspects, RcsSweep, image_refusal, rcs_sweep, turntable_scene
-from sarmitsuba.theory import rcs as theory
+from sarmitsuba.theory import canonical_rcs as theory
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases.courtyards import RADIUS, bowl
 

@@ -18,7 +18,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION
+from sarmitsuba.simulation.sampling.density_plan import CELLS_PER_RESOLUTION
 from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Contribution
 from sarmitsuba.trace.surfaces import Surfaces

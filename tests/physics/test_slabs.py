@@ -31,11 +31,11 @@ from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace import field
 from sarmitsuba.trace.leg import Leg
-from sarmitsuba.trace.slabs import slab
+from sarmitsuba.trace.slab_coefficients import slab
 from sarmitsuba.trace.source import PointSource, Scatterers, Source
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
+from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
 from sarmitsuba.validation.cases.rooms import room
 from sarmitsuba.validation.cases.slabs import GLASS, dyad, kernel_slab
 

@@ -14,8 +14,8 @@ from sarmitsuba.simulation import run, tracing
 from sarmitsuba.simulation.batches import built
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace import field
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.leg import Leg
+from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.source import PointSource, Scatterers, Source
 from sarmitsuba.trace.state import Kernel
 

@@ -5,7 +5,7 @@ import pytest
 
 from sarmitsuba import theory
 from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
-from sarmitsuba.materials.vegetation.pieces import OverGround, Stick
+from sarmitsuba.materials.vegetation.plant_pieces import OverGround, Stick
 from sarmitsuba.units import db_from_power
 
 # k a |sqrt(eps)| up to which the reference holds, 0.1 dB
@@ -90,15 +90,15 @@ def test_levels_do_not_jump_with_thickness_and_length(size: float, way: float) -
 
 def test_needles_without_loss_take_what_they_scatter() -> None:
     """The optical theorem: extinction against the power over all directions, by the response between directions."""
-    from sarmitsuba.materials.vegetation.thin_rod import thin_rod
+    from sarmitsuba.materials.vegetation.thin_cylinder import thin_rod
 
     wavelength, eps, radius, length = 0.05, 12.0 + 0.0j, 4e-4, 0.03
     k, volume = 2.0 * np.pi / wavelength, np.pi * radius**2 * length
     rod = thin_rod(radius, length, k, eps)
     cosine, weight = np.polynomial.legendre.leggauss(60)
     for angle in (0.6, 1.2, 0.5 * np.pi):
-        came = np.full(cosine.size, np.cos(angle))
-        along, across = (k**2 * volume * (eps - 1.0) * q for q in rod.response(came, cosine))
+        incident = np.full(cosine.size, np.cos(angle))
+        along, across = (k**2 * volume * (eps - 1.0) * q for q in rod.response(incident, cosine))
         # dipoles along the axis and across it, in the plane of axis and wave; their cross term has no mean
         lost = np.sum(
             weight

@@ -23,11 +23,16 @@ from sarmitsuba.materials.vegetation.medium import water_cloud
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sources.kind import passages_of, sources_of
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.trace.volumes import Bodies, VolumeScatterers, scatterer_spacing, volume_scatterers
+from sarmitsuba.trace.volume_scatterers import (
+    VolumeScatterers,
+    VolumeSurfaces,
+    scatterer_spacing,
+    volume_scatterers,
+)
 
 F64 = NDArray[np.float64]
 CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)
@@ -47,7 +52,7 @@ def ball(center: F64, radius: float) -> Volume:
 def lengths(volumes: list[Volume], origin: F64, direction: F64, way: F64) -> F64:
     """Length of ways within volumes, as the kernel finds them."""
     ensure_backend()
-    bodies = Bodies.of(volumes, [0] * len(volumes))
+    bodies = VolumeSurfaces.of(volumes, [0] * len(volumes))
 
     def one(body: mi.UInt32, medium: mi.UInt32, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
         return mi.Float(1.0), mi.Float(0.0)
@@ -60,7 +65,7 @@ def lengths(volumes: list[Volume], origin: F64, direction: F64, way: F64) -> F64
     return np.asarray(found.numpy(), dtype=np.float64)
 
 
-def drawn_ways(rng: np.random.Generator, n: int) -> tuple[F64, F64, F64]:
+def drawn_paths(rng: np.random.Generator, n: int) -> tuple[F64, F64, F64]:
     origin = rng.uniform([-25.0, -25.0, -1.0], [25.0, 25.0, 12.0], (n, 3))
     direction = rng.normal(size=(n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -71,17 +76,17 @@ def drawn_ways(rng: np.random.Generator, n: int) -> tuple[F64, F64, F64]:
 def test_ways_through_drawn_bodies(seed: int) -> None:
     """Balls and boxes that overlap, ways that begin and end within them: no pair of surfaces is left open."""
     rng = np.random.default_rng(seed)
-    ways, volumes, wanted = drawn_ways(rng, 50_000), [], np.zeros(50_000)
+    ways, volumes, wanted = drawn_paths(rng, 50_000), [], np.zeros(50_000)
     for i in range(20):
         center = rng.uniform([-20.0, -20.0, 2.0], [20.0, 20.0, 8.0])
         if i % 2:
             radius = float(rng.uniform(1.0, 4.0))
             volumes.append(ball(center, radius))
-            wanted += theory.way_through_ball(*ways, center, radius)
+            wanted += theory.path_in_ball(*ways, center, radius)
         else:
             half = rng.uniform(1.0, 4.0, 3)
             volumes.append(cube(center - half, center + half))
-            wanted += theory.way_through_box(*ways, center - half, center + half)
+            wanted += theory.path_in_box(*ways, center - half, center + half)
     error = lengths(volumes, *ways) - wanted
     assert (
         np.sqrt(np.mean(error**2)) < 0.004
@@ -99,9 +104,9 @@ def test_bodies_side_by_side_and_in_one_place() -> None:
         ([5, -5, 2], [15, 5, 6]),
     ]
     boxes = [(np.array(a, dtype=float), np.array(b, dtype=float)) for a, b in corners]
-    origin, direction, way = drawn_ways(rng, 50_000)
+    origin, direction, way = drawn_paths(rng, 50_000)
     direction[:10_000] = [0.0, 0.0, -1.0]  # along the axes
-    wanted = sum(theory.way_through_box(origin, direction + 1e-12, way, *box) for box in boxes)
+    wanted = sum(theory.path_in_box(origin, direction + 1e-12, way, *box) for box in boxes)
     error = lengths([cube(*box) for box in boxes], origin, direction, way) - wanted
     assert (
         np.mean(np.abs(error) > 0.1) < 1e-4

@@ -26,7 +26,7 @@ from sarmitsuba.materials.sea_spectrum import SeaState
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.simulation.sampling import water as sampling
 from sarmitsuba.theory import sea as theory
-from sarmitsuba.trace.water import Water
+from sarmitsuba.trace.wind_waves import WaterTables
 
 F64 = NDArray[np.float64]
 WAVELENGTH = 0.03106
@@ -79,7 +79,7 @@ def energy_db(error: NDArray[np.complex64], signal: NDArray[np.complex64]) -> fl
 # ------------------------------------------------------------------------------------------ the drawn waves
 
 
-def at(water: Water, points: F64, time: float) -> tuple[F64, F64, F64]:
+def at(water: WaterTables, points: F64, time: float) -> tuple[F64, F64, F64]:
     """Displacement, velocity and normal of the surface, as the kernel has them, (n, 3) each; no random velocities."""
     p = mi.Vector3d(*(mi.Float64(np.ascontiguousarray(column)) for column in points.T))
     material = dr.zeros(mi.UInt32, len(points))
@@ -95,7 +95,7 @@ def test_waves_lift_carry_and_tilt_the_surface_as_linear_theory_has_it(seed: int
     rng = np.random.default_rng(seed)
     wind, bearing, time = float(rng.uniform(5, 14)), float(rng.uniform(0, 360)), float(rng.uniform(-3, 3))
     material = sea(wind, bearing)
-    water = Water.of([material], WAVELENGTH, 256, seed)
+    water = WaterTables.of([material], WAVELENGTH, 256, seed)
     assert water is not None
     points = np.column_stack([rng.uniform(-200.0, 200.0, (50, 2)), np.zeros(50)])
     shift, velocity, normal = at(water, points, time)

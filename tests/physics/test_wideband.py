@@ -24,8 +24,8 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.materials.library import MATERIALS
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.render import render

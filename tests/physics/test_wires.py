@@ -23,14 +23,14 @@ from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.errors import RadarError
 from sarmitsuba.materials.cylinder import cylinder_table
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.scene.lines import LineTarget
+from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.path_table import KINDS, trace_paths
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sources import site
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.leg import Leg
-from sarmitsuba.trace.lines import LineScatterers, cut
 from sarmitsuba.trace.state import Kernel
+from sarmitsuba.trace.wire_nodes import WireScatterers, cut
 from sarmitsuba.validation.cases.wires import beside_broadside, drawn_rod
 
 F64 = NDArray[np.float64]
@@ -42,16 +42,18 @@ ROUGH = {"diffuse_law": "lambert", "diffuse_level_db": -10.0, "rms_height": 0.00
 COARSE = {"azimuth_resolution": 4.0, "bandwidth": 75e6}
 
 
-class Dyad(LineScatterers):
+class Dyad(WireScatterers):
     """Amplitudes for any two directions and real field vectors, in NumPy."""
 
-    def of(self, came: F64, goes: F64, e: NDArray[np.complex128], q: NDArray[np.complex128]) -> complex:
+    def of(
+        self, incident: F64, scattered: F64, e: NDArray[np.complex128], q: NDArray[np.complex128]
+    ) -> complex:
         wavenumber = 2.0 * np.pi / WAVELENGTH
         kernel = cast("Kernel", SimpleNamespace(constants=SimpleNamespace(wavenumber=mi.Float(wavenumber))))
         index = dr.arange(mi.UInt32, self.n)
-        value = self.amplitude(kernel, index, sight(-came), sight(goes), vector(e), vector(q))
-        nearer = np.array(self.nearer(index, sight(-came), sight(goes)), dtype=np.float64)
-        phase = wavenumber * ((came - goes) @ np.array(self.point(index)) - 2.0 * nearer)
+        value = self.amplitude(kernel, index, sight(-incident), sight(scattered), vector(e), vector(q))
+        nearer = np.array(self.nearer(index, sight(-incident), sight(scattered)), dtype=np.float64)
+        phase = wavenumber * ((incident - scattered) @ np.array(self.point(index)) - 2.0 * nearer)
         return complex(np.sum((np.array(value.real) + 1j * np.array(value.imag)) * np.exp(-1j * phase)))
 
 
@@ -76,18 +78,18 @@ def test_between_any_two_directions_it_is_the_closed_form(seed: int) -> None:
     permittivity = (None, 3.0 - 0.4j, 5.24 - 0.5j)[seed % 3]
     radius = WAVELENGTH * 10.0 ** rng.uniform(-2.5, -0.3)
     axis, middle = unit(rng), rng.uniform(-1.0, 1.0, 3)
-    came = unit(rng)
-    goes = came - 2.0 * (came @ axis) * axis if seed < 2 else unit(rng)
+    incident = unit(rng)
+    scattered = incident - 2.0 * (incident @ axis) * axis if seed < 2 else unit(rng)
     if seed < 2:  # on the cone, another way round the axis
         flat = np.cross(axis, unit(rng))
         flat /= np.linalg.norm(flat)
-        goes = flat * np.linalg.norm(np.cross(axis, came)) + axis * (came @ axis)
-    line = LineTarget("rod", middle - 0.2 * axis, middle + 0.2 * axis, radius, permittivity)
+        scattered = flat * np.linalg.norm(np.cross(axis, incident)) + axis * (incident @ axis)
+    line = WireTarget("rod", middle - 0.2 * axis, middle + 0.2 * axis, radius, permittivity)
     e, q = (rng.normal(size=3) + 1j * rng.normal(size=3) for _ in range(2))
-    wanted = theory.line_amplitude(radius, line.ends, WAVELENGTH, came, goes, permittivity)
+    wanted = theory.line_amplitude(radius, line.ends, WAVELENGTH, incident, scattered, permittivity)
     scale = np.abs(wanted).max() * np.linalg.norm(e) * np.linalg.norm(q)
     for longest in (np.inf, 0.03):
-        got = Dyad(cut([line], longest), [line], WAVELENGTH).of(came, goes, e, q)
+        got = Dyad(cut([line], longest), [line], WAVELENGTH).of(incident, scattered, e, q)
         assert (
             abs(got - q @ wanted @ e) < 4e-3 * scale
         )  # tol: tables, float32 phases of 40 wavelengths in nodes
@@ -139,7 +141,7 @@ def test_closed_forms_agree_with_each_other() -> None:
     assert np.abs(there - back.T).max() < 1e-12
 
 
-def wire_scene(*lines: LineTarget, meshes: tuple[SceneMesh, ...] = (), **radar: object) -> Scene:
+def wire_scene(*lines: WireTarget, meshes: tuple[SceneMesh, ...] = (), **radar: object) -> Scene:
     given = {
         "slant_range": 2e3,
         "look_angle_deg": 40.0,
@@ -151,7 +153,7 @@ def wire_scene(*lines: LineTarget, meshes: tuple[SceneMesh, ...] = (), **radar: 
         "aim_z": 0.0,
     }
     film = FilmDescription(image_extent_azimuth=16.0, image_extent_range=16.0, image_grid="ground")
-    return build_scene(meshes, lines=lines, radar=RadarDescription(**(given | radar)), film=film)
+    return build_scene(meshes, wires=lines, radar=RadarDescription(**(given | radar)), film=film)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -163,7 +165,7 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     directions = beside_broadside(
         rng, line, np.concatenate([np.linspace(-1.0, 1.0, 5), rng.uniform(-9.0, 9.0, 4)])
     )
-    scene = build_scene(lines=[line], radar=RadarDescription())
+    scene = build_scene(wires=[line], radar=RadarDescription())
     aspects = Aspects(np.arctan2(directions[:, 1], directions[:, 0]), np.arcsin(directions[:, 2]))
     whole = rcs_sweep(scene, aspects, checked=0).result.amplitude
     with pytest.MonkeyPatch.context() as patch:
@@ -182,7 +184,7 @@ def test_the_automatic_cut_is_fine_enough(
     ensure_backend()
     heading = np.radians(angle)
     axis = np.array([np.sin(heading), np.cos(heading), 0.0])
-    scene = wire_scene(LineTarget("wire", -5.0 * axis, 5.0 * axis, 0.005), slant_range=slant_range)
+    scene = wire_scene(WireTarget("wire", -5.0 * axis, 5.0 * axis, 0.005), slant_range=slant_range)
     automatic = simulate(scene, seed=1).data
     usual = site.longest_step
     monkeypatch.setattr(site, "longest_step", lambda *given: usual(*given) / 8.0)
@@ -195,7 +197,7 @@ def test_posts_of_a_railing_are_dots_at_their_feet() -> None:
     """Places, spacing and level of three posts on concrete: the dihedral of each with the ground."""
     ensure_backend()
     places = np.array([[0.0, y, 0.0] for y in (-4.0, 0.0, 4.0)])
-    posts = [LineTarget("post", p, p + np.array([0.0, 0.0, 1.2]), 0.03) for p in places]
+    posts = [WireTarget("post", p, p + np.array([0.0, 0.0, 1.2]), 0.03) for p in places]
     scene = wire_scene(*posts, meshes=(SceneMesh(GROUND, FACES, "concrete", "ground"),))
     image = render(scene, seed=1)
     look = scene.radar.track.center_position
@@ -222,7 +224,7 @@ def test_posts_of_a_railing_are_dots_at_their_feet() -> None:
 def test_the_path_table_has_every_return_of_a_pulse(most: int) -> None:
     """Straight and over the ground, as the method raw adds them up."""
     ensure_backend()
-    post = LineTarget("post", np.zeros(3), np.array([0.0, 0.0, 2.0]), 0.03)
+    post = WireTarget("post", np.zeros(3), np.array([0.0, 0.0, 2.0]), 0.03)
     meshes = (SceneMesh(GROUND, FACES, "pec", "ground"),) if most == 3 else ()
     scene = wire_scene(post, meshes=meshes, **COARSE).replace(method="raw")
     raw = simulate(scene, seed=3)
@@ -238,28 +240,28 @@ def test_the_path_table_has_every_return_of_a_pulse(most: int) -> None:
     assert difference < 10 ** (-40 / 20)  # tol: gridding of width 4
 
 
-def test_a_raster_says_that_it_has_no_rods() -> None:
+def test_a_raster_says_that_it_has_no_wires() -> None:
     ensure_backend()
-    wire = LineTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
+    wire = WireTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
     meshes = (SceneMesh(GROUND, FACES, {"material": "concrete", **ROUGH}, "ground"),)
     notes = render(wire_scene(wire, meshes=meshes, **COARSE), method="raster").metadata["notes"]
-    assert [note for note in notes if "rods and volumes are left out" in note]
+    assert [note for note in notes if "wires and volumes are left out" in note]
     with pytest.raises(RadarError, match="method raster draws surfaces, and the scene has none"):
         render(wire_scene(wire, **COARSE), method="raster")
 
 
-def test_rods_made_in_python_are_checked() -> None:
+def test_wires_made_in_python_are_checked() -> None:
     with pytest.raises(SceneError, match="not two different finite points"):
-        LineTarget("rod", np.zeros(3), np.zeros(3), 0.01)
+        WireTarget("rod", np.zeros(3), np.zeros(3), 0.01)
     with pytest.raises(SceneError, match="radius = 0 m"):
-        LineTarget("rod", np.zeros(3), np.ones(3), 0.0)
+        WireTarget("rod", np.zeros(3), np.ones(3), 0.0)
     with pytest.raises(SceneError, match="above the bound 200"):
         cylinder_table(300.0, None)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
-def test_heaps_of_drawn_rods_are_the_same_from_shared_and_from_every_pulse(seed: int) -> None:
+def test_heaps_of_drawn_wires_are_the_same_from_shared_and_from_every_pulse(seed: int) -> None:
     """Drawn headings, squints, distances and beams; conductors and wood, over concrete."""
     ensure_backend()
     rng = np.random.default_rng([17, 9, seed])
@@ -271,7 +273,7 @@ def test_heaps_of_drawn_rods_are_the_same_from_shared_and_from_every_pulse(seed:
             foot + rng.uniform(0.5, 5.0) * axis / np.linalg.norm(axis),
             10.0 ** rng.uniform(-4.0, -1.7),
         )
-        lines.append(LineTarget("rod", foot, end, radius, None if number % 2 else 3.0 - 0.3j))
+        lines.append(WireTarget("rod", foot, end, radius, None if number % 2 else 3.0 - 0.3j))
     beam = {"pattern": "gaussian", "antenna_length": 1.0, "elevation_beamwidth_deg": 15.0} if seed % 2 else {}
     scene = wire_scene(
         *lines,
@@ -294,7 +296,7 @@ def test_a_cable_across_the_flight_is_dark() -> None:
     ensure_backend()
     power = []
     for axis in ([0.0, 5.0, 0.0], [5.0, 0.0, 0.0]):
-        cable = LineTarget("cable", -np.array(axis), np.array(axis), 0.01)
+        cable = WireTarget("cable", -np.array(axis), np.array(axis), 0.01)
         power.append(np.abs(simulate(wire_scene(cable), seed=1).data).max())
     assert power[1] < 10 ** (-50 / 20) * power[0]
 
@@ -302,16 +304,16 @@ def test_a_cable_across_the_flight_is_dark() -> None:
 WALL = np.array([[-4.0, -6.0, -1.0], [-4.0, 6.0, -1.0], [-4.0, 6.0, 20.0], [-4.0, -6.0, 20.0]])
 
 
-def test_a_wall_hides_rods_and_rods_hide_nothing() -> None:
+def test_a_wall_hides_wires_and_wires_hide_nothing() -> None:
     ensure_backend()
-    wire = LineTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
+    wire = WireTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
     black = {"permittivity_real": 1.0, "diffuse_law": "lambert", "diffuse_level_db": -60.0}
-    before = LineTarget("before", np.array([-6.0, -2.0, 1.0]), np.array([-6.0, 2.0, 1.0]), 1e-4)
+    before = WireTarget("before", np.array([-6.0, -2.0, 1.0]), np.array([-6.0, 2.0, 1.0]), 1e-4)
     # in the way of the wire, and of the wall: neither sees it
     scene = wire_scene(wire, before, meshes=(SceneMesh(WALL, FACES, black, "wall"),), **COARSE)
     assert scene.radar.track.center_position[0] < -100.0
     both = simulate(scene, seed=1).data
-    alone = simulate(replace(scene, lines=(before,)), seed=1).data
+    alone = simulate(replace(scene, wires=(before,)), seed=1).data
     # tol: gridding in another box
     assert np.abs(both - alone).max() < 1e-2 * np.abs(alone).max()
     with pytest.warns(UserWarning, match="visibility is switched off"):
@@ -319,16 +321,16 @@ def test_a_wall_hides_rods_and_rods_hide_nothing() -> None:
     assert np.abs(seen).max() > 3.0 * np.abs(alone).max()
 
 
-def test_switched_off_rods_leave_the_bits_of_a_scene_without(tmp_path: Path) -> None:
+def test_switched_off_wires_leave_the_bits_of_a_scene_without(tmp_path: Path) -> None:
     ensure_backend()
-    wire = LineTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
+    wire = WireTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
     material = {"material": "concrete", **ROUGH}
     scene = wire_scene(wire, meshes=(SceneMesh(GROUND, FACES, material, "ground"),), **COARSE)
     with pytest.warns(UserWarning, match="line_scatterers is switched off"):
         off = simulate(scene.replace(line_scatterers="off"), seed=1).data
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        without = simulate(replace(scene, lines=()), seed=1).data
+        without = simulate(replace(scene, wires=()), seed=1).data
         kernels = {str(kernel["hash"]) for kernel in dr.kernel_history([dr.KernelType.JIT])}
         with pytest.warns(UserWarning, match="line_scatterers is switched off"):
             again = simulate(scene.replace(line_scatterers="off"), seed=1).data
@@ -368,14 +370,14 @@ def test_cylinders_polylines_and_instances_are_read(tmp_path: Path) -> None:
         + instance.format(x=3)
         + instance.format(x=9),
     )
-    rod, *members = scene.lines
+    rod, *members = scene.wires
     assert np.allclose(rod.ends, [[0.0, 5.0, 0.0], [4.0, 5.0, 0.0]]) and rod.radius == pytest.approx(0.04)
     assert rod.permittivity is not None and 1.5 < rod.permittivity.real < 2.5
     assert len(members) == 6 and all(m.permittivity is None for m in members)
     assert np.allclose(members[1].ends, [[3.0, 0.0, 3.0], [4.0, 0.0, 3.0]])
     assert members[0].radius == pytest.approx(0.04)
     assert np.allclose(members[3].start - members[0].start, [6.0, 0.0, 0.0])
-    assert len({line.name for line in scene.lines}) == 7
+    assert len({line.name for line in scene.wires}) == 7
 
 
 @pytest.mark.parametrize(
@@ -400,7 +402,7 @@ def test_cylinders_polylines_and_instances_are_read(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_is_no_rod_is_refused(tmp_path: Path, shape: str, message: str) -> None:
+def test_what_is_no_wire_is_refused(tmp_path: Path, shape: str, message: str) -> None:
     (tmp_path / "mast.txt").write_text("0 0 0 0.05\n0 0 3 0.03\n", encoding="utf-8")
     (tmp_path / "bad.txt").write_text("0 0 0 0.05\n0 0 3\n", encoding="utf-8")
     with pytest.raises(SceneError, match=message) as caught:

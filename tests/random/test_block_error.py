@@ -1,8 +1,9 @@
 """Boxes on ground, drawn by seed: the stated error of sharing key pulses against the true one."""
 
-import importlib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -13,8 +14,6 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.blocks import partition
 from sarmitsuba.simulation.raw import simulate
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
 
 @pytest.mark.parametrize(
     ("seed", "subsets"),
@@ -22,10 +21,9 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
     [(3, False), (9, True), *(pytest.param(seed, False, marks=pytest.mark.slow) for seed in (12, 7))],
 )
 def test_stated_error_of_blocks_is_no_less_than_the_true_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, subsets: bool
+    tmp_path: Path, benchmark_script: Callable[[str], ModuleType], seed: int, subsets: bool
 ) -> None:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    random_scenes = importlib.import_module("random_scenes")
+    random_scenes = benchmark_script("random_scenes")
     scene = load_scene(random_scenes.draw_boxes(seed).write(tmp_path))
     grid = default_grid(scene.radar, scene.image)
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=subsets))
@@ -34,8 +32,9 @@ def test_stated_error_of_blocks_is_no_less_than_the_true_one(
     shared = simulate(scene)
     stated = shared.metadata["sampling"]["block_error_db"]
     true = image_error_db(focus(shared, grid).total(), focus(exact, grid).total())
-    # tol: seams tell the mean over a block from the change between key pulses, 2 dB rms over drawn scenes
-    # (benchmarks/key_pulse_interval.py): never much less than the truth, and not so much more that it says nothing
+    # tol: block boundaries tell the mean over a block from the change between key pulses, 2 dB rms over drawn scenes
+    # (benchmarks/suite/key_pulse_interval.py): never much less than the truth, and not so much more that it says
+    # nothing
     assert true - 3.0 < stated < true + 8.0
 
 

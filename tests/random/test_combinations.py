@@ -1,8 +1,7 @@
-"""A part of benchmarks/combinations.py: drawn combinations against the exact sum over an ideal point's echoes."""
+"""A part of benchmarks/studies/combinations.py: drawn combinations against the exact sum over a point's echoes."""
 
-import importlib
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -12,15 +11,13 @@ from sarmitsuba.focusing import FOCUSERS, focus
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.simulation.raw import simulate
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 # of each mode: drawn too, and cheap
 QUICK = 1
 
 
 @pytest.fixture
-def combinations(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return importlib.import_module("combinations")
+def combinations(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
+    return benchmark_script("combinations")
 
 
 def check(combinations: ModuleType, mode: str, seed: int) -> None:

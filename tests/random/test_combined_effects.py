@@ -12,7 +12,7 @@ from matplotlib.image import imsave
 
 import sarmitsuba
 from sarmitsuba import theory
-from sarmitsuba.effects.panes import seen_through
+from sarmitsuba.effects.slabs_between import seen_through
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.build import SceneMesh, build_scene
@@ -293,9 +293,9 @@ def test_paths_of_a_mixture_add_up_to_its_echo(tmp_path: Path, seed: int, names:
 
 def test_a_mixture_keeps_its_fingerprint_in_another_process(tmp_path: Path) -> None:
     scene = drawn(tmp_path, 3, ALL)
-    mark = fingerprint(scene)
-    assert fingerprint(pickle.loads(pickle.dumps(scene))) == mark
-    assert fingerprint(drawn(tmp_path, 3, ALL)) == mark
+    run_hash = fingerprint(scene)
+    assert fingerprint(pickle.loads(pickle.dumps(scene))) == run_hash
+    assert fingerprint(drawn(tmp_path, 3, ALL)) == run_hash
 
 
 def test_any_change_of_what_stands_beside_the_mesh_changes_the_fingerprint(tmp_path: Path) -> None:

@@ -1,12 +1,10 @@
-"""A part of benchmarks/random_truth.py: drawn scenes against brute force that shares no code with the simulator."""
+"""A part of benchmarks/studies/random_truth.py: drawn scenes against brute force that shares no code with it."""
 
-import importlib
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 def drawn(quick: range, more: range) -> list[object]:
@@ -28,9 +26,8 @@ GRAZING = 200029
 
 
 @pytest.fixture
-def truth(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return importlib.import_module("random_truth")
+def truth(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
+    return benchmark_script("random_truth")
 
 
 @pytest.mark.parametrize("seed", METAL)

@@ -1,7 +1,6 @@
-"""Errors that the program states, against the true ones, over cases drawn by benchmarks/stated_errors.py."""
+"""Errors that the program states, against the true ones, over cases drawn by benchmarks/suite/stated_errors.py."""
 
-import importlib
-from pathlib import Path
+from collections.abc import Callable
 from types import ModuleType
 
 import numpy as np
@@ -11,7 +10,6 @@ from sarmitsuba.focusing import FOCUSERS, focus
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.image.metrics import image_error_db
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 # forms that are quick to run; slow tests take all
 QUICK = ("omega_k", "range_doppler", "polar_format")
 # what each topic costs: a second or two for the first, up to half a minute for the last
@@ -19,16 +17,14 @@ TOPICS = ("block_model", "gridding", "blocks", "rays", "passes")
 
 
 @pytest.fixture
-def benchmarks(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def benchmarks(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
     """The benchmark, with its topics."""
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return importlib.import_module("stated_errors")
+    return benchmark_script("stated_errors")
 
 
 @pytest.fixture
-def drawn_focusing(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return importlib.import_module("drawn_focusing")
+def drawn_focusing(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
+    return benchmark_script("drawn_focusing")
 
 
 pytestmark = [
@@ -61,7 +57,7 @@ def test_focusers_state_no_less_than_their_error(
         ("block_model", 3),
         pytest.param("block_model", 8, marks=pytest.mark.slow),
         *(pytest.param(t, n, marks=pytest.mark.slow) for t in TOPICS for n in (0, 6)),
-        # two seams that happen to change little
+        # two block boundaries that happen to change little
         pytest.param("blocks", 18, marks=pytest.mark.slow),
     ],
 )

@@ -1,14 +1,13 @@
 """sigma0 of clutter that a beam of few azimuth cells lights, against sums over drawn scatterers in NumPy."""
 
 import importlib
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing import focus
-from sarmitsuba.focusing.aperture import ground_cell_area, matched_weights
+from sarmitsuba.focusing.aperture_weights import ground_cell_area, matched_weights
 from sarmitsuba.focusing.narrow_beam import beam_over_cell
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
@@ -18,7 +17,6 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY
 BAND = 3e8
@@ -126,10 +124,8 @@ def mean_intensity(radar: Radar, place: np.ndarray, window: str, seed: int) -> f
     ],
 )
 @pytest.mark.parametrize("mode", ["sliding_spotlight", "stripmap"])
-def test_narrow_beams_keep_sigma0(
-    monkeypatch: pytest.MonkeyPatch, mode: str, seed: int, cells: float
-) -> None:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
+@pytest.mark.usefixtures("benchmark_script")
+def test_narrow_beams_keep_sigma0(mode: str, seed: int, cells: float) -> None:
     scene, place = drawn(seed, cells, mode)
     radar = scene.radar
     window = ("rectangular", "hamming", "taylor")[seed % 3]

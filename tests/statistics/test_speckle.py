@@ -6,7 +6,7 @@ import pytest
 from sarmitsuba import theory
 from sarmitsuba.validation.cases import CaseEntry
 from sarmitsuba.validation.cases.speckle import distributions
-from sarmitsuba.validation.run import run_case, select
+from sarmitsuba.validation.run_cases import run_case, select
 
 
 @pytest.mark.parametrize("entry", select(topics=["statistics"]), ids=lambda e: e.name)

@@ -12,9 +12,9 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.state import Contribution, Kernel
 
 F64 = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
-from sarmitsuba.focusing.frequency_domain.geometry import track_geometry
+from sarmitsuba.focusing.frequency_domain.track_geometry import track_geometry
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.ideal import ideal_radar
 from sarmitsuba.focusing.windows import parse_window

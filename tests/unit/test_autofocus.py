@@ -2,7 +2,6 @@
 
 import importlib
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,16 +15,11 @@ from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.radar.track import Track
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
-
-@pytest.fixture(autouse=True)
-def benchmarks_are_importable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
+pytestmark = pytest.mark.usefixtures("benchmark_script")
 
 
 def case(mode: str, clutter: bool, seed: int) -> Any:
-    """The case of benchmarks/track_error.py: 0.1 m that the radar does not know of."""
+    """The case of benchmarks/suite/track_error.py: 0.1 m that the radar does not know of."""
     return importlib.import_module("track_error").case(mode, clutter, seed)
 
 

@@ -5,7 +5,9 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -38,22 +40,29 @@ def test_a_benchmark_of_ones_own_is_given_by_its_path(tmp_path: Path) -> None:
     assert [row[0] for row in report["tables"][0]["rows"]] == ["one piece", "two pieces"]
 
 
-def test_every_benchmark_beside_run_all_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The names are listed when one is wrong."""
+@pytest.fixture
+def runner(benchmark_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """``benchmarks/run_all.py`` with every benchmark of the suite registered."""
     monkeypatch.syspath_prepend(str(RUN_ALL.parent))
     module = importlib.import_module("run_all")
+    benchmark_script("harness").discover()
+    return module
+
+
+def test_every_benchmark_of_the_suite_is_found(
+    runner: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The names are listed when one is wrong."""
 
     def said(*arguments: str) -> str:
         monkeypatch.setattr(sys, "argv", ["run_all.py", *arguments])
         with pytest.raises(SystemExit) as ended:
-            module.main()
+            runner.main()
         assert ended.value.code == 2
         return capsys.readouterr().err
 
     listed = set(said("--only", "nothing").rpartition("choose one of ")[2].strip().split(", "))
-    files = {p.stem for p in RUN_ALL.parent.glob("*.py") if "\n@harness.benchmark\n" in p.read_text("utf-8")}
+    files = {path.stem for path in scripts("suite")}
     assert listed == files and {"speed", "focusers", "accumulators"} <= files
     # a second benchmark of one name would hide the first
     double = tmp_path / "speed.py"
@@ -61,20 +70,70 @@ def test_every_benchmark_beside_run_all_is_found(
     assert "there is a benchmark 'speed' already" in said(str(double))
 
 
-def test_sections_that_were_not_run_stay_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(RUN_ALL.parent)
-    run_all_module = importlib.import_module("run_all")
-    harness = importlib.import_module("harness")
-    harness.discover()
+def scripts(folder: str) -> list[Path]:
+    return [p for p in sorted((RUN_ALL.parent / folder).glob("*.py")) if not p.stem.startswith("_")]
+
+
+def test_folders_hold_what_they_say() -> None:
+    """The suite is what is registered, a study runs by itself, what two scripts of other folders share is support."""
+    modules = {path.stem: folder for folder in ("suite", "studies", "support") for path in scripts(folder)}
+    assert len(modules) == sum(len(scripts(folder)) for folder in ("suite", "studies", "support"))
+    wrong = []
+    for name, folder in modules.items():
+        text = (RUN_ALL.parent / folder / f"{name}.py").read_text(encoding="utf-8")
+        if ("\n@harness.benchmark\n" in text) != (folder == "suite"):
+            wrong.append(f"{folder}/{name}.py: registered benchmarks are the suite")
+        if folder == "studies" and '__name__ == "__main__"' not in text:
+            wrong.append(f"{folder}/{name}.py does not run by itself")
+        for used in re.findall(r"^\s*(?:import|from) (\w+)\b", text, re.MULTILINE):
+            if modules.get(used, folder) not in {folder, "support"}:
+                wrong.append(f"{folder}/{name}.py imports {used} of {modules[used]}")
+            # a script's own folder is on the search path, the one that all share is put there
+            if folder != "support" and modules.get(used) == "support" and "\nimport _support\n" not in text:
+                wrong.append(f"{folder}/{name}.py imports {used} without _support")
+    assert not wrong, "\n".join(sorted(set(wrong)))
+
+
+def test_the_page_lists_every_script_and_shows_or_names_every_benchmark(
+    runner: ModuleType, benchmark_script: Callable[[str], ModuleType], tmp_path: Path
+) -> None:
+    page = tmp_path / "benchmarks.md"
+    before = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    page.write_text(before, encoding="utf-8")
+    runner.collect(None, page)
+    assert page.read_text(encoding="utf-8") == before, "run: python benchmarks/run_all.py --list"
+    listing = benchmark_script("listing")
+    for folder in ("suite", "studies", "support"):
+        sentences = listing.scripts(folder)
+        assert set(sentences) == {path.stem for path in scripts(folder)}
+        for name, text in sentences.items():
+            assert text.endswith(".") and f"| `{name}` | {text} |" in before, name
+    for name in benchmark_script("harness").BENCHMARKS.names:
+        (row,) = re.findall(rf"^\| `{name}` \| .* \| (.*) \|$", before, re.MULTILINE)
+        shown = re.search(r"^\[(.+?)\]\(#", row)
+        assert bool(shown) == (f"<!-- benchmark: {name} -->\n" in before)
+        assert (f"\n## {shown[1]}\n" in before) if shown else row.startswith(listing.NOT_YET), name
+
+
+def test_sections_that_were_not_run_stay_on_the_page(runner: ModuleType, tmp_path: Path) -> None:
     page, out = tmp_path / "benchmarks.md", tmp_path / "out"
     before = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
     page.write_text(before, encoding="utf-8")
     out.mkdir()
-    run_all_module.collect(out, page)
+    runner.collect(out, page)
     assert page.read_text(encoding="utf-8") == before
     (out / "methods.md").write_text("## Methods\n\nnew\n", encoding="utf-8")
-    run_all_module.collect(out, page)
+    (out / "loading.md").write_text("## Loading\n\nmeasured now\n", encoding="utf-8")
+    runner.collect(out, page)
     after = page.read_text(encoding="utf-8")
     assert "## Methods\n\nnew\n" in after and after.count("## Methods\n") == 1
-    kept = [line for line in before.splitlines() if line.startswith("## ")]
-    assert [line for line in after.splitlines() if line.startswith("## ")] == kept
+    assert "## Loading\n\nmeasured now\n" in after and "| [Loading](#loading) |" in after
+
+    def sections(text: str) -> list[str]:
+        return re.findall(r"^<!-- benchmark: (\w+) -->$", text, re.MULTILINE)
+
+    assert sections(after) == [*sections(before), "loading"]
+    # a page that is made from nothing names the machine
+    page.unlink()
+    runner.collect(out, page)
+    assert "| cores |" in page.read_text(encoding="utf-8")

@@ -13,14 +13,14 @@ from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.trace.launch import Level, lattice
+from sarmitsuba.trace.launch import LatticeLevel, lattice
 
 
 def test_levels_shift_by_half_a_cell_of_their_own() -> None:
     """Finer rays over a small part stay over it."""
     grid = lattice(4.0, 4.0, 0.5)
     half = grid.n_rays // 2
-    grid = replace(grid, levels=(Level(0, 0.5, (0.1, np.inf)), Level(half, 0.05, (0.0, 0.1))))
+    grid = replace(grid, levels=(LatticeLevel(0, 0.5, (0.1, np.inf)), LatticeLevel(half, 0.05, (0.0, 0.1))))
     moved = blocks_module._shifted(grid)
     step = np.hypot(moved.x - grid.x, moved.y - grid.y)
     np.testing.assert_allclose(step[:half], 0.5 * np.sqrt(0.5), rtol=1e-5)  # tol: float32 coordinates
@@ -31,7 +31,7 @@ def test_strip_keeps_levels() -> None:
     """Rays of a strip keep the level they had."""
     grid = lattice(40.0, 10.0, 0.5, taper=2.0)
     first = grid.n_rays // 3
-    grid = replace(grid, levels=(Level(0, 0.5, (0.1, np.inf)), Level(first, 0.05, (0.0, 0.1))))
+    grid = replace(grid, levels=(LatticeLevel(0, 0.5, (0.1, np.inf)), LatticeLevel(first, 0.05, (0.0, 0.1))))
     strip = blocks_module._strip(grid)
     keep = np.abs(grid.x) <= strip.half_x + strip.taper
     assert 0 < strip.n_rays < 0.1 * grid.n_rays

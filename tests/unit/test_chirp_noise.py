@@ -9,7 +9,7 @@ import scipy.fft
 from sarmitsuba.constants import BOLTZMANN, SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.chirp import chirp_spectrum, n_fast_chirped, pulse_samples, to_chirped
 from sarmitsuba.echo.noise import add_noise, noise_power
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.link_budget import nesz, received_power, snr

@@ -18,9 +18,9 @@ import pytest
 from sarmitsuba import load_scene, simulate
 from sarmitsuba.cli import main
 from sarmitsuba.cluster import ClusterAddress, ClusterPlan
-from sarmitsuba.commands.cluster_arguments import crew_of
+from sarmitsuba.commands.cluster_arguments import open_workers
 from sarmitsuba.commands.console import Console
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import ClusterError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focuser import FocusTask
@@ -80,10 +80,10 @@ def test_the_bits_do_not_depend_on_who_traces(
     name: str, few: dict[str, str], settings: dict[str, object]
 ) -> None:
     scene = scene_of(name, few, **settings)
-    crew = Scattered(seed=len(str(settings)))
-    shared = simulate(scene, crew=crew)
+    workers = Scattered(seed=len(str(settings)))
+    shared = simulate(scene, workers=workers)
     assert_same(shared, simulate(scene))
-    assert len(crew.batches) > 1
+    assert len(workers.batches) > 1
 
 
 def test_progress_counts_every_batch_and_tells_the_workers() -> None:
@@ -93,11 +93,11 @@ def test_progress_counts_every_batch_and_tells_the_workers() -> None:
     def progress(stage: str, done: float, total: float, info: dict[str, float]) -> None:
         told.append((done / total, info["workers"]))
 
-    crew = Scattered(seed=3)
-    simulate(scene, crew=crew, progress=progress)
+    workers = Scattered(seed=3)
+    simulate(scene, workers=workers, progress=progress)
     shares = [share for share, _ in told]
     assert shares == sorted(shares) and shares[-1] == 1.0
-    assert len(set(shares)) == len(crew.batches) + 1  # and the two that settle the interval
+    assert len(set(shares)) == len(workers.batches) + 1  # and the two that settle the interval
     assert {workers for _, workers in told} == {2.0}
 
 
@@ -113,19 +113,19 @@ def test_a_client_that_ends_goes_on_from_what_came_back(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate(scene, crew=first, state=state, progress=stop_at_the_third)
-    again = simulate(scene, crew=second, state=state)
+        simulate(scene, workers=first, state=state, progress=stop_at_the_third)
+    again = simulate(scene, workers=second, state=state)
     assert set(second.batches) == set(first.batches[2:])
     assert_same(again, simulate(scene))
 
 
 def test_what_is_not_shared_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     for method in ("image", "raster"):
-        with crew_of(argparse.Namespace(cluster="local"), Console(), method) as crew:
-            assert crew is None
+        with open_workers(argparse.Namespace(cluster="local"), Console(), method) as workers:
+            assert workers is None
         assert f"note: --cluster local: method {method} takes one look" in capsys.readouterr().err
-    with crew_of(argparse.Namespace(cluster=None), Console(), "hybrid") as crew:
-        assert crew is None
+    with open_workers(argparse.Namespace(cluster=None), Console(), "hybrid") as workers:
+        assert workers is None
     assert capsys.readouterr() == ("", "")
     assert main(["render", "tower", "-o", "nowhere", "--cluster", "somewhere"]) == 2
     assert capsys.readouterr().err.startswith("error: cluster somewhere: not the address")
@@ -136,14 +136,14 @@ def test_what_is_not_shared_is_said(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.slow
 def test_a_killed_worker_loses_nothing() -> None:
     """Two processes; at drawn moments one is killed with SIGKILL: same bits."""
-    from sarmitsuba.cluster.crew import crew_of as opened
+    from sarmitsuba.cluster.dask_workers import open_workers as opened
     from sarmitsuba.cluster.focusing import SharedBackprojection
 
     scene = scene_of("tower", {}, keep_subsets=True, key_pulse_interval=32)
     alone = simulate(scene)
     draw = random.Random(16)
-    with opened(ClusterAddress("", 2)) as crew:
-        assert_same(simulate(scene, crew=crew), alone)
+    with opened(ClusterAddress("", 2)) as workers:
+        assert_same(simulate(scene, workers=workers), alone)
         for _ in range(2):
             moment, killed = draw.uniform(0.1, 0.8), []
 
@@ -151,14 +151,14 @@ def test_a_killed_worker_loses_nothing() -> None:
                 stage: str, done: float, total: float, info: dict[str, float], moment=moment, killed=killed
             ) -> None:
                 if done > moment * total and not killed:
-                    killed.append(draw.choice(sorted(crew.client.run(os.getpid).values())))
+                    killed.append(draw.choice(sorted(workers.client.run(os.getpid).values())))
                     os.kill(killed[0], signal.SIGKILL)
 
-            assert_same(simulate(scene, crew=crew, progress=progress), alone)
-            assert killed and killed[0] not in crew.client.run(os.getpid).values()
+            assert_same(simulate(scene, workers=workers, progress=progress), alone)
+            assert killed and killed[0] not in workers.client.run(os.getpid).values()
         grid, window = default_grid(alone), parse_window("taylor")
         task = FocusTask(alone, grid, window, window, silent)
-        shared = SharedBackprojection(crew=crew, tile_pixels=20_000)
+        shared = SharedBackprojection(workers=workers, tile_pixels=20_000)
         pixels = shared.focus(task).pixels
         assert pixels[0].size > 3 * shared.tile_pixels
     again = backproject(
@@ -214,7 +214,7 @@ class ByTiles:
 
 
 @pytest.mark.parametrize("kind", ["slant", "ground"])
-def test_tiles_of_a_crew_are_the_backprojection(kind: str) -> None:
+def test_tiles_of_workers_are_the_backprojection(kind: str) -> None:
     pytest.importorskip("distributed")
     from sarmitsuba.cluster.focusing import SharedBackprojection
 
@@ -228,8 +228,8 @@ def test_tiles_of_a_crew_are_the_backprojection(kind: str) -> None:
     grid = default_grid(raw, {"grid": kind, "extent_range": 40.0})
     window = parse_window("taylor")
     task = FocusTask(raw, grid, window, window, silent)
-    crew: Any = ByTiles()
-    shared = SharedBackprojection("kernel:4", crew=crew, tile_pixels=1500)
+    workers: Any = ByTiles()
+    shared = SharedBackprojection("kernel:4", workers=workers, tile_pixels=1500)
     alone = backproject(
         raw, grid, range_window=window, azimuth_window=window, interpolation="kernel:4", tile_pixels=1500
     )
@@ -247,10 +247,10 @@ def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
     from distributed import Client
     from distributed.security import Security
 
-    from sarmitsuba.cluster.crew import crew_of as started
+    from sarmitsuba.cluster.dask_workers import open_workers as started
 
-    with started(ClusterAddress.parse("local:1")) as crew:
-        address = crew.client.scheduler.address
+    with started(ClusterAddress.parse("local:1")) as workers:
+        address = workers.client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
         for stranger in (
             {"address": address.replace("tls://", "tcp://")},
@@ -258,10 +258,10 @@ def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
         ):
             with dask.config.set({"distributed.comm.timeouts.connect": "3s"}), pytest.raises(OSError):
                 Client(**stranger)
-        pages = crew.client.cluster.scheduler.http_server.port
+        pages = workers.client.cluster.scheduler.http_server.port
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(f"http://127.0.0.1:{pages}/info/main/workers.html")
         # workers import from their folder: nobody else may lay modules there, or move it
-        (worker,) = crew.client.scheduler_info()["workers"].values()
+        (worker,) = workers.client.scheduler_info()["workers"].values()
         above = Path(worker["local_directory"]).relative_to(tempfile.gettempdir()).parts[0]
         assert stat.S_IMODE((Path(tempfile.gettempdir()) / above).stat().st_mode) == 0o700

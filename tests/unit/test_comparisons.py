@@ -9,7 +9,7 @@ import pytest
 from sarmitsuba.validation.cases import CASES
 from sarmitsuba.validation.comparison import TOPICS, Case, Comparison, summarise
 from sarmitsuba.validation.figures import plot_case
-from sarmitsuba.validation.report import report, summary_lines
+from sarmitsuba.validation.markdown_page import report, summary_lines
 
 
 def comparison(offset: float = 0.05, **changes: object) -> Comparison:

@@ -5,13 +5,13 @@ import pytest
 
 from sarmitsuba.cost.clock import WorkClock
 from sarmitsuba.cost.model import CostModel, corrected
-from sarmitsuba.cost.pieces import REFERENCES, field_of_proof
-from sarmitsuba.cost.proof import Check, Reference
+from sarmitsuba.cost.proof import ProofRun, Reference
 from sarmitsuba.cost.report import Candidate, options_of, pareto, recommend
 from sarmitsuba.cost.sweeps import SPACINGS
+from sarmitsuba.cost.swept_piece import REFERENCES, field_of_proof
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.prediction.speed import SpeedModel, Work, split_trace
-from sarmitsuba.simulation.sampling.plan import RaySpacings
+from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 
 def candidate(error_db: float, seconds: float, spacing: float = 1.0, method: str = "hybrid") -> Candidate:
@@ -76,7 +76,7 @@ def test_runs_correct_their_neighbours_of_the_same_method() -> None:
         candidate(-42.0, 16.0, 0.25),
         candidate(-20.0, 0.1, 1.0, "image"),
     ]
-    found = corrected(predicted, {0: Check(-25.0, 1.5), 1: Check(-33.0, 4.0)})
+    found = corrected(predicted, {0: ProofRun(-25.0, 1.5), 1: ProofRun(-33.0, 4.0)})
     assert [c.measured for c in found] == [True, True, False, False]
     assert (found[0].error_db, found[0].seconds) == (-25.0, 1.5)
     # the third is nearer to the second; the image has no neighbour, so its time stays, its error moves by the median

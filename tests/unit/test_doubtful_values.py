@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.loader.library import list_radars, list_scenes
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.mesh.units import doubtful_unit, up_axis
+from sarmitsuba.mesh.model_units import doubtful_unit, up_axis
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.extent import Extent

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.analysis.quality.budget import AT_MOST, MEASURED, UNKNOWN, error_budget
-from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.analysis.quality.error_budget import AT_MOST, MEASURED, UNKNOWN, error_budget
+from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.image.sar_image import SarImage
 
 PILOT = {"energy_from_order_upper_db": [0.0, -12.5, -41.5, None]}
@@ -38,7 +38,7 @@ def test_a_point_has_no_error_of_rays_bounces_or_blocks(image: SarImage) -> None
     ]
     assert parts["bounces left out"].error_db == parts["blocks of pulses"].error_db == -math.inf
     assert parts["rays"].error_db == -math.inf and parts["rays"].why == "nothing is traced"
-    assert parts["gridding"].error_db == pytest.approx(spreading_kernel(4).error_db + 3.01, abs=0.01)
+    assert parts["gridding"].error_db == pytest.approx(gridding_kernel(4).error_db + 3.01, abs=0.01)
     assert parts["focuser"].known == AT_MOST and parts["focuser"].error_db < -50.0
     assert parts["physical optics"].known == UNKNOWN
     assert str(parts["bounces left out"]) == "bounces left out none"

@@ -198,6 +198,43 @@ def check_an_effect_of_the_trace_kernel(example: Example, folder: Path) -> None:
     np.testing.assert_array_equal(bits, simulate(load_scene(folder / "scene.xml")).data)
 
 
+def check_a_scatterer(example: Example, folder: Path) -> None:
+    """The level of the closed form, as an ideal point's; nothing beyond the cone; over the ground; refusals."""
+    wavelength = load_scene(write(folder)).radar.waveform.wavelength
+    dbsm = 10.0 * np.log10(4.0 * np.pi**3 * 0.3**4 / wavelength**2)
+    point = POINT.replace('value="40"', f'value="{dbsm:.9f}"')
+    lens, ideal = (load_scene(write(folder, shape=shape)) for shape in (example.xml[0], point))
+    assert lens.scatterers[0].values == {"radius": 0.3, "cone_deg": 60.0}
+    assert lens.replace(look_angle_deg=41.0).scatterers[0].kind == "luneburg_lens"
+    for method in ("hybrid", "image"):
+        images = [
+            render(scene.replace(method=method, max_depth=1, visibility="on")) for scene in (lens, ideal)
+        ]
+        for channel in ("HH", "VV"):
+            one, other = (image.total(channel) for image in images)
+            # tol: the grid's kernel; ideal points are exact
+            assert np.linalg.norm(one - other) < 3e-3 * np.linalg.norm(other), (method, channel)
+    level = load_scene(write(folder, shape=example.xml[0].replace('angle="-40"', 'angle="-90"')))
+    assert {1, 2, 3} <= set(trace_paths(level.replace(max_depth=3)).order)  # its ground below as a mirror
+    sight = lens.radar.track.center_position
+    aspects = Aspects(np.array([np.arctan2(sight[1], sight[0])]), np.full(1, np.radians(50.0)))
+    bare = load_scene(write(folder))
+    alone = rcs_sweep(lens.replace(max_depth=1), aspects).result.amplitude.sum(axis=1)[0, 1]
+    plate = rcs_sweep(bare.replace(max_depth=1), aspects).result.amplitude.sum(axis=1)[0, 1]
+    assert 20.0 * np.log10(np.abs(alone - plate)) == pytest.approx(dbsm, abs=0.01)  # tol: float32
+    away = load_scene(write(folder, shape=example.xml[0].replace('angle="-40"', 'angle="40"')))
+    with pytest.warns(SarmitsubaWarning, match=r"own_scatterers is switched off.*1 luneburg_lens"):
+        off = simulate(away.replace(max_depth=1, own_scatterers="off")).data
+    dark, lit = (simulate(scene.replace(max_depth=1)).data for scene in (away, lens))
+    # tol: the launch window's middle is another, and with it the plate's rays
+    assert np.abs(dark - off).max() < 1e-3 * np.abs(lit).max()
+    with pytest.raises(SceneError, match="luneburg_lens is on a cube; put it on a sphere"):
+        load_scene(write(folder, shape=example.xml[0].replace("sphere", "cube")))
+    with pytest.raises(SceneError, match=r"radius = -1 m is below the bound 0\.01 m"):
+        load_scene(write(folder, shape=example.xml[0].replace("0.3", "-1")))
+    assert "own_scatterers" in INTEGRATOR.markdown()
+
+
 def check_a_radar_mode(example: Example, folder: Path) -> None:
     """Its beam is the scene's, whose footprint moves as fast as the file says; its parameter is its own."""
     sensor = '<sensor type="sar_antenna">'
@@ -275,6 +312,7 @@ CHECKS: dict[str, Callable[[Example, Path], None]] = {
     "A material": check_a_material,
     "An effect": check_an_effect,
     "An effect of the trace kernel": check_an_effect_of_the_trace_kernel,
+    "A scatterer": check_a_scatterer,
     "A radar mode": check_a_radar_mode,
     "An antenna pattern": check_an_antenna_pattern,
     "A focuser": check_a_focuser,

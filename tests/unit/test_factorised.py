@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.factorised.division import Plan
-from sarmitsuba.focusing.factorised.sampling import Sampling, refinement_error, refinement_weights
+from sarmitsuba.focusing.factorised.sampling import SubimageSampling, refinement_error, refinement_weights
 from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.focusing.focusers.factorised import Factorised
@@ -214,7 +214,7 @@ def test_the_refinement_is_as_good_as_stated(upsampling: float) -> None:
         value = sum(weights[j, k] * np.roll(signal, 3 - k) for k in range(8))
         error = np.linalg.norm(value - exact) / np.linalg.norm(exact)
         assert error < 2.0 * refinement_error(upsampling)  # tol: the worst place over the mean of all
-    assert Sampling(upsampling, 6).error_db(1) < Sampling(upsampling, 4).error_db(1)
+    assert SubimageSampling(upsampling, 6).error_db(1) < SubimageSampling(upsampling, 4).error_db(1)
 
 
 def test_auto_takes_it_for_large_images_on_curved_tracks() -> None:

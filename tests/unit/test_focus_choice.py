@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import FOCUSERS, Focused, Focuser, FocusTask, default_grid, focus
-from sarmitsuba.focusing.comparison import compare_focusers
 from sarmitsuba.focusing.focuser import Auto, parse_focuser
+from sarmitsuba.focusing.focuser_comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import ImageGrid

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.echo.chirp import to_chirped
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.range_compression import compression_filter, range_compress

@@ -25,7 +25,7 @@ from sarmitsuba.focusing import (
     default_grid,
     focus,
 )
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.focuser import option, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import Backprojection, backproject
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar

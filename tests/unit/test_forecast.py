@@ -35,14 +35,14 @@ def scene_of(name: str, **parameters: str) -> Scene:
 
 @pytest.mark.parametrize("name", ["railing", "street_trees", "dihedral"])
 def test_sources_are_counted_before_they_are_made(name: str) -> None:
-    """Rods, vegetation and edges, against those that are made."""
+    """Wires, vegetation and edges, against those that are made."""
     run = Run(scene_of(name))
     assert run.sampling is not None
     expected = expected_sources(RunSite(run.sampling))
     made = run.tracer(run.sampling).sources
     assert len(expected) == len(made)
     for each, source in zip(expected, made, strict=True):
-        # tol: bodies that are cut by cells of their lattice; ends of rods that two share
+        # tol: bodies that are cut by cells of their lattice; ends of wires that two share
         assert each.scatterers == pytest.approx(source.scatterers.n, rel=0.05)  # type: ignore[attr-defined]
     needs = run.needs()
     assert needs.seconds["trace"] > sum(each.scatterers * each.each for each in expected)

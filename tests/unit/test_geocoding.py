@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io import write_image

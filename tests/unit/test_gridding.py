@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sarmitsuba.echo.gridding import SpreadingKernel, fine_grid, spreading_kernel, to_window
+from sarmitsuba.echo.gridding import GriddingKernel, fine_grid, gridding_kernel, to_window
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 
 WIDTHS = range(1, 9)
@@ -12,7 +12,7 @@ WIDTHS = range(1, 9)
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_taps_follow_the_kernel_and_the_cell_convention(width):
-    kernel = SpreadingKernel(width)
+    kernel = GriddingKernel(width)
     x = np.linspace(10.0, 12.0, 101)[:-1]
     base = np.floor(x + kernel.shift)
     first = base - kernel.lead
@@ -31,7 +31,7 @@ def test_taps_follow_the_kernel_and_the_cell_convention(width):
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_inverse_transform(width):
-    kernel = spreading_kernel(width)
+    kernel = gridding_kernel(width)
     nu = np.linspace(-0.5, 0.5, 301)
     # tol: of the polynomial
     assert np.abs(kernel.inverse_transform(nu) * kernel.transform(nu) - 1.0).max() < 1e-9
@@ -52,7 +52,7 @@ def test_phasors_are_exponentials():
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_transform_is_that_of_the_kernel(width):
-    kernel = spreading_kernel(width)
+    kernel = gridding_kernel(width)
     for nu in (0.0, 0.1, 0.25, 0.4):
         value, _ = quad(
             lambda x, nu=nu: float(kernel.evaluate(np.array(x))) * np.cos(2.0 * np.pi * nu * x),
@@ -64,7 +64,7 @@ def test_transform_is_that_of_the_kernel(width):
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_stated_error_is_the_measured_one(width):
-    kernel = spreading_kernel(width)
+    kernel = gridding_kernel(width)
     rng = np.random.default_rng(width)
     x = rng.uniform(20.0, 30.0, 2000)
     nu = rng.uniform(-0.25, 0.25, 2000)
@@ -79,7 +79,7 @@ def test_stated_error_is_the_measured_one(width):
 
 def test_error_table():
     """Nearest 0.3, linear 0.05, then a factor of about 9 for each cell more."""
-    errors = [spreading_kernel(w).error_db for w in WIDTHS]
+    errors = [gridding_kernel(w).error_db for w in WIDTHS]
     # tol: 1 dB around the table of docs: these figures decide which width a user picks
     assert np.allclose(errors, [-11.3, -26.0, -47.1, -64.3, -84.4, -102.9, -121.9, -141.2], atol=1.0)
 
@@ -87,7 +87,7 @@ def test_error_table():
 @pytest.mark.parametrize("width", WIDTHS)
 def test_drjit_arrays_give_the_same(width):
     dr = pytest.importorskip("drjit")
-    kernel = spreading_kernel(width)
+    kernel = gridding_kernel(width)
     frac = np.linspace(0.0, 1.0, 33)[:-1].astype(np.float32)
     x = np.linspace(-0.6 * width, 0.6 * width, 41).astype(np.float32)
     there = np.array([np.array(t) for t in kernel.taps(dr.llvm.Float(frac), dr)])
@@ -99,7 +99,7 @@ def test_drjit_arrays_give_the_same(width):
 def test_width_out_of_bounds_is_refused():
     for width in (0, 9):
         with pytest.raises(ValueError, match="gridding_width"):
-            SpreadingKernel(width)
+            GriddingKernel(width)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.2, 1.37, 2.5])

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from sarmitsuba import cli
 from sarmitsuba.errors import OutputError, SarmitsubaError, SceneError
+from sarmitsuba.importing.city_model import Model
 from sarmitsuba.importing.convert import import_scene
 from sarmitsuba.importing.facades import FacadeOptions
-from sarmitsuba.importing.model import Model
-from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.triangulated import network
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.ply import write_ply

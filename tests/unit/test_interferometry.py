@@ -10,7 +10,7 @@ from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
 from sarmitsuba.analysis.interferometry.interferogram import independent_looks
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage

@@ -17,10 +17,10 @@ import OpenEXR
 import pytest
 from matplotlib.image import imread
 
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.io import parameters, read_image, read_raw, write_image, write_raw
+from sarmitsuba.io import parameter_file, read_image, read_raw, write_image, write_raw
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat, find_format
@@ -286,7 +286,7 @@ def test_parameters_are_standard_json(tmp_path: Path) -> None:
         "e": np.arange(3),
         "f": 1 + 2j,
     }
-    parameters.write(tmp_path / "p.json", record)
+    parameter_file.write(tmp_path / "p.json", record)
     assert json.loads((tmp_path / "p.json").read_text(encoding="utf-8"), parse_constant=pytest.fail) == {
         "a": 1.5, "b": "-inf", "c": [1, 2], "d": "x/y", "e": [0, 1, 2], "f": [1.0, 2.0],
     }  # fmt: skip

@@ -9,7 +9,7 @@ from sarmitsuba.mesh import tessellate
 from sarmitsuba.simulation.sampling.small_lattice import Lattice, ManyNodesError, nodes_over
 from sarmitsuba.trace.launch import frame_towards, project
 from sarmitsuba.trace.speckle import TURN_COS, TURN_SIN, ScattererLattice
-from sarmitsuba.trace.tubes.tube import Extent, patch
+from sarmitsuba.trace.tubes.tube import TubeExtent, patch
 
 
 def test_every_node_of_a_patch_is_visited_once() -> None:
@@ -25,7 +25,7 @@ def test_every_node_of_a_patch_is_visited_once() -> None:
     for _ in range(4):  # cut by the facet's edge, at any slope, or not
         cut = rng.random(n) < 0.5
         ends += [np.where(cut, rng.random(n), 1e3), np.where(cut, rng.uniform(-1.0, 1.0, n), 0.0)]
-    part = patch(Extent(*(mi.Float(e.astype(np.float32)) for e in ends)))
+    part = patch(TubeExtent(*(mi.Float(e.astype(np.float32)) for e in ends)))
     lattice = ScattererLattice.of(
         mi.Vector3d(*point.T),
         mi.Vector3d(*normal.T),

@@ -14,7 +14,7 @@ from sarmitsuba.cli import main
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.link import LinkBudget, link_budget
-from sarmitsuba.link.pulses import free_bands, overlap_share
+from sarmitsuba.link.prf_bounds import free_bands, overlap_share
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.simulation.refinement.error_bars import (
@@ -18,7 +18,7 @@ from sarmitsuba.simulation.refinement.error_bars import (
     has_subsets,
     with_error_bars,
 )
-from sarmitsuba.simulation.refinement.state import Passes
+from sarmitsuba.simulation.refinement.running_mean import Passes
 
 
 def subsets(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.raw import echoes
 from sarmitsuba.simulation.refinement.passes import refine
-from sarmitsuba.simulation.refinement.state import Passes, PassLayout
+from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.piece import crop
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene, focus, load_scene, simulate
-from sarmitsuba.analysis.quality.points import scene_points
+from sarmitsuba.analysis.quality.point_quality import scene_points
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.mesh.tessellate import cube

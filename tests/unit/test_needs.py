@@ -113,7 +113,7 @@ def test_rays_are_counted_without_making_them(name: str, subsets: str) -> None:
     made = [
         grid.n_rays
         for i, subset in enumerate(run.layers.subsets)
-        for grid in run.sampling.lattices(draw=i, subset=subset)
+        for grid in run.sampling.lattices(realisation=i, subset=subset)
         if grid.serves(middle)
     ]
     # tol: a lattice has an area's rays but for those along its rim

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from sarmitsuba import theory
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.loader.build import build_scene

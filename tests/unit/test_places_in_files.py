@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry.interferogram import block_grid
-from sarmitsuba.analysis.polarimetry.averaging import averaged
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.analysis.polarimetry.multilook import averaged
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import ImageGrid, SarImage

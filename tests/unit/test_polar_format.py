@@ -10,7 +10,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
-from sarmitsuba.focusing.focusers.polar_format import LARGEST_PHASE, _Raster
+from sarmitsuba.focusing.focusers.polar_format import LARGEST_PHASE, _WavenumberRaster
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.radar.antenna import Antenna
@@ -134,7 +134,7 @@ def test_the_raster_is_the_sum_over_samples(seed: int) -> None:
     places = rng.uniform(-0.5, 0.5, (200, 2)) * extent + rng.uniform(-3.0, 3.0, 2)
     samples = rng.standard_normal((2, 40, 50))
     samples = (samples[0] + 1j * samples[1]).astype(np.complex64)
-    raster = _Raster.of(k * slope[:, :, None], places)
+    raster = _WavenumberRaster.of(k * slope[:, :, None], places)
     got = raster.image(samples.ravel())
     wave = (k[None, :, None] * slope[:, None, :]).reshape(-1, 2)
     exact = np.exp(1j * places @ wave.T) @ samples.ravel().astype(np.complex128)

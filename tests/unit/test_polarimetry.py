@@ -26,11 +26,11 @@ from sarmitsuba.analysis.polarimetry import (
     span,
     stokes,
 )
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.polarisation import read_channels
-from sarmitsuba.view.polarimetry import feasible_bounds
+from sarmitsuba.view.polarimetric_maps import feasible_bounds
 
 polar = theory.polarimetry
 ROLLS = np.radians([-40.0, -17.3, 0.0, 8.1, 31.7])  # fixed; any in between would do

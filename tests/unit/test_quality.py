@@ -15,10 +15,10 @@ from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality, spectra
 from sarmitsuba.analysis.quality.areas import contrast, entropy
 from sarmitsuba.analysis.quality.widths import window_irw
 from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.aperture import incidence_angle
+from sarmitsuba.focusing.aperture_weights import incidence_angle
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import point_target
 from sarmitsuba.image.sar_image import SarImage

@@ -8,7 +8,7 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba import DataError, SarmitsubaError, SarmitsubaWarning
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 
 FEW = {"sar_antenna.n_pulses": "12"}

@@ -9,9 +9,10 @@ from sarmitsuba.loader.tables import TABLES
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "scene_format.md"
+GUIDE = DOCS / "scenes.md"
 
 
-@pytest.mark.parametrize("name", ["scene_format.md", "effects.md"])
+@pytest.mark.parametrize("name", ["scene_format.md", "effects_reference.md"])
 def test_the_page_is_up_to_date(name: str) -> None:
     text = (DOCS / name).read_text(encoding="utf-8")
     assert "<!-- table: " in text
@@ -30,8 +31,8 @@ def test_the_page_holds_every_plugin() -> None:
     }
 
 
-def test_the_smallest_scene_of_the_page_loads(tmp_path: Path) -> None:
-    example = re.search(r"```xml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+def test_the_smallest_scene_of_the_guide_loads(tmp_path: Path) -> None:
+    example = re.search(r"```xml\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
     assert example is not None
     path = tmp_path / "scene.xml"
     path.write_text(example[1], encoding="utf-8")

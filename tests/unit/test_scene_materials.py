@@ -11,7 +11,7 @@ from sarmitsuba.materials.bsdfs import (
     sionna_itu_name,
     sionna_material,
 )
-from sarmitsuba.materials.library import MATERIALS
+from sarmitsuba.materials.named_materials import MATERIALS
 
 X_BAND = 9.6e9
 WHERE = 'scene.xml: bsdf "m"'

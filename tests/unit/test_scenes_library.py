@@ -183,7 +183,7 @@ def test_shipped_meshes_are_those_of_the_build_script():
 
 def test_shipped_polylines_are_those_of_their_script():
     run = subprocess.run(
-        [sys.executable, str(scenes_dir() / "rods.py"), "--check"],
+        [sys.executable, str(scenes_dir() / "wires.py"), "--check"],
         capture_output=True,
         text=True,
         check=False,

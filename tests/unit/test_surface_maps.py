@@ -12,8 +12,8 @@ from sarmitsuba.backend import mi
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.plugins import register_plugins
+from sarmitsuba.materials.map_materials import MOST_LEVELS, map_attributes, varied, with_parts
 from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.materials.parts import MOST_LEVELS, map_attributes, varied, with_parts
 from sarmitsuba.materials.texture import Bitmap, in_plan, on_mesh
 
 GREY = np.array([[0, 51, 255], [102, 51, 51]], dtype=np.uint8)

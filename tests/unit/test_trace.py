@@ -14,11 +14,11 @@ from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.trace.accumulators import rounded_size
-from sarmitsuba.trace.arrays import device_array
-from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice
-from sarmitsuba.trace.state import COHERENT, DIFFUSE, RETRO, Contribution, Kernel
+from sarmitsuba.trace.scene_tables import build_trace_scene
+from sarmitsuba.trace.state import COHERENT, DIFFUSE, RECIPROCAL, Contribution, Kernel
 from tests.support.paths import coherent_flags
 
 
@@ -31,7 +31,7 @@ class Tally:
     def add(self, state: tuple[mi.UInt32, ...], contribution: Contribution) -> tuple[mi.UInt32, ...]:
         kind, order = contribution.kind, contribution.order
         even = ((order & 1) == 0) | (order < 3)
-        seen = [kind == k for k in (COHERENT, DIFFUSE, RETRO)] + [(kind == RETRO) & even]
+        seen = [kind == k for k in (COHERENT, DIFFUSE, RECIPROCAL)] + [(kind == RECIPROCAL) & even]
         return tuple(
             s + dr.select(contribution.active & new, mi.UInt32(1), 0)
             for s, new in zip(state, seen, strict=True)
@@ -66,16 +66,16 @@ def test_every_contribution_arrives_once(changes: dict[str, bool]) -> None:
     kernel = Kernel.of(built, rays, PulseBatch(position, velocity, frame), flags, settings)
     counts, state = trace(kernel, Antenna(), Tally())
     dr.eval(counts, state)
-    coherent, diffuse, retro, wrong_order = (int(np.sum(s.numpy())) for s in state)
-    assert coherent + diffuse + retro == int(np.sum(counts.contributions.numpy())) > rays.n_rays // 2
+    coherent, diffuse, reciprocal, wrong_order = (int(np.sum(s.numpy())) for s in state)
+    assert coherent + diffuse + reciprocal == int(np.sum(counts.contributions.numpy())) > rays.n_rays // 2
     assert (coherent > 0) == flags.coherent
     assert (diffuse > 0) == flags.diffuse
-    assert (retro > 0) == (flags.diffuse and flags.diffuse_double and flags.multi_bounce)
+    assert (reciprocal > 0) == (flags.diffuse and flags.diffuse_double and flags.multi_bounce)
     assert wrong_order == 0
 
 
 def test_kinds_are_numbered_as_the_effects_name_them() -> None:
-    assert [KINDS[k] for k in (COHERENT, DIFFUSE, RETRO)] == ["coherent", "diffuse", "retro"]
+    assert [KINDS[k] for k in (COHERENT, DIFFUSE, RECIPROCAL)] == ["coherent", "diffuse", "reciprocal"]
 
 
 def test_arrays_compile_one_kernel_wherever_numpy_put_them() -> None:

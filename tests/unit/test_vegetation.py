@@ -8,12 +8,12 @@ import pytest
 from sarmitsuba import RadarDescription, SceneMesh, SceneVolume, build_scene, load_scene, theory
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
-from sarmitsuba.materials.vegetation import canopy, pieces
+from sarmitsuba.materials.vegetation import canopy, plant_pieces
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
 from sarmitsuba.materials.vegetation.medium import NODES, node_cosines, water_cloud
 from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
-from sarmitsuba.materials.vegetation.pieces import Leaf, OverGround, Stick
-from sarmitsuba.materials.vegetation.thin_rod import thin_rod
+from sarmitsuba.materials.vegetation.plant_pieces import Leaf, OverGround, Stick
+from sarmitsuba.materials.vegetation.thin_cylinder import thin_rod
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.scene.scene import Scene
 
@@ -45,7 +45,9 @@ def test_the_series_of_a_cylinder_meets_the_closed_form_at_broadside(seed: int) 
     wavelength, radius = rng.uniform(0.02, 0.25), rng.uniform(0.002, 0.03)
     eps = complex(rng.uniform(3.0, 30.0), -rng.uniform(0.1, 12.0))
     for turn in (0.0, np.pi):
-        ours = pieces.cylinder_series(np.array([0.5 * np.pi]), 2.0 * np.pi * radius / wavelength, eps, turn)
+        ours = plant_pieces.cylinder_series(
+            np.array([0.5 * np.pi]), 2.0 * np.pi * radius / wavelength, eps, turn
+        )
         along, across = theory.cylinder_at_broadside(radius, eps, wavelength, turn)
         assert ours[0][0] * 1j == pytest.approx(complex(along), rel=1e-6)
         assert ours[1][0] * 1j == pytest.approx(complex(across), rel=1e-6)
@@ -55,7 +57,7 @@ def test_a_long_thin_stick_is_polarised_as_its_series_says() -> None:
     """The endless rod of the integral equation and the series of the cylinder, forwards, off the axis."""
     angle, k, eps, radius = np.array([0.7, 1.1, 0.5 * np.pi]), 2.0 * np.pi / 0.05, 15.0 - 5.0j, 2e-4
     along, across = thin_rod(radius, 1.0, k, eps).of_endless(np.cos(angle), np.cos(angle))
-    series = pieces.cylinder_series(angle, k * radius, eps, 0.0)
+    series = plant_pieces.cylinder_series(angle, k * radius, eps, 0.0)
     gain = k**2 / 4.0 * radius**2 * (eps - 1.0)  # T of f = (l / pi) T
     for a, b in zip((along * np.sin(angle) ** 2 + across * np.cos(angle) ** 2, across), series, strict=True):
         # tol: second order in k a |sqrt eps| = 0.1
@@ -122,7 +124,7 @@ def test_a_thin_stick_over_the_ground_is_the_same_by_both_approximations(
     stick, wavelength, eps = Stick(2e-4, 0.02), 0.05, 15.0 - 5.0j
     view = OverGround(0.6, *axis)
     thin = np.stack(stick.over_ground(view, wavelength, eps))
-    monkeypatch.setattr(pieces, "THIN", 1e-6)
+    monkeypatch.setattr(plant_pieces, "THIN", 1e-6)
     series = np.stack(stick.over_ground(view, wavelength, eps))
     powers = [np.mean(np.abs(s) ** 2, axis=1) for s in (thin, series)]
     # tol: a stick of half a wave does not keep to the cone; levels of the mean, dB
@@ -136,7 +138,7 @@ def test_stalks_return_over_the_ground() -> None:
     back, ground = medium.back.power[10], medium.over_ground.power[10]
     assert ground[0] > 20.0 * back[0]
     wavelength, angle = SPEED_OF_LIGHT / 5e9, np.arccos(node_cosines()[10])
-    series = pieces.cylinder_series(
+    series = plant_pieces.cylinder_series(
         np.array([angle]), 2.0 * np.pi / wavelength * 0.01, plant_permittivity(0.7, 5e9), np.pi
     )
     assert ground[0] == pytest.approx(

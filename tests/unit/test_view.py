@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.view.display import QUANTITIES, PictureOptions, limits_db, prepare, screen_size

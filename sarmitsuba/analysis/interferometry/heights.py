@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.analysis.interferometry.interferogram import Interferogram
-from sarmitsuba.analysis.interferometry.viewpoint import Look
+from sarmitsuba.analysis.interferometry.viewpoint import FixedAntennas
 from sarmitsuba.errors import DataError
 
 F64 = NDArray[np.float64]
@@ -141,7 +141,11 @@ def height_map(pair: Interferogram, phase: F64 | None = None, *, lowest: float |
 
 
 def _correction(
-    first: Look, second: Look, place: F64, wanted: tuple[F64, F64, F64], known: NDArray[np.bool_]
+    first: FixedAntennas,
+    second: FixedAntennas,
+    place: F64,
+    wanted: tuple[F64, F64, F64],
+    known: NDArray[np.bool_],
 ) -> F64:
     """Newton's step towards the points of the wanted range, sine and second range; zero where nothing is known."""
     missed = [

@@ -78,22 +78,24 @@ class Viewpoint:
         first = self.transmitter.position(time)
         return first, first if self.receiver is None else self.receiver.position(time)
 
-    def look(self, points: F64) -> "Look":
+    def look(self, points: F64) -> "FixedAntennas":
         """What is seen of points (..., 3), m: the antennas stay where each point's aperture has its middle."""
         time = self.time(points)
         transmitter, receiver = self.antennas(time)
         velocity = (
             self.transmitter.velocity if self.squint_sine is None else self.transmitter.velocity_at(time)
         )
-        return Look(transmitter, receiver, velocity / np.linalg.norm(velocity, axis=-1, keepdims=True))
+        return FixedAntennas(
+            transmitter, receiver, velocity / np.linalg.norm(velocity, axis=-1, keepdims=True)
+        )
 
     def distance(self, points: F64) -> F64:
-        """(...,) m: slant range of points (..., 3), half the way there and back."""
+        """(...,) m: slant range of points (..., 3), half the path there and back."""
         return self.look(points).distance(points)
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class FixedAntennas:
     """Antennas that see points from fixed places.
 
     Parameters
@@ -113,8 +115,8 @@ class Look:
 
     def distance(self, points: F64) -> F64:
         """(...,) m: slant range."""
-        ways = [np.linalg.norm(points - place, axis=-1) for place in (self.transmitter, self.receiver)]
-        return np.asarray(0.5 * (ways[0] + ways[1]))
+        legs = [np.linalg.norm(points - place, axis=-1) for place in (self.transmitter, self.receiver)]
+        return np.asarray(0.5 * (legs[0] + legs[1]))
 
     def gradient(self, points: F64) -> F64:
         """(..., 3): change of the slant range per metre; the line of sight, or the mean of both."""
@@ -136,4 +138,4 @@ class Look:
         return np.asarray((self.forward - sine * unit) / distance)
 
 
-__all__ = ["Look", "Viewpoint"]
+__all__ = ["FixedAntennas", "Viewpoint"]

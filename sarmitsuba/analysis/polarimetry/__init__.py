@@ -18,8 +18,12 @@ from sarmitsuba.analysis.polarimetry.coherency import (
 )
 from sarmitsuba.analysis.polarimetry.colours import colours, pauli_rgb
 from sarmitsuba.analysis.polarimetry.compact import Stokes, m_chi, m_delta, stokes
+from sarmitsuba.analysis.polarimetry.polarisation_report import (
+    PolarimetryReport,
+    automatic_looks,
+    polarimetry_report,
+)
 from sarmitsuba.analysis.polarimetry.quad import QuadPol, quad_pol
-from sarmitsuba.analysis.polarimetry.report import PolarimetryReport, automatic_looks, polarimetry_report
 
 __all__ = [
     "ZONES",

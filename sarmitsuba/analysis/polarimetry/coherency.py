@@ -7,7 +7,7 @@ Pottier, IEEE TGRS 34 (2) 1996, equations 8 to 18; Lee and Pottier, Polarimetric
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.analysis.polarimetry.averaging import averaged
+from sarmitsuba.analysis.polarimetry.multilook import averaged
 from sarmitsuba.analysis.polarimetry.quad import QuadPol
 from sarmitsuba.errors import DataError
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.analysis.polarimetry.averaging import averaged
+from sarmitsuba.analysis.polarimetry.multilook import averaged
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 

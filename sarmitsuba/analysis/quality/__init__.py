@@ -1,10 +1,10 @@
 """Image quality: points, areas and looks, measured and predicted."""
 
 from sarmitsuba.analysis.quality.areas import Area, AreaQuality
-from sarmitsuba.analysis.quality.budget import ErrorPart, error_budget
+from sarmitsuba.analysis.quality.error_budget import ErrorPart, error_budget
+from sarmitsuba.analysis.quality.image_report import QualityReport, image_quality
 from sarmitsuba.analysis.quality.looks import Looks, spectral_looks
-from sarmitsuba.analysis.quality.points import KnownPoint, PointQuality
-from sarmitsuba.analysis.quality.report import QualityReport, image_quality
+from sarmitsuba.analysis.quality.point_quality import KnownPoint, PointQuality
 
 __all__ = [
     "Area",

@@ -18,13 +18,13 @@ class DiffuseDouble(Effect):
     """
 
     name = "diffuse_double"
-    title = "reciprocal and retro diffuse paths"
+    title = "reversed and reciprocal diffuse paths"
     documentation = "diffuse return after a mirror chain, with its reciprocal path"
     off_when = "no diffuse hit behind a mirror, or too little of it"
     off_means = "no reciprocal path, no way back along the chain"
     rank = 60
     kernel_flags: ClassVar[Mapping[str, str]] = {
-        "diffuse_double": "reciprocal and retro paths of diffuse hits behind mirrors, two more contributions per hit",
+        "diffuse_double": "reversed and reciprocal paths of diffuse hits behind mirrors, two more contributions a hit",
     }
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:

@@ -17,13 +17,13 @@ WHOLE_DB, SQUARE_DB = 20.0, 30.0
 
 
 class DiffusePairs(Effect):
-    """Off where no surface sees another, or where a draw of pairs hardly changes the level of the clutter."""
+    """Off where no surface sees another, or where a realisation of pairs hardly changes the level of the clutter."""
 
     name = "diffuse_pairs"
     title = "two diffuse scatterers in a row"
     documentation = "paths over two diffuse scatterers, from one to the other"
     off_when = "no surface sees another, or the pilot finds too little of it to change a level"
-    off_means = "no draw of pairs, no launch of theirs"
+    off_means = "no realisation of pairs, no launch of theirs"
     rank = 65
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "diffuse_pairs": "pairs of diffuse scatterers, a launch of their own beside that of the rays",
@@ -34,7 +34,7 @@ class DiffusePairs(Effect):
         depth = decided["max_depth"]
         if not decided["diffuse"].on:
             return Assessment(False, "nothing diffuse", -np.inf)
-        if not depth.on:
+        if not depth.on and depth.source != "pilot":  # a pilot of mirrors says nothing of pairs
             return Assessment(
                 False, f"one bounce: {depth.why}", -np.inf if depth.source == "fact" else np.nan
             )
@@ -43,7 +43,7 @@ class DiffusePairs(Effect):
             if context.scene.settings.effects.get(self.name) == "off":
                 return Assessment(False, "what they return was not looked at", float("nan"))
             return Assessment(
-                True, "surfaces may see each other, and no draw of pairs was looked at", float("nan")
+                True, "surfaces may see each other, and no realisation of pairs was looked at", float("nan")
             )
         if level.share == 0.0:
             return Assessment(False, "pilot: no surface that scatters sees another", -np.inf, measured=True)
@@ -72,7 +72,7 @@ def _measured(level: PairLevel, tolerance_db: float) -> Assessment:
             else ", all that is cross-polar"
         )
     if on:
-        why = f"{found}; error of the run's draw {10.0 * np.log10(level.draw_error):.0f} dB"
+        why = f"{found}; error of the run's realisation of pairs {10.0 * np.log10(level.realisation_error):.0f} dB"
     else:
         limits = f"{tolerance_db + WHOLE_DB:.0f} and {tolerance_db + SQUARE_DB:.0f} dB"
         why = f"{found}; left out below {limits}, where they hardly change a level"

@@ -34,7 +34,7 @@ class MaxDepth(Effect):
         if settings.method == "raster":
             return Assessment(False, "the raster method has one bounce", float("nan"), 1)
         asked = settings.max_depth
-        # the proof is of what reflects; what goes through a pane may be hit from its far side
+        # the proof is of what reflects; what goes through a slab may be hit from its far side
         proof = "" if context.seen_through else context.shape.single_bounce
         if asked:
             if proof and asked > 1:
@@ -56,7 +56,7 @@ class MaxDepth(Effect):
     ) -> Mapping[str, FlagValue]:
         """Without it the loop and the reflection are left out."""
         depth = decided[self.name].value or DEFAULT_DEPTH
-        # what goes through a pane needs the loop, even for one bounce
+        # what goes through a slab needs the loop, even for one bounce
         return {"multi_bounce": depth > 1 or bool(context.seen_through)}
 
 

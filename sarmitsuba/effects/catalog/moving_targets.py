@@ -32,11 +32,11 @@ class MovingTargets(Effect):
         if not motions:
             return Assessment(False, "no shape moves", -np.inf)
         time = scene.radar.track.time
-        way = max(float(np.linalg.norm(np.ptp(m.displacement(time), axis=0))) for m in motions)
+        moved = max(float(np.linalg.norm(np.ptp(m.displacement(time), axis=0))) for m in motions)
         what = "1 shape moves" if len(motions) == 1 else f"{len(motions)} shapes move"
         # rad over the aperture: from one on, what it returns is another image
-        error = 20.0 * float(np.log10(min(2.0 * context.wavenumber * way, 1.0))) if way else -np.inf
-        return Assessment(True, f"{what}, up to {way:.3g} m during the aperture", error)
+        error = 20.0 * float(np.log10(min(2.0 * context.wavenumber * moved, 1.0))) if moved else -np.inf
+        return Assessment(True, f"{what}, up to {moved:.3g} m during the aperture", error)
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

@@ -1,4 +1,4 @@
-"""What is seen through panes and thin walls."""
+"""What is seen through slabs, such as windows and thin walls."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -22,7 +22,7 @@ class Transmission(Effect):
     off_means = "slabs block; one path per ray"
     rank = 34
     kernel_flags: ClassVar[Mapping[str, str]] = {
-        "transmission": "paths branch at panes, and ways home go through them",
+        "transmission": "paths branch at slabs, and ways home go through them",
     }
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -53,7 +53,7 @@ class Transmission(Effect):
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """Branches at panes, in the loop of several bounces and with the slabs' reflection."""
+        """Branches at slabs, in the loop of several bounces and with the slabs' reflection."""
         return {"transmission": on}
 
 

@@ -31,10 +31,14 @@ class Visibility(Effect):
         if context.scene.has_sources and context.materials:
             return Assessment(True, "the mesh can hide what no ray finds", float("nan"))
         depth, edges = decided["max_depth"], decided["edge_diffraction"]
-        if not depth.on and (depth.source == "fact" or not edges.on):
+        if not depth.on and not decided["diffuse_pairs"].on and (depth.source == "fact" or not edges.on):
             return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:
             return Assessment(False, "no face stands between any other and the antenna", -np.inf)
+        if not depth.on and decided["diffuse_pairs"].on:
+            return Assessment(
+                True, "the second scatterer of a pair can be hidden from the antenna", float("nan")
+            )
         if not depth.on:
             return Assessment(True, "edges can be hidden from the antenna", float("nan"))
         # a hidden return may be stronger than all that are seen

@@ -72,7 +72,7 @@ class Wideband(Effect):
     level nor place; it changes side lobes and fills the nulls between them. These call for the effect from 10 dB above
     the tolerance on (by default from B / f_c = 0.11 on).
 
-    Reflection coefficients, of half spaces and of slabs, and what panes let through are compared with those at the
+    Reflection coefficients, of half spaces and of slabs, and what slabs let through are compared with those at the
     carrier, over the incident wave; diffuse laws at both ends of the band. They call for it from the tolerance on. As
     many frequencies are traced as leave 10 dB less than the tolerance of any of these.
     """
@@ -178,7 +178,7 @@ def _phase_over_tube(context: SceneContext, spacing: float) -> float:
 
 
 def _reflection(material: Material, frequency: F64, context: SceneContext, *, slab: bool) -> Iterator[_Law]:
-    """Reflection of a dielectric, and what a pane lets through both ways, over the incident wave."""
+    """Reflection of a dielectric, and what a slab lets through both ways, over the incident wave."""
     thick = slab and material.thickness > 0.0
     if material.dispersion is None and not thick:
         return
@@ -193,13 +193,13 @@ def _reflection(material: Material, frequency: F64, context: SceneContext, *, sl
     reflected = np.array([[s.r_te, s.r_tm] for s in slabs])
     yield _Law(f"the reflection of {material.name}", np.concatenate(np.moveaxis(reflected, 0, -1)))
     if material in context.seen_through:
-        both_ways = np.concatenate(np.moveaxis(np.array([[s.t_te, s.t_tm] for s in slabs]), 0, -1)) ** 2
+        both_legs = np.concatenate(np.moveaxis(np.array([[s.t_te, s.t_tm] for s in slabs]), 0, -1)) ** 2
         # the echo moves by the delay at the carrier
         middle = len(frequency) // 2
-        turn = np.angle(both_ways[:, middle + 1] * both_ways[:, middle - 1].conj())
+        turn = np.angle(both_legs[:, middle + 1] * both_legs[:, middle - 1].conj())
         slope = turn / (frequency[middle + 1] - frequency[middle - 1])
-        both_ways = both_ways * np.exp(-1j * slope[:, None] * (frequency - frequency[middle]))
-        yield _Law(f"what {material.name} lets through", both_ways)
+        both_legs = both_legs * np.exp(-1j * slope[:, None] * (frequency - frequency[middle]))
+        yield _Law(f"what {material.name} lets through", both_legs)
 
 
 def _diffuse(material: Material, frequency: F64, relative: C128) -> C128:

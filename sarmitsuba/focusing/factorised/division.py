@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.focusing.factorised.sampling import Sampling
+from sarmitsuba.focusing.factorised.sampling import SubimageSampling
 
 F64 = NDArray[np.float64]
 
 # processor seconds of one core: of a pulse at a sample, of a group merged into a sample, of the transforms of a
-# subimage's sample, and of a section at a pixel by the taps of the last interpolation; benchmarks/factorised.py
+# subimage's sample, and of a section at a pixel by the taps of the last interpolation; benchmarks/suite/factorised.py
 # measures their sum
 _PULSE, _MERGE, _SAMPLE = 3e-9, 2e-9, 2.5e-8
 PIXEL_SECONDS = {4: 7e-9, 6: 12e-9}
@@ -20,7 +20,7 @@ _SECTION = 0.02
 
 
 @dataclass(frozen=True)
-class Level:
+class SubimageLevel:
     """Subimages of all groups of one size: polar grids of one common range axis.
 
     Parameters
@@ -64,7 +64,7 @@ class Section:
     start_range: float
     range_step: float
     n_ranges: int
-    levels: tuple[Level, ...]
+    levels: tuple[SubimageLevel, ...]
     rows: slice
 
     def local(self, positions: F64) -> F64:
@@ -100,7 +100,7 @@ class Plan:
     """
 
     sections: tuple[Section, ...]
-    sampling: Sampling
+    sampling: SubimageSampling
     seconds: float
     edge_db: float
 
@@ -126,4 +126,4 @@ class Plan:
         )
 
 
-__all__ = ["PIXEL_SECONDS", "Level", "Plan", "Section"]
+__all__ = ["PIXEL_SECONDS", "Plan", "Section", "SubimageLevel"]

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import device_array, dr
-from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.echo.gridding import GriddingKernel
 from sarmitsuba.focusing.backprojection_kernel import (
     AXES_STRIDE,
     Weighting,
     dot,
 )
 from sarmitsuba.focusing.device_complex import cis, scaled, times
-from sarmitsuba.focusing.factorised.division import Level, Section
+from sarmitsuba.focusing.factorised.division import Section, SubimageLevel
 from sarmitsuba.focusing.factorised.sampling import TAPS, refinement_weights
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ ANGLES = 4
 
 
 @dataclass(frozen=True)
-class Polar:
+class PolarAxes:
     """A level's polar grid, opaque.
 
     Parameters
@@ -56,7 +56,7 @@ class Polar:
     per_angle: dr.ArrayBase
 
     @classmethod
-    def of(cls, types: ModuleType, section: Section, level: Level) -> Polar:
+    def of(cls, types: ModuleType, section: Section, level: SubimageLevel) -> PolarAxes:
         """Grid of a level."""
 
         def real(value: float) -> dr.ArrayBase:
@@ -138,7 +138,7 @@ def unpacked(types: ModuleType, word: dr.ArrayBase) -> Complex:
 
 
 @dataclass(frozen=True)
-class Pulses:
+class GroupPulses:
     """Pulses of some groups, whole groups only.
 
     Parameters
@@ -168,11 +168,11 @@ class Pulses:
 
 def form(
     types: ModuleType,
-    polar: Polar,
+    polar: PolarAxes,
     n_lanes: int,
     centers: dr.ArrayBase,
-    pulses: Pulses,
-    kernel: SpreadingKernel,
+    pulses: GroupPulses,
+    kernel: GriddingKernel,
     n_layers: int,
     weighting: Weighting,
     out: list[dr.ArrayBase],
@@ -331,8 +331,8 @@ def sum_weights(
 
 def merge(
     types: ModuleType,
-    below: tuple[Polar, Level],
-    above: tuple[Polar, Level],
+    below: tuple[PolarAxes, SubimageLevel],
+    above: tuple[PolarAxes, SubimageLevel],
     shifts: dr.ArrayBase,
     centers: dr.ArrayBase,
     turns_per_metre: dr.ArrayBase,
@@ -457,8 +457,8 @@ def quads(types: ModuleType, vectors: NDArray[np.float64], *, squares: bool) -> 
 __all__ = [
     "ANGLES",
     "AXES_STRIDE",
-    "Polar",
-    "Pulses",
+    "GroupPulses",
+    "PolarAxes",
     "form",
     "merge",
     "packed",

@@ -7,9 +7,9 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr
-from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.echo.gridding import GriddingKernel
 from sarmitsuba.focusing.device_complex import cis, scaled
-from sarmitsuba.focusing.factorised.kernels import Polar, unpacked
+from sarmitsuba.focusing.factorised.kernels import PolarAxes, unpacked
 
 if TYPE_CHECKING:
     Vector = tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]
@@ -37,11 +37,11 @@ class Pixels:
 
 def resample(
     types: ModuleType,
-    polar: Polar,
+    polar: PolarAxes,
     pixels: Pixels,
     n_lanes: int,
     turns_per_metre: dr.ArrayBase,
-    kernel: SpreadingKernel,
+    kernel: GriddingKernel,
     images: list[dr.ArrayBase],
     state: list[dr.ArrayBase],
 ) -> list[dr.ArrayBase]:

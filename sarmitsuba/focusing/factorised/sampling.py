@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.echo.gridding import gridding_kernel
 
 F64 = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ UPSAMPLING = (1.5, 4.0)
 CORRECTION = 6
 """Samples on either side used by the correction of the last interpolation."""
 
-# of range profiles at twice the receiver's rate, as benchmarks/focusers.py measures it, by taps
+# of range profiles at twice the receiver's rate, as benchmarks/suite/focusers.py measures it, by taps
 _PROFILE_ERROR_DB = {4: -66.0, 6: -105.0}
 # (upsampling, taps of the last interpolation) in the order of their cost
 _CHOICES = ((1.75, 4), (2.0, 4), (2.0, 6), (2.5, 6))
@@ -32,7 +32,7 @@ _NODES = 64
 
 
 @dataclass(frozen=True)
-class Sampling:
+class SubimageSampling:
     """Density of subimages and the interpolations between them.
 
     Parameters
@@ -58,19 +58,19 @@ class Sampling:
 
 
 @lru_cache(maxsize=64)
-def _error_db(sampling: Sampling, merges: int) -> float:
+def _error_db(sampling: SubimageSampling, merges: int) -> float:
     power = 10.0 ** (0.1 * _PROFILE_ERROR_DB[sampling.width]) + 10.0 ** (0.1 * _ROUNDING_DB)
     power += merges * refinement_error(sampling.upsampling) ** 2
     nu = np.linspace(0.0, 0.5 / sampling.upsampling, _NODES)
-    power += 2.0 * float(np.mean(spreading_kernel(sampling.width).aliasing(nu) ** 2))
+    power += 2.0 * float(np.mean(gridding_kernel(sampling.width).aliasing(nu) ** 2))
     return float(10.0 * np.log10(power))
 
 
-def choose_sampling(error_db: float, upsampling: float, merges: int) -> Sampling:
+def choose_sampling(error_db: float, upsampling: float, merges: int) -> SubimageSampling:
     """The cheapest sampling with a predicted error ``MARGIN_DB`` below the wanted one; else that of least error."""
-    choices = [Sampling(*choice) for choice in _CHOICES]
+    choices = [SubimageSampling(*choice) for choice in _CHOICES]
     if upsampling:
-        choices = [Sampling(upsampling, 4), Sampling(upsampling, 6)]
+        choices = [SubimageSampling(upsampling, 4), SubimageSampling(upsampling, 6)]
     for choice in choices:
         if choice.error_db(merges) <= error_db - MARGIN_DB:
             return choice
@@ -107,7 +107,7 @@ def refinement_error(upsampling: float) -> float:
     return float(np.sqrt(np.mean(np.abs(value - np.exp(2j * np.pi * np.outer(nu, x))) ** 2)))
 
 
-def correction(sampling: Sampling, n: int) -> NDArray[np.float32]:
+def correction(sampling: SubimageSampling, n: int) -> NDArray[np.float32]:
     """Gains of an FFT's n bins that divide out the last interpolation's transform within the band.
 
     A filter of ``2 CORRECTION + 1`` taps, so that the ends of a subimage affect no more samples: least-squares fit, in
@@ -115,7 +115,7 @@ def correction(sampling: Sampling, n: int) -> NDArray[np.float32]:
     """
     order = np.arange(CORRECTION + 1)
     nu = np.linspace(0.0, 0.5 / sampling.upsampling, 8 * _NODES)
-    transform = spreading_kernel(sampling.width).transform(nu)
+    transform = gridding_kernel(sampling.width).transform(nu)
     terms = np.cos(2.0 * np.pi * np.outer(nu, order)) * transform[:, None]
     taps = np.linalg.lstsq(terms, np.ones_like(nu), rcond=None)[0]
     cosines = np.cos(2.0 * np.pi * np.outer(np.fft.fftfreq(n), order))
@@ -128,7 +128,7 @@ __all__ = [
     "RATIOS",
     "TAPS",
     "UPSAMPLING",
-    "Sampling",
+    "SubimageSampling",
     "choose_sampling",
     "correction",
     "refinement_error",

@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
-from sarmitsuba.focusing.aperture import beam_turn, flight
+from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.focusing.aperture_weights import beam_turn, flight
 from sarmitsuba.focusing.backprojection_kernel import ApertureBand, Beam, Weighting
-from sarmitsuba.focusing.factorised.division import Level, Plan, Section
+from sarmitsuba.focusing.factorised.division import Plan, Section, SubimageLevel
 from sarmitsuba.focusing.factorised.kernels import (
     ANGLES,
     AXES_STRIDE,
-    Polar,
-    Pulses,
+    GroupPulses,
+    PolarAxes,
     form,
     merge,
     quads,
     sum_weights,
 )
 from sarmitsuba.focusing.factorised.resampling import Pixels, resample
-from sarmitsuba.focusing.factorised.sampling import CORRECTION, Sampling, correction
+from sarmitsuba.focusing.factorised.sampling import CORRECTION, SubimageSampling, correction
 from sarmitsuba.focusing.profiles import MOST_BEYOND, ProfilePlan
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -71,7 +71,7 @@ class Job:
     pulse_weights: F64
     weighting: Weighting
     reference: float
-    sampling: Sampling
+    sampling: SubimageSampling
 
     @property
     def turns_per_metre(self) -> dr.ArrayBase:
@@ -123,7 +123,7 @@ def _tiles(grid: ImageGrid) -> Iterator[slice]:
         yield slice(start, min(start + step, grid.shape[0]))
 
 
-def _centers(section: Section, level: Level, antenna: F64) -> F64:
+def _centers(section: Section, level: SubimageLevel, antenna: F64) -> F64:
     """Mean antenna position (n_groups, 3) of a level's groups in the section's frame; zero for groups of padding."""
     if level.n_groups == 1:
         return np.zeros((1, 3))
@@ -141,7 +141,7 @@ def _subimage(job: Job, section: Section) -> list[dr.ArrayBase]:
     antenna = section.local(job.raw.radar.track.position[span])
     centers = [_centers(section, level, antenna) for level in section.levels]
     images = _finest(job, section, antenna, centers[0])
-    polars = [Polar.of(types, section, level) for level in section.levels]
+    polars = [PolarAxes.of(types, section, level) for level in section.levels]
     for i, (low, high) in enumerate(pairwise(section.levels)):
         shift = centers[i] - np.repeat(centers[i + 1], low.n_groups // high.n_groups, axis=0)
         images = merge(
@@ -160,7 +160,7 @@ def _subimage(job: Job, section: Section) -> list[dr.ArrayBase]:
 def _finest(job: Job, section: Section, antenna: F64, centers: F64) -> list[dr.ArrayBase]:
     """The finest subimages, from pulses in batches of whole groups."""
     types, level, n_layers = job.types, section.levels[0], len(job.raw.layers)
-    polar = Polar.of(types, section, level)
+    polar = PolarAxes.of(types, section, level)
     size = level.n_groups * level.n_angles * section.n_ranges
     out = [dr.zeros(types.UInt64, size) for _ in range(n_layers)]
     dr.make_opaque(out)
@@ -187,7 +187,7 @@ def _finest(job: Job, section: Section, antenna: F64, centers: F64) -> list[dr.A
     return out
 
 
-def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slice) -> Pulses:
+def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slice) -> GroupPulses:
     """Tables of the pulses of selected groups; padding pulses at the section's end have weight zero."""
     types, plan, radar = job.types, job.profiles, job.raw.radar
     length = section.levels[0].n_pulses
@@ -205,7 +205,7 @@ def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slic
     profiles = np.zeros((len(job.raw.layers), padded, stored), dtype=np.complex64)
     profiles[:, :n] = plan.profiles(job.raw.data[:, own], MOST_BEYOND)
     Float64, UInt32 = types.Float64, types.UInt32
-    return Pulses(
+    return GroupPulses(
         n_pulses=dr.opaque(UInt32, length),
         shifts=quads(types, shift, squares=True),
         starts=device_array(Float64, starts),
@@ -234,7 +234,9 @@ def _axes(radar: Radar, weights: F64, pulses: slice, frame: F64) -> NDArray[np.f
     return table
 
 
-def _corrected(job: Job, section: Section, images: list[dr.ArrayBase]) -> tuple[Polar, list[dr.ArrayBase]]:
+def _corrected(
+    job: Job, section: Section, images: list[dr.ArrayBase]
+) -> tuple[PolarAxes, list[dr.ArrayBase]]:
     """The section's subimage with the last interpolation's transform divided out, in angle and range."""
     level = section.levels[-1]
     shape = (level.n_angles, section.n_ranges)
@@ -247,7 +249,7 @@ def _corrected(job: Job, section: Section, images: list[dr.ArrayBase]) -> tuple[
         spectrum *= factors[1]
         fine = scipy.fft.ifft2(spectrum, overwrite_x=True, workers=-1)[: shape[0], : shape[1]]
         out.append(device_array(job.types.UInt64, np.ascontiguousarray(fine).view(np.uint64)))
-    return Polar.of(job.types, section, level), out
+    return PolarAxes.of(job.types, section, level), out
 
 
 def _pixels(types: ModuleType, section: Section, grid: ImageGrid, rows: slice) -> Pixels:

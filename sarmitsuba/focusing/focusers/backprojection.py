@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import (
+from sarmitsuba.focusing.aperture_weights import (
     beam_turn,
     dimness,
     direction_gain,
@@ -30,14 +30,14 @@ from sarmitsuba.focusing.backprojection_kernel import (
     PULSE_STRIDE,
     ApertureBand,
     Beam,
-    Line,
-    PulseBatch,
+    LanePixels,
+    ProfileBatch,
     Scales,
     Weighting,
     accumulate,
 )
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
-from sarmitsuba.focusing.needs import backprojection_bytes
+from sarmitsuba.focusing.memory_needs import backprojection_bytes
 from sarmitsuba.focusing.pixel_lines import (
     PixelLines,
     grid_lines,
@@ -259,7 +259,7 @@ def _focus_lines(
     stride = 2 * n_layers + 1
     per_line, lanes = lines.index.shape
     middle = tuple(device_array(types.Float64, lines.middle[:, axis]) for axis in range(3))
-    line = Line(
+    line = LanePixels(
         n_pixels=per_line,
         n_nodes=lines.n_nodes,
         step=tuple(dr.opaque(types.Float64, float(s)) for s in lines.step),
@@ -275,7 +275,7 @@ def _focus_lines(
     dr.make_opaque(state)  # otherwise the first batch would compile its own kernel
     for batch in _batches(radar.track.n_pulses, plan, n_layers, batch_bytes):
         n = batch.stop - batch.start
-        pulses = PulseBatch(
+        pulses = ProfileBatch(
             n_pulses=dr.opaque(types.UInt32, n),
             n_stored=dr.opaque(types.UInt32, plan.n_stored),
             n_plane=dr.opaque(types.UInt32, n * plan.n_stored),
@@ -435,9 +435,9 @@ class Backprojection(Focuser):
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
         """Error of range interpolation and rounding, dB, against the sum in float64 at exact ranges.
 
-        Powers add up of the interpolation's, as benchmarks/focusers.py measures it, and of the rounding of the ends of
-        pixels' own apertures. Both grow where a place is weakly illuminated: its pixel is divided by the summed weight
-        of its pulses.
+        Powers add up of the interpolation's, as benchmarks/suite/focusers.py measures it, and of the rounding of the
+        ends of pixels' own apertures. Both grow where a place is weakly illuminated: its pixel is divided by the summed
+        weight of its pulses.
         """
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
-from sarmitsuba.focusing.frequency_domain.geometry import slant_grid
+from sarmitsuba.focusing.frequency_domain.chirp_z import ChirpZ, VirtualChirp
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
     Migration,
@@ -17,10 +17,10 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     migration_refusal,
     plan_migration,
 )
-from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
-from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
+from sarmitsuba.focusing.frequency_domain.row_costs import RowsFocuser
+from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, WavenumberBand, focus_rows
 from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
-from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ, VirtualChirp
+from sarmitsuba.focusing.frequency_domain.track_geometry import slant_grid
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
@@ -37,10 +37,10 @@ def _largest(law: Migration, sines: F64) -> float:
     return float(min(np.abs(law.scaling_factor(law.center_wavenumber * sine)).max(), _LARGEST))
 
 
-class _Lines(RangeLaw):
+class _ChirpLines(RangeLaw):
     """Evaluation of range lines by chirps and FFTs."""
 
-    def __init__(self, band: Band, law: Migration) -> None:
+    def __init__(self, band: WavenumberBand, law: Migration) -> None:
         self.band, self.law = band, law
         self.chirp = VirtualChirp.of(
             _largest(law, band.sines), 2.0 * np.pi / band.step, band.step, band.count
@@ -131,7 +131,7 @@ class ChirpScaling(RowsFocuser):
         def room(sines: F64, extent: float) -> float:
             return 1.2 * VirtualChirp.length(_largest(law, sines), 1.5 * extent, radar.waveform.range_cell)
 
-        return focus_rows("chirp scaling", task, lambda band: _Lines(band, law), room)
+        return focus_rows("chirp scaling", task, lambda band: _ChirpLines(band, law), room)
 
 
 FOCUSERS.register(ChirpScaling())

@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import image_places, leaves_beam, matched_weights
+from sarmitsuba.focusing.aperture_weights import image_places, leaves_beam, matched_weights
 from sarmitsuba.focusing.factorised.division import Plan
-from sarmitsuba.focusing.factorised.plan import make_plan
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
+from sarmitsuba.focusing.factorised.section_plan import make_plan
 from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan, whole_weights
 from sarmitsuba.focusing.focuser import (
     FOCUSERS,
@@ -53,7 +53,7 @@ class Factorised(Focuser):
     spectrum in angle.
 
     Every grid samples the spectra of its pulses, computed from the track, times ``upsampling``; the error is that of
-    the interpolations, predicted by :meth:`sarmitsuba.focusing.factorised.sampling.Sampling.error_db`, and
+    the interpolations, predicted by :meth:`sarmitsuba.focusing.factorised.sampling.SubimageSampling.error_db`, and
     ``upsampling=0`` uses the smallest that meets ``error``.
 
     Validity: any track, spotlight or with apertures of the pixels' own (then in two stages). Refuses an image that
@@ -141,7 +141,7 @@ class Factorised(Focuser):
         check_fits(
             f"focuser factorised: subimages of {len(plan.sections)} sections",
             plan_bytes(plan, profiles, grid, min(n_layers, _MAX_LAYERS)),
-            "make the image smaller, or take focuser backprojection",
+            "make the image smaller, or use focuser backprojection",
         )
         image = np.empty((n_layers, *grid.shape), dtype=np.complex64)
         for start in range(0, n_layers, _MAX_LAYERS):

@@ -8,10 +8,10 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
-from sarmitsuba.focusing.frequency_domain.geometry import track_refusal
+from sarmitsuba.focusing.frequency_domain.chirp_z import WIDTH, ChirpZ, kernel_transform, spread
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
     Migration,
@@ -19,10 +19,10 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     migration_refusal,
     plan_migration,
 )
-from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
-from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
+from sarmitsuba.focusing.frequency_domain.row_costs import RowsFocuser
+from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, WavenumberBand, focus_rows
 from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
-from sarmitsuba.focusing.frequency_domain.stretching import WIDTH, ChirpZ, kernel_transform, spread
+from sarmitsuba.focusing.frequency_domain.track_geometry import track_refusal
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
@@ -35,7 +35,7 @@ C64 = NDArray[np.complex64]
 class _Stolt(RangeLaw):
     """Exact sum over k: a type-1 non-uniform FFT from the curved k_y samples to the range pixels."""
 
-    def __init__(self, band: Band) -> None:
+    def __init__(self, band: WavenumberBand) -> None:
         self.band = band
         self.n = int(scipy.fft.next_fast_len(2 * band.rho.size + 2 * WIDTH))
         self.cells = self.n * band.pixel_spacing / (2.0 * np.pi)  # grid cells per rad/m of k_y
@@ -58,7 +58,7 @@ class _Stolt(RangeLaw):
 class _WithoutStolt(RangeLaw):
     """Bulk compression by the reference function; pixels by a chirp-z transform, residual phases by multiplication."""
 
-    def __init__(self, band: Band, law: Migration) -> None:
+    def __init__(self, band: WavenumberBand, law: Migration) -> None:
         self.band, self.law = band, law
         turn = band.step * law.reference_slope * band.pixel_spacing
         self.points = ChirpZ(band.count, band.rho.size, band.first, -(band.rho.size // 2), turn)

@@ -8,9 +8,9 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import (
+from sarmitsuba.focusing.aperture_weights import (
     aperture_weights,
     direction_gain,
     image_places,
@@ -28,7 +28,7 @@ C64 = NDArray[np.complex64]
 C128 = NDArray[np.complex128]
 
 # taps of both kernels, polar samples onto the wavenumber grid and image onto the pixels; rms error of each, dB, is
-# spreading_kernel(6).error_db
+# gridding_kernel(6).error_db
 _WIDTH = 6
 # largest phase error, rad, from wavefront curvature at the end of the aperture
 LARGEST_PHASE = 0.3
@@ -45,7 +45,7 @@ _PIXEL_BYTES, _SAMPLE_BYTES, _BATCH_BYTES = 207, 63, 64_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class _Polar:
+class _PlaneWaves:
     """Lines of sight to the image's centre, and the plane wave that approximates each wavefront.
 
     Parameters
@@ -64,19 +64,19 @@ class _Polar:
     nodes: NDArray[np.int64]
 
     @staticmethod
-    def of(radar: Radar, grid: ImageGrid) -> "_Polar":
+    def of(radar: Radar, grid: ImageGrid) -> "_PlaneWaves":
         rows, columns = grid.shape
         center = grid.positions_on_line(rows // 2)[columns // 2]
-        way = center - radar.track.position
-        distance = np.linalg.norm(way, axis=1)
+        leg = center - radar.track.position
+        distance = np.linalg.norm(leg, axis=1)
         axes = np.array([grid.along, grid.across])
         nodes = np.unique(np.linspace(0, distance.size - 1, _NODES).round().astype(np.int64))
-        return _Polar(center, axes, distance, way @ axes.T / distance[:, None], nodes)
+        return _PlaneWaves(center, axes, distance, leg @ axes.T / distance[:, None], nodes)
 
     def differences(self, radar: Radar, points: F64) -> F64:
         """Ranges of points (n, 3) minus that of the centre at the nodes, (n, n_nodes), m."""
-        way = np.linalg.norm(points[:, None] - radar.track.position[self.nodes], axis=-1)
-        return np.asarray(way - self.distance[self.nodes])
+        leg = np.linalg.norm(points[:, None] - radar.track.position[self.nodes], axis=-1)
+        return np.asarray(leg - self.distance[self.nodes])
 
     def places(self, differences: F64) -> F64:
         """Positions (n, 2) m of points in the plane-wave image, by least squares over the aperture."""
@@ -94,7 +94,7 @@ def refusal(radar: Radar, grid: ImageGrid) -> str:
         return f"{radar.track.n_pulses} pulses are too few, at least 8 are needed"
     if np.isfinite(radar.half_aperture):
         return "every pixel has its own aperture (stripmap), and polar format needs a common one"
-    polar = _Polar.of(radar, grid)
+    polar = _PlaneWaves.of(radar, grid)
     if np.linalg.matrix_rank(polar.slope, tol=1e-6) < 2:
         return "the line of sight does not rotate over the aperture"
     points = image_places(grid)
@@ -117,7 +117,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
     Sum of the powers of the curvature's phase error, of the change of R^2 over the aperture against that of the centre,
     of the pulse weights' difference to backprojection's, and of a floor.
     """
-    polar, points = _Polar.of(radar, grid), image_places(grid)
+    polar, points = _PlaneWaves.of(radar, grid), image_places(grid)
     phase = 4.0 * np.pi / radar.waveform.wavelength * polar.residual(radar, points)
     spread = np.std(2.0 * polar.differences(radar, points) / polar.distance[polar.nodes], axis=1)
     power = float((np.mean(phase**2, axis=1) + spread**2).max())
@@ -135,7 +135,7 @@ def polar_format(task: FocusTask) -> C64:
     .. math:: I(p) = \frac{1}{K N \sum_t w_t g_t} \sum_{t, k} w_t R_t^2 S_t(k) e^{j k R_t} e^{j k \mathbf u_t \cdot
               \mathbf q(p)}
 
-    It is resampled onto a Cartesian raster (type-1 non-uniform FFT, spreading kernel of width 6), transformed, and the
+    It is resampled onto a Cartesian raster (type-1 non-uniform FFT, gridding kernel of width 6), transformed, and the
     image resampled to the positions :math:`\mathbf q(p)` of the pixels in the plane-wave image: the least squares over
     the aperture of :math:`|p - A_t| - R_t = \mathbf u_t \cdot \mathbf q`. That undoes the distortion by curved
     wavefronts and leaves their defocusing,
@@ -162,7 +162,7 @@ def polar_format(task: FocusTask) -> C64:
     radar = raw.radar
     if raw.domain != "compressed":
         raise DataError("polar format: the data are not range compressed; call range_compress first")
-    polar = _Polar.of(radar, grid)
+    polar = _PlaneWaves.of(radar, grid)
     lag = radar.window.start_range - polar.distance
     plan = plan_spectrum(
         radar, task.range_window, extra=int(np.ceil(np.ptp(lag) / radar.window.sample_spacing))
@@ -175,7 +175,7 @@ def polar_format(task: FocusTask) -> C64:
     turn = turn[:, None] * np.exp(-1j * np.outer(lag, offset))
 
     scale, places = _scale_and_places(radar, grid, polar, task.azimuth_window)
-    raster = _Raster.of((kc + offset) * polar.slope[:, :, None], places)
+    raster = _WavenumberRaster.of((kc + offset) * polar.slope[:, :, None], places)
     image = np.empty((len(raw.layers), *grid.shape), dtype=np.complex64)
     for layer in range(len(raw.layers)):
         spectrum = plan.spectrum(raw.data[layer])[:, used] * turn
@@ -185,7 +185,7 @@ def polar_format(task: FocusTask) -> C64:
 
 
 def _scale_and_places(
-    radar: Radar, grid: ImageGrid, polar: _Polar, window: Window
+    radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window: Window
 ) -> tuple[NDArray[np.complex128], F64]:
     """Calibration of every pixel (n_azimuth, n_range), and its position in the plane-wave image (n_pixels, 2), m."""
     rows, columns = (np.unique(np.linspace(0, n - 1, 17).round().astype(int)) for n in grid.shape)
@@ -213,8 +213,8 @@ def _scale_and_places(
         places[row] = polar.places(differences)
         left = (differences - places[row] @ polar.slope[polar.nodes].T) @ weight
         spread = (1.0 + differences / polar.distance[polar.nodes]) ** -2 @ weight
-        way = np.linalg.norm(points - radar.track.position[middle], axis=1)
-        held = (way >= start) & (way <= start + radar.window.extent)
+        leg = np.linalg.norm(points - radar.track.position[middle], axis=1)
+        held = (leg >= start) & (leg <= start + radar.window.extent)
         scale[row] = held / spread * np.exp(1j * wavenumber * left)
     lit = total > 1e-6 * total.max()
     scale *= np.divide(1.0, total, out=np.zeros(grid.shape), where=lit) / radar.amplitude_constant
@@ -222,7 +222,7 @@ def _scale_and_places(
 
 
 @dataclass(frozen=True, eq=False)
-class _Raster:
+class _WavenumberRaster:
     """Cartesian raster between samples anywhere in the wavenumber plane and pixels anywhere in the image plane.
 
     Parameters
@@ -243,9 +243,9 @@ class _Raster:
     carrier: C64
 
     @staticmethod
-    def of(wavenumber: F64, places: F64) -> "_Raster":
+    def of(wavenumber: F64, places: F64) -> "_WavenumberRaster":
         """Raster for wavenumbers (n_pulses, 2, n_frequencies), rad/m, and places (n_pixels, 2), m."""
-        kernel = spreading_kernel(_WIDTH)
+        kernel = gridding_kernel(_WIDTH)
         k = np.moveaxis(wavenumber, 1, 0).reshape(2, -1)
         low, high = k.min(axis=1), k.max(axis=1)
         middle = 0.5 * (low + high)
@@ -270,7 +270,7 @@ class _Raster:
             np.where(np.abs(nu) <= 0.3, n * kernel.inverse_transform(nu), 0.0)
             for n, nu in zip(shape, nodes, strict=True)
         ]
-        return _Raster(
+        return _WavenumberRaster(
             shape=(shape[0], shape[1]),
             cells=cells,
             pixels=away.T,
@@ -287,7 +287,7 @@ class _Raster:
         return self._read(np.ascontiguousarray(field)) * self.carrier
 
     def _taps(self, cells: F64) -> tuple[list[NDArray[np.int64]], list[list[F64]]]:
-        kernel = spreading_kernel(_WIDTH)
+        kernel = gridding_kernel(_WIDTH)
         base = np.floor(cells)
         first = [(b.astype(np.int64) - kernel.lead) for b in base]
         return first, [kernel.taps(cell - b) for cell, b in zip(cells, base, strict=True)]
@@ -350,7 +350,7 @@ class PolarFormat(Focuser):
         return stated_error_db(radar, grid)
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """Processor time of gridding the samples and interpolating the pixels; measured by benchmarks/focusers.py."""
+        """Spreading of every sample and reading of every pixel, as measured by benchmarks/suite/focusers.py."""
         return _SECONDS * (radar.track.n_pulses * radar.window.n_samples + float(np.prod(grid.shape)))
 
     def focus(self, task: FocusTask) -> Focused:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
+from sarmitsuba.focusing.frequency_domain.chirp_z import interpolate, kernel_transform
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
     Migration,
@@ -17,10 +18,9 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     migration_refusal,
     plan_migration,
 )
-from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
-from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
+from sarmitsuba.focusing.frequency_domain.row_costs import RowsFocuser
+from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, WavenumberBand, focus_rows
 from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
-from sarmitsuba.focusing.frequency_domain.stretching import interpolate, kernel_transform
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
@@ -34,10 +34,10 @@ _COMPRESSION: dict[str, Treatment] = {
 }
 
 
-class _Lines(RangeLaw):
+class _InterpolatedLines(RangeLaw):
     """Evaluation of range lines by a twofold oversampled inverse FFT, interpolated at every pixel's migrated range."""
 
-    def __init__(self, band: Band, law: Migration) -> None:
+    def __init__(self, band: WavenumberBand, law: Migration) -> None:
         self.band, self.law = band, law
         self.n = int(scipy.fft.next_fast_len(2 * band.count + 8))
         self.index = (band.first + np.arange(band.count)) % self.n
@@ -116,7 +116,7 @@ class RangeDoppler(RowsFocuser):
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""
         law = plan_migration(task.raw.radar, task.grid, self._treatment)
-        return focus_rows("range-Doppler", task, lambda band: _Lines(band, law))
+        return focus_rows("range-Doppler", task, lambda band: _InterpolatedLines(band, law))
 
 
 FOCUSERS.register(RangeDoppler())

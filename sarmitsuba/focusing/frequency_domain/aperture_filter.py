@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.focusing.frequency_domain.geometry import (
+from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
     boresight_sine,
     lit_in_turn,
@@ -35,7 +35,7 @@ _STEEPEST = 0.999
 
 
 @dataclass(frozen=True, eq=False)
-class _End:
+class _ApertureEnd:
     """One end of the aperture.
 
     Parameters
@@ -52,7 +52,7 @@ class _End:
     spacing: float
 
     @staticmethod
-    def of(sine: float, sign: float, level: complex, slope: complex, spacing: float) -> "_End":
+    def of(sine: float, sign: float, level: complex, slope: complex, spacing: float) -> "_ApertureEnd":
         """Where the weight has this level, and this slope outwards per unit of the argument."""
         v = np.arange(0.0, _FAR + 0.5 / _FINE, 1.0 / _FINE)
         s, c = fresnel(v)
@@ -60,7 +60,7 @@ class _End:
         kink = 1j / (np.pi * (1.0 + 1j))
         outside = (level + slope * v) * tail - slope * kink
         inside = (slope * v - level) * tail - slope * kink
-        return _End(sine, sign, np.concatenate([outside, inside]).astype(np.complex64), spacing)
+        return _ApertureEnd(sine, sign, np.concatenate([outside, inside]).astype(np.complex64), spacing)
 
     def add(self, out: C64, kx: F64, k: F64, ky: F64, rho: float) -> None:
         """Add the end's tail at wavenumbers to ``out``."""
@@ -82,7 +82,7 @@ class _End:
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
+class _SineTable:
     """Values at equidistant sines, linear between them and zero beyond."""
 
     first: float
@@ -98,7 +98,9 @@ class _Table:
         out += low + (place - node).astype(np.float32) * (self.value[node + 1] - low)
 
 
-def _higher_orders(weight: F64, bend: F64, slopes: tuple[float, float], sines: F64, spread: float) -> _Table:
+def _higher_orders(
+    weight: F64, bend: F64, slopes: tuple[float, float], sines: F64, spread: float
+) -> _SineTable:
     r"""Higher orders of a short aperture's spectrum: :math:`e^{j D \partial^2 / 2} w` minus the stationary-phase law.
 
     The ends' straight line has the law's tails exactly; the rest vanishes at the ends and is transformed numerically,
@@ -134,7 +136,7 @@ def _higher_orders(weight: F64, bend: F64, slopes: tuple[float, float], sines: F
         kink = 1j / (np.pi * (1.0 + 1j)) * np.exp(0.5j * np.pi * v**2)
         value -= slope * unit * (v * tail - kink)
     value[[0, -1]] = 0.0
-    return _Table(float(place[0]), step, value.astype(np.complex64))
+    return _SineTable(float(place[0]), step, value.astype(np.complex64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,7 @@ class ApertureFilter:
 
     (uniform in the distance v from the end; upper sign inside), times :math:`\mathrm{sinc}((k_x - k s_e) \Delta x / 2)`
     as the weight ends within one pulse, not abruptly, see
-    :func:`sarmitsuba.focusing.aperture.band_weights`. Without the tails a frequency-domain focuser cuts the
+    :func:`sarmitsuba.focusing.aperture_weights.band_weights`. Without the tails a frequency-domain focuser cuts the
     aperture by the echo's Doppler frequency, not by the pixel's angle, and its side lobes have another phase.
 
     Parameters
@@ -172,9 +174,9 @@ class ApertureFilter:
 
     sines: F64
     weight: C64
-    ends: tuple[_End, ...]
+    ends: tuple[_ApertureEnd, ...]
     rho: float
-    higher: _Table | None = None
+    higher: _SineTable | None = None
 
     def __call__(self, kx: F64, k: F64, ky: F64) -> C64:
         """H (rows, count) at kx (rows, 1), k (count,) and ky (rows, count), rad/m."""
@@ -214,7 +216,7 @@ def aperture_filter(
         # sine per unit of v
         unit = (1.0 - nodes[index] ** 2) ** 0.75 * np.sqrt(np.pi / (k * rho))
         level, outwards = weight[index], sign * slope[index] * unit
-        ends.append(_End.of(float(nodes[index]), sign, level, outwards, geometry.spacing))
+        ends.append(_ApertureEnd.of(float(nodes[index]), sign, level, outwards, geometry.spacing))
     full = weight + 0.5j * bend * (1.0 - nodes**2) ** 1.5 / (k * rho)
     higher = None
     if own and 2.0 * half**2 * k * rho / np.pi < _FEW:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.focusing.aperture import direction_gain, look_directions
-from sarmitsuba.focusing.frequency_domain.geometry import slant_grid, track_geometry, track_refusal
+from sarmitsuba.focusing.aperture_weights import direction_gain, look_directions
+from sarmitsuba.focusing.frequency_domain.track_geometry import slant_grid, track_geometry, track_refusal
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 

@@ -27,7 +27,8 @@ from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.focuser import Focused, FocusTask
 from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
-from sarmitsuba.focusing.frequency_domain.geometry import (
+from sarmitsuba.focusing.frequency_domain.chirp_z import ChirpZ
+from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
     own_apertures,
     range_walk,
@@ -38,7 +39,6 @@ from sarmitsuba.focusing.frequency_domain.geometry import (
     track_refusal,
     wavenumber,
 )
-from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ
 from sarmitsuba.focusing.frequency_domain.weights import normalisation, pulse_weights
 from sarmitsuba.focusing.ground import slant_ranges, to_ground
 from sarmitsuba.focusing.profiles import ProfilePlan, plan_spectrum
@@ -60,7 +60,7 @@ _GUARD = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
+class WavenumberBand:
     """Wavenumbers of the spectrum's rows, and the pixels made from them.
 
     Parameters
@@ -118,7 +118,7 @@ def _no_room(sines: F64, extent: float) -> float:
 def focus_rows(
     name: str,
     task: FocusTask,
-    law: Callable[[Band], RangeLaw],
+    law: Callable[[WavenumberBand], RangeLaw],
     room: Callable[[F64, float], float] = _no_room,
 ) -> Focused:
     """Focus range-compressed data of a straight track with one algorithm's law.
@@ -173,7 +173,7 @@ def focus_rows(
     used = scipy.fft.fftfreq(plan.n_fft)[plan.gains > 0.0]
     low = max(int(used.min() * n_fft) - _EDGE, -(n_fft // 2))
     high = min(int(used.max() * n_fft) + _EDGE, (n_fft - 1) // 2)
-    band = Band(
+    band = WavenumberBand(
         center_wavenumber=kc,
         first=low,
         count=high - low + 1,
@@ -210,7 +210,9 @@ def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> Non
         list(pool.map(lambda start: work(start, min(start + block, count)), range(0, count, block)))
 
 
-def _range_spectrum(data: C64, radar: Radar, plan: ProfilePlan, n_fft: int, band: Band, weights: F64) -> C64:
+def _range_spectrum(
+    data: C64, radar: Radar, plan: ProfilePlan, n_fft: int, band: WavenumberBand, weights: F64
+) -> C64:
     """Weighted spectra (n_pulses, count) over fast time, its origin at the range to the image's centre for all."""
     out = np.empty((data.shape[0], band.count), dtype=np.complex64)
     index = (band.first + np.arange(band.count)) % n_fft
@@ -237,7 +239,7 @@ def _map_rows(
     radar: Radar,
     grid: ImageGrid,
     geometry: TrackGeometry,
-    band: Band,
+    band: WavenumberBand,
     law: RangeLaw,
     n_x: int,
     window: Window,
@@ -313,4 +315,4 @@ def _to_azimuth(
     _in_threads(work, columns.shape[1], max(1, _BATCH // sums.n_fft))
 
 
-__all__ = ["Band", "RangeLaw", "focus_rows"]
+__all__ = ["RangeLaw", "WavenumberBand", "focus_rows"]

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.focusing.aperture import weights_difference
+from sarmitsuba.focusing.aperture_weights import weights_difference
 from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
-from sarmitsuba.focusing.frequency_domain.geometry import (
+from sarmitsuba.focusing.frequency_domain.migration import Migration, residual_power
+from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
     own_apertures,
     range_walk,
@@ -17,7 +18,6 @@ from sarmitsuba.focusing.frequency_domain.geometry import (
     track_period,
     wavenumber,
 )
-from sarmitsuba.focusing.frequency_domain.migration import Migration, residual_power
 from sarmitsuba.focusing.frequency_domain.weights import filter_gain, pulse_weights
 from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import parse_window
@@ -29,7 +29,7 @@ F64 = NDArray[np.float64]
 # common error, dB: ripple of the pulses' ends where the pulse rate is raised, stationary phase
 _FLOOR_DB = -58.0
 # of stationary phase in pixels' own apertures: this power at a time-bandwidth product of 1, falling with its power of
-# 2.5; benchmarks/stated_errors.py holds it over random radars
+# 2.5; benchmarks/suite/stated_errors.py holds it over random radars
 _OWN, _OWN_POWER = 0.32, -2.5
 # of the track's ends where they are the aperture's, likewise: ripple of the filter, which the pulse rate cuts off
 _TRACK_ENDS = 0.1

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.focusing.aperture import aperture_weights, direction_gain, look_directions
-from sarmitsuba.focusing.frequency_domain.geometry import (
+from sarmitsuba.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
+from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
     aperture_middle,
     lit_in_turn,

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.places import WGS84, crs_named
 from sarmitsuba.importing.polygons import require_shapely
 from sarmitsuba.importing.reading import read_xml
-from sarmitsuba.importing.source import SOURCES, Solid, Source, SourceFormat
+from sarmitsuba.importing.source_format import SOURCES, CitySource, Solid, SourceFormat
 
 F64 = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ _ROOF = 0.3
 
 
 @dataclass(frozen=True)
-class _Found:
+class _FoundPolygon:
     """A polygon with the level of detail and the surface that it stands under."""
 
     level: int
@@ -44,7 +44,7 @@ class _Found:
     element: ET.Element
 
 
-def read_citygml(path: Path, options: ImportOptions) -> Source:
+def read_citygml(path: Path, options: ImportOptions) -> CitySource:
     """Every building with its polygons.
 
     Raises
@@ -61,7 +61,7 @@ def read_citygml(path: Path, options: ImportOptions) -> Source:
         raise SceneError(
             f"{path.name}: names no coordinate system (srsName); give --crs EPSG:n, or --crs local"
         )
-    source = Source(path.name, crs=crs)
+    source = CitySource(path.name, crs=crs)
     # names in urn form have latitude first, RFC 5165
     swapped = bool(names) and crs == WGS84 and "CRS84" not in names[0].upper()
     for number, building in enumerate(e for e in root.iter() if _local(e) == "Building"):
@@ -91,7 +91,7 @@ def _local(element: ET.Element) -> str:
     return str(element.tag).rpartition("}")[2]
 
 
-def _polygons(element: ET.Element, level: int, surface: str) -> Iterator[_Found]:
+def _polygons(element: ET.Element, level: int, surface: str) -> Iterator[_FoundPolygon]:
     """Polygons below an element, without those of rooms; by a stack, files are nested as they like."""
     todo = [(element, level, surface)]
     while todo:
@@ -103,7 +103,7 @@ def _polygons(element: ET.Element, level: int, surface: str) -> Iterator[_Found]
         level = int(found[1]) if found else level
         surface = name if name in _SURFACES else surface
         if name == "Polygon":
-            yield _Found(level, surface, here)
+            yield _FoundPolygon(level, surface, here)
         else:
             todo += [(child, level, surface) for child in reversed(here)]
 

@@ -5,18 +5,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.places import WGS84, crs_named
 from sarmitsuba.importing.polygons import require_shapely
 from sarmitsuba.importing.reading import read_json
-from sarmitsuba.importing.source import SOURCES, Source, SourceFormat
+from sarmitsuba.importing.source_format import SOURCES, CitySource, SourceFormat
 from sarmitsuba.importing.tags import footprint, is_building
 
 if TYPE_CHECKING:
     import shapely
 
 
-def read_geojson(path: Path, options: ImportOptions) -> Source:
+def read_geojson(path: Path, options: ImportOptions) -> CitySource:
     """Every polygon with the tags of a building; every polygon where none has.
 
     Raises
@@ -31,7 +31,7 @@ def read_geojson(path: Path, options: ImportOptions) -> Source:
         *_SHAPES,
     ):
         raise SceneError(f"{path.name}: is no GeoJSON: it has no features; export it as a FeatureCollection")
-    source = Source(path.name, crs=_crs(content))
+    source = CitySource(path.name, crs=_crs(content))
     features = list(_features(content))
     tagged = any(is_building(tags) or "height" in tags for _, tags, _ in features)
     for name, tags, geometry in features:

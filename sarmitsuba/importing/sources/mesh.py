@@ -4,13 +4,13 @@ import os
 from pathlib import Path
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.options import ImportOptions
-from sarmitsuba.importing.source import SOURCES, Source, SourceFormat
+from sarmitsuba.importing.import_options import ImportOptions
+from sarmitsuba.importing.source_format import SOURCES, CitySource, SourceFormat
 from sarmitsuba.loader.from_mesh import SUFFIXES, MeshOptions, upright
 from sarmitsuba.loader.mesh_files import MeshPart, read_parts
 
 
-def read_meshes(path: Path, options: ImportOptions) -> Source:
+def read_meshes(path: Path, options: ImportOptions) -> CitySource:
     """Parts of all files, turned upright together and in metres.
 
     A part without a material of its own has the name of its file.
@@ -28,7 +28,7 @@ def read_meshes(path: Path, options: ImportOptions) -> Source:
             parts.append(
                 MeshPart(f"{file.stem} {part.name}", part.material or file.stem, part.vertices, part.faces)
             )
-    source = Source(path.name)
+    source = CitySource(path.name)
     kinds = {p.suffix.lower() in (".glb", ".gltf") for p in files}
     if len(kinds) > 1 and options.up == "auto":
         raise SceneError(

@@ -4,15 +4,15 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.places import WGS84
 from sarmitsuba.importing.polygons import require_shapely
 from sarmitsuba.importing.reading import read_xml
-from sarmitsuba.importing.source import SOURCES, Source, SourceFormat
+from sarmitsuba.importing.source_format import SOURCES, CitySource, SourceFormat
 from sarmitsuba.importing.tags import footprint, is_building
 
 
-def read_osm(path: Path, options: ImportOptions) -> Source:
+def read_osm(path: Path, options: ImportOptions) -> CitySource:
     """Every building of an extract.
 
     Raises
@@ -29,7 +29,7 @@ def read_osm(path: Path, options: ImportOptions) -> Source:
         )
     nodes = {node.get("id", ""): node for node in root.iter("node")}
     ways = {way.get("id", ""): [nd.get("ref", "") for nd in way.iter("nd")] for way in root.iter("way")}
-    source = Source(path.name, crs=WGS84)
+    source = CitySource(path.name, crs=WGS84)
     for element in (*root.iter("way"), *root.iter("relation")):
         tags: dict[str, object] = {tag.get("k", ""): tag.get("v", "") for tag in element.iter("tag")}
         name = f"{element.tag}/{element.get('id', '')}"

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from sarmitsuba.importing.options import ImportOptions
-from sarmitsuba.importing.source import SOURCES, Source, SourceFormat
+from sarmitsuba.importing.import_options import ImportOptions
+from sarmitsuba.importing.source_format import SOURCES, CitySource, SourceFormat
 
 
-def read_terrain(path: Path, options: ImportOptions) -> Source:
+def read_terrain(path: Path, options: ImportOptions) -> CitySource:
     """Nothing but the terrain, which the conversion reads."""
-    return Source(path.name, dem=path)
+    return CitySource(path.name, dem=path)
 
 
 SOURCES.register(SourceFormat("raster", "terrain", (".tif", ".tiff"), read_terrain))

@@ -18,10 +18,10 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.cphd_document import LAYOUT, Area, Recording, document
+from sarmitsuba.io.cphd_document import LAYOUT, CphdRecording, GroundArea, document
 from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.nga import DAMAGED, LETTERS, plain_xml, refuse_document_type, said
@@ -68,7 +68,7 @@ def write_raw(path: Path, raw: RawData) -> None:
     frequency = _frequencies(radar)
     vectors["SC0"], vectors["SCSS"] = frequency[0], frequency[1] - frequency[0]
     mode = radar.mode
-    recording = Recording(
+    recording = CphdRecording(
         name=printable(str(raw.metadata.get("scene", path.stem))),
         mode=mode,
         bistatic=radar.receiver is not None and not radar.receives_itself,
@@ -92,7 +92,7 @@ def write_raw(path: Path, raw: RawData) -> None:
             writer.write_pvp(channel, vectors)
 
 
-def _ways(radar: Radar) -> tuple[F64, F64]:
+def _slant_vectors(radar: Radar) -> tuple[F64, F64]:
     """Distances of the aim point from transmitter and receiver, m."""
     there = np.linalg.norm(radar.track.position - radar.aim_point, axis=1)
     if radar.receiver is None:
@@ -108,7 +108,7 @@ def _vectors(radar: Radar) -> NDArray[np.void]:
         (name, ">i8" if name == "SIGNAL" else ">f8", (size,) if size > 1 else ()) for name, size in LAYOUT
     ]
     vectors = np.zeros(track.n_pulses, dtype=np.dtype(kinds))
-    there, back = _ways(radar)
+    there, back = _slant_vectors(radar)
     vectors["TxTime"] = track.time - track.time[0]
     vectors["RcvTime"] = vectors["TxTime"] + (there + back) / SPEED_OF_LIGHT
     for name, one in (("Tx", track), ("Rcv", receiver)):
@@ -144,7 +144,7 @@ def _padded(radar: Radar) -> int:
 
 def _history(profiles: C64, radar: Radar, frequency: F64) -> C64:
     """Frequency samples (n_pulses, n_frequencies) of range profiles, referred to the aim point."""
-    there, back = _ways(radar)
+    there, back = _slant_vectors(radar)
     reference = 0.5 * (there + back)
     window, fc = radar.window, radar.waveform.center_frequency
     n, half = _padded(radar), frequency.size // 2
@@ -163,7 +163,7 @@ def _history(profiles: C64, radar: Radar, frequency: F64) -> C64:
     return out
 
 
-def _area(radar: Radar, request: ImageRequest | None) -> Area:
+def _area(radar: Radar, request: ImageRequest | None) -> GroundArea:
     """Area of the requested image; without one the swath around the aim point within the window."""
     along = radar.track.along
     axes = np.array([along, [-along[1], along[0], 0.0]])
@@ -174,14 +174,14 @@ def _area(radar: Radar, request: ImageRequest | None) -> Area:
         half = 0.5 * np.array([request.extent_azimuth, request.extent_range])
         middle = axes @ (np.array([request.center_x, request.center_y, radar.aim_point[2]]) - radar.aim_point)
     cell = radar.waveform.range_cell
-    return Area(radar.aim_point, axes, middle - half, middle + half, np.full(2, 0.8 * cell))
+    return GroundArea(radar.aim_point, axes, middle - half, middle + half, np.full(2, 0.8 * cell))
 
 
 def _dwell(radar: Radar) -> tuple[float, float, float]:
     """Centre time of the aim point's aperture (s, at the ground), its slope along the flight, and the dwell time."""
     signal = Signal.of(radar)
     whole = float(radar.track.time[-1] - radar.track.time[0])
-    there = _ways(radar)[0]
+    there = _slant_vectors(radar)[0]
     first, last = there[0] / SPEED_OF_LIGHT, whole + there[-1] / SPEED_OF_LIGHT
     if signal.aperture >= whole * (1.0 - 1e-9):
         return 0.5 * (first + last), 0.0, last - first
@@ -341,7 +341,7 @@ def _read_channel(
         samples = samples * vectors["AmpSF"].astype(np.float32)[:, None]
     there, back = (anchor.from_ecef(vectors[name].astype(np.float64)) for name in ("TxPos", "RcvPos"))
     reference = anchor.from_ecef(vectors["SRPPos"].astype(np.float64))
-    ways = [np.linalg.norm(one - reference, axis=1) for one in (there, back)]
+    legs = [np.linalg.norm(one - reference, axis=1) for one in (there, back)]
     moved = np.linalg.norm(back - there, axis=1).max() > _SAME_ANTENNA
     frequency: F64 = vectors["SC0"][None] + vectors["SCSS"][None] * np.arange(samples.shape[1])[:, None]
     steady = np.ptp(vectors["SC0"]) == 0.0 and np.ptp(vectors["SCSS"]) == 0.0
@@ -349,7 +349,7 @@ def _read_channel(
         samples=(samples if sign < 0 else samples.conj()).T,
         frequency=frequency[:, 0] if steady else frequency,
         position=there if two or not moved else 0.5 * (there + back),
-        reference_range=0.5 * (ways[0] + ways[1]),
+        reference_range=0.5 * (legs[0] + legs[1]),
         channel=channel,
         source=path.name,
         receiver=back if two else None,

@@ -24,7 +24,7 @@ from h5py._objects import phil as h5py_lock
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer, RawData, channels_of
+from sarmitsuba.echo.raw_data import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.finite import check_pulses
 from sarmitsuba.image.sar_image import ImageGrid, SarImage

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.phase_history import PhaseHistory, joined, raw_of

@@ -33,7 +33,7 @@ def shared_energy_sigma0(theta: F64, reflectivity: F64, rms_phase: float) -> F64
     return 4.0 * c**2 * albedo**2 / mean if mean > 0.0 else np.zeros_like(theta)
 
 
-class Roughness(DiffuseLaw):
+class RoughnessLaw(DiffuseLaw):
     """Lambert's law with the power that the roughness factor removes from the specular direction, hh and vv each.
 
     Notes
@@ -61,6 +61,6 @@ class Roughness(DiffuseLaw):
         )
 
 
-LAWS.register(Roughness())
+LAWS.register(RoughnessLaw())
 
-__all__ = ["Roughness", "shared_energy_sigma0"]
+__all__ = ["RoughnessLaw", "shared_energy_sigma0"]

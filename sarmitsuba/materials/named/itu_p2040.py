@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sarmitsuba.materials.library import MATERIALS, NamedMaterial, permittivity_from_conductivity
+from sarmitsuba.materials.named_materials import MATERIALS, NamedMaterial, permittivity_from_conductivity
 
 Band = tuple[float, float, float, float, float, float]
 

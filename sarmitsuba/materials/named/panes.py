@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from sarmitsuba.materials.library import MATERIALS, NamedMaterial
+from sarmitsuba.materials.named_materials import MATERIALS, NamedMaterial
 
 
 @dataclass(frozen=True)
-class Pane(NamedMaterial):
+class GlassSlab(NamedMaterial):
     """A slab of ITU-R P.2040's glass.
 
     Parameters
@@ -28,8 +28,8 @@ class Pane(NamedMaterial):
         return MATERIALS["glass"].note(frequency)
 
 
-MATERIALS.register(Pane("window_glass", "single glazing, 4 mm of ITU-R P.2040's glass", 0.004))
+MATERIALS.register(GlassSlab("window_glass", "single glazing, 4 mm of ITU-R P.2040's glass", 0.004))
 # hard coatings of tin oxide have about 15 ohm per square, soft ones of silver 2 to 6
 MATERIALS.register(
-    Pane("low_e_glass", "single glazing with a silver coating of 4 ohm per square", 0.004, 4.0)
+    GlassSlab("low_e_glass", "single glazing with a silver coating of 4 ohm per square", 0.004, 4.0)
 )

@@ -1,6 +1,6 @@
 """The perfect electric conductor."""
 
-from sarmitsuba.materials.library import MATERIALS, NamedMaterial
+from sarmitsuba.materials.named_materials import MATERIALS, NamedMaterial
 
 
 class PerfectConductor(NamedMaterial):

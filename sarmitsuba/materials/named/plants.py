@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sarmitsuba.materials.library import MATERIALS, NamedMaterial
+from sarmitsuba.materials.named_materials import MATERIALS, NamedMaterial
 from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
 
 

@@ -1,5 +1,5 @@
 """Ordinary plastics."""
 
-from sarmitsuba.materials.library import MATERIALS, ConstantMaterial
+from sarmitsuba.materials.named_materials import MATERIALS, ConstantMaterial
 
 MATERIALS.register(ConstantMaterial("plastic", "polyethylene and its like", 2.25 - 0.01j))

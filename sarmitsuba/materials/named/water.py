@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sarmitsuba.constants import VACUUM_PERMITTIVITY
-from sarmitsuba.materials.library import MATERIALS, NamedMaterial
+from sarmitsuba.materials.named_materials import MATERIALS, NamedMaterial
 from sarmitsuba.parameters import Param
 
 

@@ -10,7 +10,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.vegetation.medium import NODES, Covariance, VolumeMedium, node_cosines
 from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
-from sarmitsuba.materials.vegetation.pieces import OverGround, Piece
+from sarmitsuba.materials.vegetation.plant_pieces import OverGround, Piece
 from sarmitsuba.registry import Registry
 
 F64 = NDArray[np.float64]

@@ -2,7 +2,7 @@
 //
 //   I(p) = sum_t w_t g_t (R/R0)^2 s_t(R) exp(+j 4 pi (R - R0) / lambda) / sum_t w_t g_t^2,   R = |p - antenna_t|
 //
-// with s_t already times R0^2/K exp(+j 4 pi R0 / lambda), R0 the distance to the scene's centre (profiles.py writes it).
+// with s_t already times R0^2/K exp(+j 4 pi R0 / lambda), R0 the distance to the scene's centre (quantised_profiles.py writes it).
 //
 // Precision. Ranges and phases are float64 once per pulse and block of pixels, here in JavaScript; the shader only adds
 // what a pixel's small offset q from its block's middle changes,

@@ -3,7 +3,7 @@
 //
 // Error of the four-tap B-spline at twofold upsampling of data sampled at 1.2 times the band: its strongest image is
 // (f / (1 - f))^4 at the band's edge f = 1/4.8, -46 dB, less within the band and other in every pulse; images agree
-// with exact interpolation to -55 dB (benchmarks/browser.py).
+// with exact interpolation to -55 dB (benchmarks/suite/browser.py).
 
 import { windowOf } from "sarmitsuba/windows.js";
 

@@ -9,7 +9,7 @@ export const bounces = (order) => NAMES[order] ?? `${order} bounces`;
 const metres = (value, digits = 1) => `${value.toFixed(digits)} m`;
 const percent = (share) => (share < 0.01 ? "under 1 %" : `${Math.round(100 * share)} %`);
 const KINDS = {
-  coherent: "mirror-like or edge return", diffuse: "scattered by roughness", retro: "scattered, and back the way it came", point: "ideal point", scatterer: "scatterer of known form",
+  coherent: "mirror-like or edge return", diffuse: "scattered by roughness", reciprocal: "scattered, and back the way it came", point: "ideal point", scatterer: "scatterer of known form",
 };
 // a hit this high above the image's plane, in parts of the scene's size, is no longer on the ground
 const HIGH = 0.01;

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.effects.effect import EFFECTS, Decision, Effect, effects
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
@@ -54,7 +54,7 @@ NOTHING = 1e-9
 CONFIDENCE = 0.99
 
 
-class _Way:
+class _BlockPulses:
     """Pulses of a run, traced block by block.
 
     Parameters
@@ -184,7 +184,7 @@ def measured_both_ways(
     together = interval > 1
     blocks = partition(n, interval if together else min(LONGEST, run.sampling.block_length(LONGEST)))
     together = together or blocks[0][1] > 1
-    base = _Way(run, loaded, blocks, together)
+    base = _BlockPulses(run, loaded, blocks, together)
     number = int(MOST_RAYS / max(1, base.rays * (len(tried) + 1)))
     places = _spread(len(blocks), min(most_places, max(PLACES, number)))
     whole = len(places) == len(blocks)
@@ -222,18 +222,18 @@ def measured_both_ways(
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _SwitchedRun:
     """A run the other way: its echoes, what it changes of the image (energy), and ``Decision.deepest``."""
 
-    way: _Way
+    way: _BlockPulses
     echoes: C64
     ratio: float
     deepest: int | None = None
 
 
 def _other_way(
-    base: _Way, decision: Decision, data: C64, image: C64, grid: ImageGrid, places: Sequence[int]
-) -> _Found | None:
+    base: _BlockPulses, decision: Decision, data: C64, image: C64, grid: ImageGrid, places: Sequence[int]
+) -> _SwitchedRun | None:
     """A run with an effect the other way, traced where ``base`` was; None where nothing would be left that returns."""
     run = base.run
     try:
@@ -241,7 +241,7 @@ def _other_way(
         other = run.otherwise(scene)
         if other.sampling is None or other.layers.channels != run.layers.channels:
             return None
-        way = _Way(other, scene, base.blocks, base.together)
+        way = _BlockPulses(other, scene, base.blocks, base.together)
         echoes = way.echoes(places)
     except SarmitsubaError:
         return None
@@ -249,12 +249,12 @@ def _other_way(
         change = base.focused(echoes - data, grid)
     else:
         change = way.focused(echoes, grid) - image
-    return _Found(way, echoes, _ratio(change, image), decision.deepest)
+    return _SwitchedRun(way, echoes, _ratio(change, image), decision.deepest)
 
 
 def _last_that_returns(
-    base: _Way, decision: Decision, data: C64, image: C64, grid: ImageGrid, places: Sequence[int]
-) -> _Found | None:
+    base: _BlockPulses, decision: Decision, data: C64, image: C64, grid: ImageGrid, places: Sequence[int]
+) -> _SwitchedRun | None:
     """The run without the last bounce that returns anything, found by halving; the second, where none does."""
     low, high = 1, (decision.value or 2) - 1  # bounces beyond ``high`` return nothing
     best = None
@@ -272,7 +272,7 @@ def _last_that_returns(
     return None if best is None else replace(best, deepest=high)
 
 
-def _besides(base: _Way, clock: Clock) -> float:
+def _besides(base: _BlockPulses, clock: Clock) -> float:
     """Seconds that a short run takes besides laying out and tracing: geometry on the device, checks, metadata."""
     settings = base.loaded.settings
     length = 0 if settings.method == "raw" else max(stop - start for start, stop in base.blocks)
@@ -287,7 +287,7 @@ def _besides(base: _Way, clock: Clock) -> float:
     return max(0.0, whole - parts)
 
 
-def _least(base: _Way, way: _Way, clock: Clock) -> tuple[float, float]:
+def _least(base: _BlockPulses, way: _BlockPulses, clock: Clock) -> tuple[float, float]:
     """Seconds of both ways: least of a few rounds in turn, what disturbs them only makes them longer."""
     here, there, total = np.inf, np.inf, 0.0
     for i in range(MOST_ROUNDS):

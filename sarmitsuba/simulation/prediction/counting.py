@@ -12,21 +12,21 @@ from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.focusing.look import look_size
-from sarmitsuba.focusing.needs import PIXEL, focusing_bytes, look_bytes
+from sarmitsuba.focusing.memory_needs import PIXEL, focusing_bytes, look_bytes
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import USUAL_CORE, Machine, Work, deep_tree, scatterers_met
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sources.kind import Expected, expected_sources
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES
 from sarmitsuba.trace.accumulators import grid_numbers
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import Purpose
+from sarmitsuba.trace.scene_tables import TraceScene
 
 # bytes of one ray: coordinates; and while its lattice is sorted, those twice, a key and a place in the order
 RAY, SORTED_RAY = 8, 28
@@ -81,7 +81,7 @@ def needs_of(
     if sampling is not None:
         if scene.settings.method == "image":
             sampling = sampling.of_one_look()
-        tracing = _Tracing.of(sampling, layers, trace_scene, sub_bands, pairs)
+        tracing = _TracingCost.of(sampling, layers, trace_scene, sub_bands, pairs)
     method = scene.settings.method
     if method not in ("image", "raster") and grid is None and scene.radar.track.n_pulses < 2:
         return _of_raw(scene, tracing, layers, None)
@@ -90,7 +90,7 @@ def needs_of(
 
 
 @dataclass(frozen=True)
-class _Tracing:
+class _TracingCost:
     """What tracing takes, of any method.
 
     Parameters
@@ -117,14 +117,14 @@ class _Tracing:
         trace_scene: TraceScene | None,
         sub_bands: int,
         pairs: PairLevel | None,
-    ) -> "_Tracing":
+    ) -> "_TracingCost":
         """Count rays and sources; the finer lattices take about as long as sparse ones do here, and their nodes."""
         plain, before = lattice_rays(sampling, layers), time.process_time()
         finer = finer_rays(sampling, layers, trace_scene)
         sparse = (time.process_time() - before) / Machine.here().slowness - FIRST_LAID if any(finer) else 0.0
         wanted = _purposes(sampling, layers)
         laying = max(sparse, 0.0) * len(wanted) / len(set(wanted)) + sum(finer) * USUAL_CORE.node
-        return _Tracing(
+        return _TracingCost(
             sampling,
             layers,
             tuple(map(sum, zip(plain, finer, strict=True))),
@@ -162,7 +162,7 @@ class _Tracing:
             scatterers=traced * scatterers_met(self.sampling),
         )
         trace = USUAL_CORE.stages(work)["trace"]
-        more = USUAL_CORE.pane_ray * flags.transmission + USUAL_CORE.water_ray * flags.water_motion
+        more = USUAL_CORE.slab_ray * flags.transmission + USUAL_CORE.water_ray * flags.water_motion
         more += USUAL_CORE.wide_ray * (self.sub_bands > 1)
         trace += self.sub_bands * keys * (USUAL_CORE.finer_ray * sum(self.finer) + more * rays)
         trace *= deep_tree(self.sampling.scene.geometry.n_faces)
@@ -176,7 +176,7 @@ class _Tracing:
         return {"launch grid": laying, "trace": trace}
 
 
-def _of_raster(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
+def _of_raster(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
     pixels, n_channels = int(np.prod(grid.shape)), len(layers.channels)
     screen = 0
     if tracing is not None:
@@ -198,7 +198,7 @@ def _of_raster(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: 
     )
 
 
-def _of_image(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
+def _of_image(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
     n_layers = len(layers.layers)
     rays: tuple[int, ...] = (0,)
     rows, columns, looks = look_size(scene.radar, grid)
@@ -239,7 +239,7 @@ def _of_image(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: I
     )
 
 
-def _of_raw(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: ImageGrid | None) -> Needs:
+def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid: ImageGrid | None) -> Needs:
     radar, n_layers = scene.radar, len(layers.layers)
     n_pulses = radar.track.n_pulses
     samples = n_layers * n_pulses * radar.window.n_samples

@@ -147,7 +147,7 @@ class Needs:
             "grids": "the grids that paths are added to take the most: make the image smaller, or leave out "
             f"keep_orders; {metres}",
             "raw data": "raw data take the most: widen azimuth_resolution, make the image smaller, or use method image",
-            "sources": "rods, vegetation and pairs of diffuse scatterers take the most: make the resolution coarser, "
+            "sources": "wires, vegetation and pairs of diffuse scatterers take the most: make the resolution coarser, "
             "or leave some out",
             "image": f"the image of {rows} x {columns} pixels in {self.layers} layers takes the most: make its extents "
             f"smaller or its pixel spacings wider; {metres}",

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.scene.scene import Scene
@@ -20,8 +20,8 @@ from sarmitsuba.simulation.prediction.both_ways import measured_both_ways
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import SpeedModel, Work
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.piece import middle_pulses
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import Clock, StageTimer
 
@@ -32,7 +32,7 @@ FOCUS_SHARE, FOCUS_PULSES = 16, 32
 # shorter times are taken again, at most so often, and the least counts: what disturbs them only makes them longer
 STEADY, TRIES = 0.2, 4
 # rays of blocks that are traced for their error alone: all blocks of a run of seconds
-SEAM_RAYS = 20_000_000
+BOUNDARY_RAYS = 20_000_000
 # most that loading compiled kernels and making transforms ready takes at the first batch, s; more was compilation
 FIRST_USE = 0.06
 
@@ -94,7 +94,7 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class _Traced:
+class _TracingForecast:
     """What tracing and synthesis of the whole run take.
 
     Parameters
@@ -103,14 +103,14 @@ class _Traced:
     statistics : of the whole run
     interval : pulses that share one tracing
     error_db : that this makes against tracing every pulse
-    seams : places where blocks meet that it was measured at, and all there are
+    boundaries : places where blocks meet that it was measured at, and all there are
     """
 
     seconds: Mapping[str, float]
     statistics: TraceStatistics
     interval: int
     error_db: float
-    seams: tuple[int, int]
+    boundaries: tuple[int, int]
 
 
 def predict(
@@ -162,7 +162,7 @@ def predict(
         if both_ways:
             planned = measured_both_ways(run, scene, interval)
         planned = planned.with_key_pulses(
-            interval, traced.error_db, run.scene.settings.key_pulse_interval > 0, traced.seams
+            interval, traced.error_db, run.scene.settings.key_pulse_interval > 0, traced.boundaries
         )
     if run.scene.points:
         seconds["points"] = _points_seconds(run, clock)
@@ -188,7 +188,7 @@ def predict(
     return planned, prediction
 
 
-def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _Traced:
+def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _TracingForecast:
     """Settle the blocks of pulses as the run does, trace one of them again, and take all others to be like it."""
     run.timer = StageTimer(clock)
     rays = run.rays(sampling, 0)
@@ -228,8 +228,8 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
     seconds |= {stage: predicted[stage] for stage in stages}
     batches = settled.rays / max(stats.rays, 1)
     seconds["first use"] = min(FIRST_USE, max(0.0, first - max(batches, 1.0) * sum(stages.values())))
-    seams = blocks.survey(SEAM_RAYS)
-    return _Traced(seconds, whole, blocks.interval, blocks.error_db, seams)
+    boundaries = blocks.survey(BOUNDARY_RAYS)
+    return _TracingForecast(seconds, whole, blocks.interval, blocks.error_db, boundaries)
 
 
 def _points_seconds(run: Run, clock: Clock) -> float:

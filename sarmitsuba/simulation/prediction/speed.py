@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.backend import dr
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class SpeedModel:
     kernel : s for recording a kernel for the first time and loading what was compiled
     synthesis, counted_sample : s for a synthesis and for a sample, where syntheses are counted
     finer_ray : s more for a ray over small parts: it hits, and bounces among what is slender or round
-    pane_ray, water_ray, wide_ray : s more for a ray of a scene whose slabs let waves through, whose water moves, or
+    slab_ray, water_ray, wide_ray : s more for a ray of a scene whose slabs let waves through, whose water moves, or
         whose band is traced at several frequencies: facets keep more of their sides apart
     plain_node, node : s for laying out a ray of a plain lattice, and one over small parts, once for all pulses
     """
@@ -59,7 +59,7 @@ class SpeedModel:
     sample: float
     pixel_pulse: float
     finer_ray: float = 0.0
-    pane_ray: float = 0.0
+    slab_ray: float = 0.0
     water_ray: float = 0.0
     wide_ray: float = 0.0
     node: float = 0.0
@@ -108,7 +108,7 @@ USUAL_CORE = SpeedModel(
     sample=1 / 2e6,
     pixel_pulse=1 / 4e8,
     finer_ray=2e-7,
-    pane_ray=1.1e-6,
+    slab_ray=1.1e-6,
     water_ray=3e-7,
     wide_ray=1.8e-7,
     node=1e-6,

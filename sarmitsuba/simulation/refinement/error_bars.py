@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
@@ -19,16 +19,16 @@ SUBSETS: Source = "ray sampling, from two sets of rays"
 PASSES: Source = "ray sampling, from passes"
 
 # error of the weighted mean of two subsets over half their difference, dB: median of four scenes at three densities
-# with their whole aperture (benchmarks/error_bars.py)
+# with their whole aperture (benchmarks/suite/error_bars.py)
 SHARED_DB = 2.5
 # rms difference of estimate and truth over all runs of that benchmark, dB
 SHARED_SCATTER_DB = 2.3
 # the same constant for passes: error of their weighted mean over what the last one, were its error independent of the
-# others', would say; median of drawn scenes (benchmarks/error_bars.py)
+# others', would say; median of drawn scenes (benchmarks/suite/error_bars.py)
 PASSES_SHARED_DB = 4.0
 # what that constant is off by from scene to scene, dB
 PASSES_SCATTER_DB = 0.8
-# pixels that err together: the chance of the draw is that of so many fewer
+# pixels that err together: the chance of the realisation is that of so many fewer
 PIXELS_TOGETHER = 16.0
 
 

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw import Layer, RawData, channels_of
+from sarmitsuba.echo.raw_data import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.batches import Crew
+from sarmitsuba.simulation.batches import Workers
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.raw import echoes
@@ -28,12 +28,12 @@ from sarmitsuba.simulation.refinement.error_bars import (
     estimate_pass_error,
     with_error_bars,
 )
-from sarmitsuba.simulation.refinement.state import Passes, PassLayout, by_channel
+from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout, by_channel
 from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 
 STATE_FILE = "passes.npz"
-# error energy falls as the rays to this power: 2.5 dB where they double (benchmarks/error_bars.py)
+# error energy falls as the rays to this power: 2.5 dB where they double (benchmarks/suite/error_bars.py)
 ORDER = 0.83
 # most rays of one lattice; denser passes are repeated instead
 MAX_RAYS = 16_000_000
@@ -75,7 +75,7 @@ def refine(
     progress: Progress | None = None,
     ready: Ready | None = None,
     clock: Clock = time.perf_counter,
-    crew: Crew | None = None,
+    workers: Workers | None = None,
 ) -> Refinement:
     """Add passes of rays until the estimated sampling error meets the target or the time is up.
 
@@ -97,7 +97,7 @@ def refine(
     progress : called after every pass with the error and, where there is one, the limit
     ready : called once the first pass is planned and fits, before it is traced
     clock : that ``time_limit`` is measured with
-    crew : workers that share the tracing of every pass
+    workers : workers that share the tracing of every pass
 
     Returns
     -------
@@ -128,13 +128,13 @@ def refine(
     quiet = {**scene.settings.effects, "noise": "off"}
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True, effects=quiet))
     file = Path(state) if state is not None else None
-    mark = fingerprint(scene)
+    run_hash = fingerprint(scene)
     # noise is added to the sum of all passes
     noiseless = replace(scene, radar=replace(scene.radar, noise_temperature=0.0))
-    whole = Run(noiseless, clock=clock, crew=crew)
+    whole = Run(noiseless, clock=clock, workers=workers)
     layout = PassLayout.of(whole.scene, whole.layers.layers)
-    passes = Passes.load(file, mark, layout) if file else Passes(mark)
-    focuser = _Focuser(
+    passes = Passes.load(file, run_hash, layout) if file else Passes(run_hash)
+    focuser = _PassImage(
         scene,
         passes,
         grid or default_grid(scene.radar.as_recorded(), scene.image),
@@ -159,7 +159,7 @@ def refine(
         run.needs().of_passes.check()
         if file:
             part = f"pass {passes.count}, level {level}"
-            run.finished = FinishedBlocks(blocks_of(file), mark, run.plan, part)
+            run.finished = FinishedBlocks(blocks_of(file), run_hash, run.plan, part)
         try:
             if ready:
                 ready(run)
@@ -211,7 +211,7 @@ class _Goal:
         return 100.0 * min(1.0, max(by_error, by_time)), 100.0
 
 
-class _Focuser:
+class _PassImage:
     """Image of the passes so far, and its error; focused only when it matters, else the raw data's error stands in."""
 
     def __init__(
@@ -276,7 +276,7 @@ def blocks_of(state: Path) -> Path:
     return state.with_suffix(".blocks")
 
 
-def _finished(focuser: _Focuser, goal: _Goal, noisy: bool) -> Refinement:
+def _finished(focuser: _PassImage, goal: _Goal, noisy: bool) -> Refinement:
     """Raw data and image of all passes, with their record; receiver noise last."""
     passes, raw = focuser.passes, focuser.raw()
     image = focuser.image or focuser.focus(raw)

@@ -1,4 +1,4 @@
-"""What stands beside the mesh in the lit part of a scene: rods."""
+"""What stands beside the mesh in the lit part of a scene: wires."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,17 +8,17 @@ F64 = NDArray[np.float64]
 
 def clipped(segments: F64, low: F64, high: F64) -> F64:
     """Ends (m, 3) of what lies within a box of segments (n, 2, 3), by Liang and Barsky's method."""
-    start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
+    start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        a, b = (low - start) / way, (high - start) / way
-    still = way == 0.0
+        a, b = (low - start) / step, (high - start) / step
+    still = step == 0.0
     inside = (start >= low) & (start <= high)
     a = np.where(still, np.where(inside, -np.inf, np.inf), a)
     b = np.where(still, np.where(inside, np.inf, -np.inf), b)
     first = np.maximum(np.minimum(a, b).max(axis=1), 0.0)
     last = np.minimum(np.maximum(a, b).min(axis=1), 1.0)
     kept = first <= last
-    ends = [start[kept] + t[kept, None] * way[kept] for t in (first, last)]
+    ends = [start[kept] + t[kept, None] * step[kept] for t in (first, last)]
     return np.concatenate(ends)
 
 

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.simulation.sampling.plan import FINE_RAYS, SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, SamplingPlan
 from sarmitsuba.simulation.sampling.small_parts import Shortfall
 from sarmitsuba.simulation.statistics import LatticeSpacings
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.sampling.launch_window import across_sector, sectors
 from sarmitsuba.simulation.sampling.movers import TIMES, azimuth_shift
-from sarmitsuba.simulation.sampling.plan import azimuth_cell
 
 F64 = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing.aperture import direction_gain
+from sarmitsuba.focusing.aperture_weights import direction_gain
 from sarmitsuba.radar.swath import beam_bandwidth
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import point_history
+from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
-from sarmitsuba.simulation.sampling.plan import azimuth_cell
 from sarmitsuba.units import db_from_power
 
 F64 = NDArray[np.float64]

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.beside_mesh import clipped
 from sarmitsuba.simulation.sampling.movers import lit, swept
@@ -22,7 +21,7 @@ SECTOR = float(np.radians(20.0))
 
 
 @dataclass(frozen=True, eq=False)
-class Footprint:
+class SectorFootprint:
     """What can reach the image from a sector of the track: a box along and across it.
 
     Parameters
@@ -34,7 +33,7 @@ class Footprint:
     high: F64
 
     @staticmethod
-    def of(image: ImageRequest, away: F64, incidence: float, local: F64) -> "Footprint":
+    def of(image: ImageRequest, away: F64, incidence: float, local: F64) -> "SectorFootprint":
         """Footprint of what stands at places ``local`` (n, 3), m, along the axes about the image's middle.
 
         What is tall lays over towards the radar, so the box reaches farther out, ``away``, by its height over the
@@ -44,7 +43,7 @@ class Footprint:
         slope = max(np.tan(incidence), 0.1)
         far, near = max(0.0, high) / slope * away[:2], -max(0.0, -low) / slope * away[:2]
         half = np.array([0.5 * image.extent_azimuth, 0.5 * image.extent_range])
-        return Footprint(
+        return SectorFootprint(
             np.append(-half + np.minimum(0.0, np.minimum(far, near)), low),
             np.append(half + np.maximum(0.0, np.maximum(far, near)), high),
         )
@@ -130,10 +129,10 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     axes = np.stack([along, across, np.array([0.0, 0.0, 1.0])])
     away = axes @ across_sector(sector, look)
     found = np.zeros((0, 3))
-    if scene.lines:
-        rods = (line_ends(scene.lines) - middle) @ axes.T
-        footprint = Footprint.of(image, away, incidence, rods)
-        found = clipped(rods.reshape(-1, 2, 3), footprint.low, footprint.high)
+    if len(scene.segments):
+        wires = (scene.segments.reshape(-1, 3) - middle) @ axes.T
+        footprint = SectorFootprint.of(image, away, incidence, wires)
+        found = clipped(wires.reshape(-1, 2, 3), footprint.low, footprint.high)
     bounds, cut = _lit_mesh(scene, pulses, axes, away, incidence)
     if bounds is None:
         if not found.size:
@@ -178,11 +177,11 @@ def _lit_mesh(
     image = scene.image
     middle = np.array([image.center_x, image.center_y, image.height])
     moving = [(corners.reshape(-1, 3) - middle) @ axes.T for corners in swept(scene, pulses)]
-    bodies = [(volume.vertices - middle) @ axes.T for volume in scene.volumes]
-    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving, *bodies])
+    volumes = [(volume.vertices - middle) @ axes.T for volume in scene.volumes]
+    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving, *volumes])
     if not local.size:
         return None, False
-    footprint = Footprint.of(image, away, incidence, local)
+    footprint = SectorFootprint.of(image, away, incidence, local)
     i_low, i_high = footprint.low, footprint.high
     g_low, g_high = local.min(axis=0), local.max(axis=0)
     b_low, b_high = np.maximum(i_low, g_low), np.minimum(i_high, g_high)
@@ -193,7 +192,7 @@ def _lit_mesh(
     cut = bool((g_low[:2] < i_low[:2] - 1e-6).any() or (g_high[:2] > i_high[:2] + 1e-6).any())
     if not (b_low > b_high).any():
         return np.stack([b_low, b_high]), cut
-    if scene.lines:
+    if len(scene.segments):
         return None, cut
     raise RadarError(_nothing_there(scene, "azimuth" if b_low[0] > b_high[0] else "range"))
 
@@ -201,7 +200,7 @@ def _lit_mesh(
 def _nothing_there(scene: Scene, where: str = "") -> str:
     """Message about an image beside everything that there is to see."""
     image = scene.image
-    cloud = scene.geometry.bounds if scene.geometry.n_faces else line_ends(scene.lines)
+    cloud = scene.geometry.bounds if scene.geometry.n_faces else scene.segments.reshape(-1, 3)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     return (
         f"{scene.name}: the image ({image.extent_azimuth:g} m x {image.extent_range:g} m about "

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import bounding_antennas
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.small_parts import Shortfall, with_small_parts
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.scene_tables import TraceScene
 
 
 class Rays:
@@ -30,15 +30,18 @@ class Rays:
         self, sampling: SamplingPlan, trace_scene: TraceScene, subsets: tuple[int, ...], pass_index: int
     ) -> None:
         self.sampling, self.trace_scene = sampling, trace_scene
-        self.draws = [(subset, subset + 2 * pass_index) for subset in subsets]
-        self.plain = [sampling.lattices(draw=draw, subset=subset) for subset, draw in self.draws]
+        self.realisations = [(subset, subset + 2 * pass_index) for subset in subsets]
+        self.plain = [
+            sampling.lattices(realisation=realisation, subset=subset)
+            for subset, realisation in self.realisations
+        ]
         self.shortfalls: tuple[Shortfall, ...] = ()
         self._made: tuple[float | None, list[tuple[LaunchGrid, ...]]] | None = None
 
     @property
     def n_subsets(self) -> int:
         """Number of ray subsets."""
-        return len(self.draws)
+        return len(self.realisations)
 
     def at(self, pulse: int) -> list[tuple[LaunchGrid, ...]]:
         """Lattices of every subset for a pulse: the same for all where nothing moves."""
@@ -55,8 +58,8 @@ class Rays:
         """The plain lattices with finer ones over small parts; the same nodes wherever these stand."""
         track, seed = self.sampling.scene.radar.track, self.sampling.scene.settings.seed & 0x7FFFFFFF
         made, short = [], []
-        for (_, draw), grids in zip(self.draws, self.plain, strict=True):
-            rng = np.random.default_rng([seed, draw, 0x50A1])
+        for (_, realisation), grids in zip(self.realisations, self.plain, strict=True):
+            rng = np.random.default_rng([seed, realisation, 0x50A1])
             finer: list[LaunchGrid] = []
             for one in grids:
                 pulses, frame = one.pulses or (0, track.n_pulses), one.frame or self.sampling.window.frame

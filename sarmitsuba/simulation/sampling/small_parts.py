@@ -15,8 +15,8 @@ from sarmitsuba.simulation.sampling.small_lattice import (
     nodes_over,
     outline_area,
 )
-from sarmitsuba.trace.geometry import TraceScene
-from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Level, Purpose, morton
+from sarmitsuba.trace.launch import LatticeLevel, LaunchFrame, LaunchGrid, Purpose, morton
+from sarmitsuba.trace.scene_tables import TraceScene
 
 F64 = NDArray[np.float64]
 # places of rays in a launch plane; distance between them, and least and largest need of the faces that they serve
@@ -212,7 +212,7 @@ def _joined(
         x=np.concatenate([rays[i][0] for i in kept]),
         y=np.concatenate([rays[i][1] for i in kept]),
         spacing=levels[kept[0]][0],
-        levels=tuple(Level(int(start), *levels[i]) for start, i in zip(first, kept, strict=False)),
+        levels=tuple(LatticeLevel(int(start), *levels[i]) for start, i in zip(first, kept, strict=False)),
     )
 
 

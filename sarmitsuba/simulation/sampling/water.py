@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.materials.diffuse import water_in
 from sarmitsuba.materials.diffuse_law import WindWaves
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.movers import BEAM_CHANGE, MOTION_PHASE, SHORTEST, beam_change
@@ -51,8 +51,8 @@ def beam_tells(scene: Scene, reference: F64) -> bool:
     speed = max((float(np.hypot(w.speeds[2], _rms(w, 1))) for w in waters(scene)), default=0.0)
     flown = float(np.linalg.norm(track.position[-1] - track.position[0])) / (track.n_pulses - 1)
     antenna_speed = float(np.linalg.norm(track.velocity[track.center_index]))
-    way = float(np.linalg.norm(reference - track.center_position)) * speed / max(antenna_speed, 1e-9)
-    return beam_change(radar, reference, 2 * int(np.ceil(way / max(flown, 1e-9)))) <= BEAM_ERROR
+    travel = float(np.linalg.norm(reference - track.center_position)) * speed / max(antenna_speed, 1e-9)
+    return beam_change(radar, reference, 2 * int(np.ceil(travel / max(flown, 1e-9)))) <= BEAM_ERROR
 
 
 def block_length(scene: Scene, reference: F64, length: int, *, every_beam: bool) -> int:

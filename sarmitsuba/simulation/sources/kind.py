@@ -9,7 +9,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.source import Source
-from sarmitsuba.trace.volumes import volume_passage
+from sarmitsuba.trace.volume_scatterers import volume_passage
 
 # the scatterer itself, and the ground on the way out and on the way home
 MOST_BOUNCES = 3

@@ -11,11 +11,11 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.cropping import shares
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import project
-from sarmitsuba.trace.lines import longest_step
+from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.wire_nodes import longest_step
 
 F64 = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Site(ABC):
 
     @property
     @abstractmethod
-    def line_step(self) -> float:
+    def wire_step(self) -> float:
         """Largest distance between the nodes of wires, m."""
 
     @property
@@ -118,7 +118,7 @@ class RunSite(Site):
         self.sampling = sampling
 
     @property
-    def line_step(self) -> float:
+    def wire_step(self) -> float:
         """See :class:`Site`."""
         sampling, radar = self.sampling, self.scene.radar
         distance = min(
@@ -188,7 +188,7 @@ class RunSite(Site):
 
 
 def _faded(window: LaunchWindow, places: F64) -> F64:
-    """What the launch window leaves of rays at places (n, 2) of its plane; see :func:`sarmitsuba.trace.beam.fade`."""
+    """Weight of rays at places (n, 2) of the window's plane; see :func:`sarmitsuba.trace.antenna_weight.fade`."""
     if not window.taper:  # all of the scene lies within it
         return np.ones(len(places))
     beyond = np.abs(places) - [window.half_x, window.half_y]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import permutations
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.tubes.tube import NOWHERE, Extent
+from sarmitsuba.trace.tubes.tube import NOWHERE, TubeExtent
 
 # rows of the lattice to each side that are looked at for other rays on the facet
 ROWS = 4
@@ -28,7 +28,7 @@ LEAST_CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Line:
+class HalfPlane:
     """Half-plane ``h + gu alpha + gv beta >= 0`` of tube units, the larger of ``|gu|, |gv|`` one.
 
     ``inner``: it cuts the facet into convex parts, which go on into each other.
@@ -89,7 +89,7 @@ class Polygon:
 
 def facet_lines(
     edges: Sequence[mi.Vector4f], inner: Sequence[mi.Bool], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
-) -> list[Line]:
+) -> list[HalfPlane]:
     """Boundary edges of the facet in units of the tube that hit it; see :func:`sarmitsuba.trace.tubes.tube.limited`."""
     lines = []
     for edge, within in zip(edges, inner, strict=True):
@@ -99,23 +99,23 @@ def facet_lines(
     return lines
 
 
-def extent_lines(extent: Extent) -> list[Line]:
+def extent_lines(extent: TubeExtent) -> list[HalfPlane]:
     """The four ends that the facets hit so far leave a tube."""
     e = extent
     one = mi.Float(1.0)
     return [
-        Line(e.right, -one, e.right_slope, mi.Bool(False)),
-        Line(e.left, one, e.left_slope, mi.Bool(False)),
-        Line(e.top, e.top_slope, -one, mi.Bool(False)),
-        Line(e.bottom, e.bottom_slope, one, mi.Bool(False)),
+        HalfPlane(e.right, -one, e.right_slope, mi.Bool(False)),
+        HalfPlane(e.left, one, e.left_slope, mi.Bool(False)),
+        HalfPlane(e.top, e.top_slope, -one, mi.Bool(False)),
+        HalfPlane(e.bottom, e.bottom_slope, one, mi.Bool(False)),
     ]
 
 
-def _line(h: mi.Float, gu: mi.Float, gv: mi.Float, inner: mi.Bool) -> Line:
+def _line(h: mi.Float, gu: mi.Float, gv: mi.Float, inner: mi.Bool) -> HalfPlane:
     largest = dr.maximum(dr.abs(gu), dr.abs(gv))
     used = largest * NOWHERE > h
     scale = dr.rcp(dr.select(used, largest, 1.0))
-    return Line(
+    return HalfPlane(
         dr.select(used, h * scale, NOWHERE),
         dr.select(used, gu * scale, 1.0),
         dr.select(used, gv * scale, 0.0),
@@ -123,10 +123,10 @@ def _line(h: mi.Float, gu: mi.Float, gv: mi.Float, inner: mi.Bool) -> Line:
     )
 
 
-def selected(condition: mi.Bool, a: Sequence[Line], b: Sequence[Line]) -> list[Line]:
+def selected(condition: mi.Bool, a: Sequence[HalfPlane], b: Sequence[HalfPlane]) -> list[HalfPlane]:
     """``a`` in the lanes where the condition holds, else ``b``."""
     return [
-        Line(*(dr.select(condition, getattr(x, k), getattr(y, k)) for k in ("h", "gu", "gv", "inner")))
+        HalfPlane(*(dr.select(condition, getattr(x, k), getattr(y, k)) for k in ("h", "gu", "gv", "inner")))
         for x, y in zip(a, b, strict=True)
     ]
 
@@ -143,8 +143,8 @@ class Bounds:
     exact : the lines bound a convex part of a flat facet all around
     """
 
-    lines: Sequence[Line]
-    extent: Extent
+    lines: Sequence[HalfPlane]
+    extent: TubeExtent
     rim: tuple[mi.Float, mi.Float]
     exact: mi.Bool
 
@@ -189,8 +189,8 @@ class Bounds:
 
 
 def clipped(
-    lines: Sequence[Line],
-    extent: Extent,
+    lines: Sequence[HalfPlane],
+    extent: TubeExtent,
     rim: tuple[mi.Float, mi.Float],
     exact: mi.Bool,
     bounded: mi.Bool,
@@ -298,7 +298,7 @@ def _span(start: mi.Float, end: mi.Float, interval: tuple[mi.Float, mi.Float]) -
 
 
 def _side(
-    k: int, lines: Sequence[Line], box: tuple[mi.Float, mi.Float, mi.Float, mi.Float]
+    k: int, lines: Sequence[HalfPlane], box: tuple[mi.Float, mi.Float, mi.Float, mi.Float]
 ) -> tuple[tuple[mi.Float, mi.Float, mi.Float, mi.Float], Side]:
     """Part of line ``k`` within the others and the box, the facet to its left."""
     line = lines[k]
@@ -457,7 +457,7 @@ def part_integral(
 
 __all__ = [
     "Bounds",
-    "Line",
+    "HalfPlane",
     "Polygon",
     "extent_lines",
     "facet_lines",

@@ -17,7 +17,7 @@ def footprint(edge: mi.Vector3f, d: mi.Vector3f, n: mi.Vector3f, cos_theta: mi.F
 
 
 @dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
-class Extent:
+class TubeExtent:
     """How far a tube may extend from its ray, in tube units (the edges u, v of its footprint), before a facet ends.
 
     ``right, left`` along +u, -u at v = 0; ``top, bottom`` along +v, -v at u = 0; each with the slope of the limiting
@@ -46,14 +46,14 @@ class Extent:
 NOWHERE = 1e3
 
 
-def unlimited() -> Extent:
+def unlimited() -> TubeExtent:
     """Extent of a tube that has met no facet yet."""
-    return Extent(*(mi.Float(x) for x in (NOWHERE, 0.0) * 4))
+    return TubeExtent(*(mi.Float(x) for x in (NOWHERE, 0.0) * 4))
 
 
 def limited(
-    extent: Extent, edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
-) -> Extent:
+    extent: TubeExtent, edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
+) -> TubeExtent:
     """Intersect an extent with the boundary edges of the facet that was hit.
 
     Each edge limits the axis that crosses it more steeply, so slopes stay within one.
@@ -79,7 +79,7 @@ def limited(
             nearer = ends & (limit < out[2 * k])
             out[2 * k] = dr.select(nearer, limit, out[2 * k])
             out[2 * k + 1] = dr.select(nearer, other / safe, out[2 * k + 1])
-    return Extent(*out)
+    return TubeExtent(*out)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Patch:
     weight : of its area
     """
 
-    extent: Extent
+    extent: TubeExtent
     corners: tuple[tuple[mi.Float, mi.Float], ...]
     rim: tuple[mi.Float, mi.Float]
     weight: mi.Float
@@ -116,7 +116,7 @@ class Patch:
         return 0.5 * ((ax - cx) * (by - dy) - (bx - dx) * (ay - cy)) * self.weight
 
 
-def patch(extent: Extent) -> Patch:
+def patch(extent: TubeExtent) -> Patch:
     """End a tube half way to its neighbours or at the facet's edge before them."""
     f = extent.fields()
     ends, slopes, cuts = [], [], []
@@ -158,5 +158,5 @@ def patch(extent: Extent) -> Patch:
 
     rim = (meeting_point(0, rim_u), meeting_point(1, rim_v))
     chance = dr.clip(f[0] + f[2], 1e-3, 1.0) * dr.clip(f[4] + f[6], 1e-3, 1.0)
-    extent = Extent(*(x for pair in zip(ends, slopes, strict=True) for x in pair))
+    extent = TubeExtent(*(x for pair in zip(ends, slopes, strict=True) for x in pair))
     return Patch(extent, (right_top, left_top, left_bottom, right_bottom), rim, dr.rcp(chance))

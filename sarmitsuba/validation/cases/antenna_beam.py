@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar

@@ -10,7 +10,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
+from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.patch import CELL, RAYS_PER_CELL, diffuse_flags

@@ -14,14 +14,14 @@ from sarmitsuba import theory
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.materials.map_materials import varied
 from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
-from sarmitsuba.materials.parts import varied
 from sarmitsuba.materials.texture import Bitmap, in_plan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.render import render
 from sarmitsuba.trace.speckle import SurfacePlace
-from sarmitsuba.trace.texture import SurfaceTables
+from sarmitsuba.trace.surface_tables import SurfaceTables
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry

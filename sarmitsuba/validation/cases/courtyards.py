@@ -8,13 +8,13 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.surface_samples import surface_samples
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.sources.pairs import pair_echo
-from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.simulation.sources.pair_estimate import pair_echo
 from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.pair_search import find_pairs
+from sarmitsuba.trace.scene_tables import build_trace_scene
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import wavelength
+from sarmitsuba.validation.band_sampling import wavelength
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 

@@ -10,7 +10,7 @@ from sarmitsuba.trace.edges import FringeCurrents, edges_of
 from sarmitsuba.trace.source import PointSource
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import BANDS, bands, wavelength
+from sarmitsuba.validation.band_sampling import BANDS, bands, wavelength
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from sarmitsuba import theory
 from sarmitsuba.materials.material import Material
 from sarmitsuba.units import db_from_power
-from sarmitsuba.validation.bands import X_WAVELENGTH
+from sarmitsuba.validation.band_sampling import X_WAVELENGTH
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.patch import mean_power

@@ -6,7 +6,7 @@ from sarmitsuba import theory
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import BANDS, RIM, bands, spacing, wavelength
+from sarmitsuba.validation.band_sampling import BANDS, RIM, bands, spacing, wavelength
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 

@@ -9,7 +9,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import field
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import BANDS
+from sarmitsuba.validation.band_sampling import BANDS
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.targets import PERMITTIVITY

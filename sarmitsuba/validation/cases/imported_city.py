@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from sarmitsuba import theory
 from sarmitsuba.constants import EARTH_FLATTENING, EARTH_RADIUS
 from sarmitsuba.importing.convert import import_scene
-from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import chain, track_distance
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.profiles import BLACK, BRIGHT, SLANT_RANGE, diffuse_only, incidence
+from sarmitsuba.validation.slant_profiles import BLACK, BRIGHT, SLANT_RANGE, diffuse_only, incidence
 
 F64 = NDArray[np.float64]
 # m: between middles, so that no roof is in another's shadow or layover; cells; beside a roof in what is measured

@@ -10,7 +10,7 @@ from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import height_map
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.pairs import WAVELENGTH, Pair, Setting, pair_of, phase_law
+from sarmitsuba.validation.interferometric_pairs import WAVELENGTH, Pair, RadarSetting, pair_of, phase_law
 
 F64 = NDArray[np.float64]
 TOPIC = "interferometry"
@@ -21,7 +21,7 @@ GROUND_CELLS, IMAGE_CELLS = 110.0, 80.0
 @cache
 def ground_pair(seed: int, share: float, slope_deg: float = 0.0, passes: Literal[1, 2] = 2) -> Pair:
     """Rough ground that rises away from the radar, a share of two passes' critical baseline of level ground apart."""
-    setting = Setting.drawn(seed, cell=1.0)
+    setting = RadarSetting.drawn(seed, cell=1.0)
     edge = GROUND_CELLS * setting.cell
     tan = float(np.tan(np.radians(slope_deg)))
     # to both sides of the middle far enough that foreshortening leaves the image filled
@@ -198,7 +198,7 @@ def wall_phase(quick: bool = False) -> Case:
     comparisons = []
     height, width = 24.0, 40.0
     for seed in range(1 if quick else 4):
-        setting = Setting.drawn(seed + 20, cell=0.5)
+        setting = RadarSetting.drawn(seed + 20, cell=0.5)
         wall = setting.parallelogram((0.0, -width / 2, 0.0), (0.0, width, 0.0), (0.0, 0.0, height))
         pair = pair_of(setting, [wall], 90.0, relief=height)
         both = pair.interferogram((8, 2))
@@ -244,7 +244,7 @@ def roof_height(quick: bool = False) -> Case:
     """Heights of roofs recovered from two passes."""
     want, got, spread = [], [], []
     for seed in range(2 if quick else 8):
-        setting = Setting.drawn(seed + 40, cell=0.75)
+        setting = RadarSetting.drawn(seed + 40, cell=0.75)
         height = float(np.random.default_rng([seed, 8]).uniform(4.0, 15.0))
         want.append(height)
         z, sigma = recovered_roof(setting, height)
@@ -276,7 +276,7 @@ def roof_height(quick: bool = False) -> Case:
     )
 
 
-def recovered_roof(setting: Setting, height: float) -> tuple[float, float]:
+def recovered_roof(setting: RadarSetting, height: float) -> tuple[float, float]:
     """Median height over the free part of a roof, and the standard deviation over its blocks, m."""
     shift = height / float(np.tan(setting.incidence))
     depth, width = shift + 20.0, 28.0

@@ -7,7 +7,7 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import chain
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.profiles import (
+from sarmitsuba.validation.slant_profiles import (
     BLACK,
     BRIGHT,
     HALF_CELL,

@@ -12,7 +12,7 @@ from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.noise import empty_echoes, focused_noise, focused_peak
+from sarmitsuba.validation.measured_noise import empty_echoes, focused_noise, focused_peak
 
 # off the beam's centre in elevation, in sines over the first null's: the two-way gain is 3.6 dB down
 _OFF = 0.35

@@ -34,7 +34,7 @@ SOURCE = "Raney, IEEE Trans. AES 7 (1971)"
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class FlightAxes:
     """A flight past the origin, drawn at random, and its axes.
 
     Parameters
@@ -54,7 +54,7 @@ class View:
     time: float
 
     @staticmethod
-    def drawn(rng: np.random.Generator) -> "View":
+    def drawn(rng: np.random.Generator) -> "FlightAxes":
         """Any heading, either side, looks between 35 and 50 degrees."""
         parameters: dict[str, Parameter] = {
             "slant_range": RANGE,
@@ -72,7 +72,7 @@ class View:
         sight = -track.center_position / RANGE
         away = sight * np.array([1.0, 1.0, 0.0])
         n, span = track.n_pulses, float(track.time[-1] - track.time[0])
-        return View(
+        return FlightAxes(
             parameters,
             track.center_position,
             track.velocity[track.center_index],
@@ -120,7 +120,7 @@ class View:
 MOVING = 3
 
 
-def corner(view: View) -> Geometry:
+def corner(view: FlightAxes) -> Geometry:
     """Square trihedral that looks at the radar."""
     n = -view.sight
     x = np.cross(n, [0.0, 0.0, 1.0])
@@ -132,7 +132,7 @@ def corner(view: View) -> Geometry:
     )
 
 
-def wall(view: View) -> Geometry:
+def wall(view: FlightAxes) -> Geometry:
     """Wall along the track on level ground at rest, to which it reaches down however it climbs."""
     up, low = np.array([0.0, 0.0, WALL]), -0.5 * WALL * view.along - np.array([0.0, 0.0, 0.5 * WALL])
     third = [
@@ -160,7 +160,7 @@ def displacement(quick: bool = False) -> Case:
     for label, body in (("ideal point", None), ("trihedral", corner)):
         speeds, got = np.sort(rng.uniform(-4.0, 4.0, count)), []
         for speed in speeds:
-            view = View.drawn(rng)
+            view = FlightAxes.drawn(rng)
             motion = view.motion(range_speed=float(speed))
             shows = theory.apparent_place(
                 view.antenna, view.velocity, np.zeros(3), np.asarray(motion.velocity), 0.0
@@ -171,7 +171,7 @@ def displacement(quick: bool = False) -> Case:
     climbs = rng.uniform(-1.5, 1.5, count)
     speeds, got = np.sort(rng.uniform(-2.0, 2.0, count)), []
     for speed, climb in zip(speeds, climbs, strict=True):
-        view = View.drawn(rng)
+        view = FlightAxes.drawn(rng)
         motion = view.motion(range_speed=float(speed), climb=float(climb))
         of_both = theory.double_bounce_range_speed(view.sight, view.away, np.asarray(motion.velocity))
         assert np.isclose(of_both, speed)
@@ -206,7 +206,7 @@ def smear(quick: bool = False) -> Case:
         amounts = np.sort(rng.uniform(-most, most, count if body is None else count // 2))
         want, got = [], []
         for amount in amounts:
-            view = View.drawn(rng)
+            view = FlightAxes.drawn(rng)
             motion = view.motion(**{name: float(amount)})
             target = PointTarget("point", np.zeros(3)) if body is None else body(view)
             peaks = [
@@ -262,7 +262,7 @@ def along_track(quick: bool = False) -> Case:
     ):
         speeds, got = np.sort(rng.uniform(-3.5, 3.5, count)), []
         for speed in speeds:
-            view = View.drawn(rng)
+            view = FlightAxes.drawn(rng)
             motion = view.motion(range_speed=float(speed), azimuth_speed=float(rng.uniform(-1.0, 1.0)))
             velocity = np.asarray(motion.velocity)
             shows = theory.apparent_place(view.antenna, view.velocity, np.zeros(3), velocity, 0.0)

@@ -35,7 +35,7 @@ DRAWS, SIGMAS = 40, 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class RadarView:
     """A drawn radar and its line of sight at mid-aperture; ``across`` is h, ``up`` is v, ``back`` towards the radar."""
 
     parameters: dict[str, Parameter]
@@ -44,7 +44,7 @@ class View:
     back: F64
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator) -> "View":
+    def drawn(cls, rng: np.random.Generator) -> "RadarView":
         """Heading, side and look angle at random."""
         parameters: dict[str, Parameter] = {
             "slant_range": 2000.0,
@@ -96,7 +96,7 @@ def polarimetric_targets(quick: bool = False) -> Case:
     cases = [("plate", 0.0), ("trihedral", 20.0), ("sphere", 0.0), *(("dihedral", r) for r in rolls)]
     rows = []
     for name, roll in cases:
-        view = View.drawn(rng)
+        view = RadarView.drawn(rng)
         image = chain(make_scene(view.shape(name, np.radians(roll)), targets.PEC, view.parameters))
         t = coherency(quad_pol(image), image.grid.shape)
         d = cloude_pottier(t)
@@ -230,7 +230,7 @@ def _ground(rng: np.random.Generator, n: int, angle: float, eps: float, ratio_db
         diffuse_law="small_perturbation",
         cross_polar_ratio_db=ratio_db,
     )
-    view = View.drawn(rng).parameters
+    view = RadarView.drawn(rng).parameters
     width = n * CELL / np.sin(np.radians(angle))
     parameters = {
         **view,
@@ -283,7 +283,7 @@ def cross_polar_reciprocity(quick: bool = False) -> Case:
     )
     levels, cross = [], []
     for depth in (1, 3) if quick else (1, 2, 3, 1, 2, 3):
-        view = View.drawn(rng)
+        view = RadarView.drawn(rng)
         normals = rng.standard_normal((3, 3))
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         faces = [

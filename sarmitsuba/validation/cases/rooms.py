@@ -10,7 +10,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import X_BAND
+from sarmitsuba.validation.band_sampling import X_BAND
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.cases.slabs import BOARD, SOURCE, WALLS, dyad
 from sarmitsuba.validation.chain import chain, make_scene
@@ -89,13 +89,13 @@ def corner_behind_pane(quick: bool = False) -> Case:
 def _peak_through(q: F64, normal: F64, sight: F64, wall: tuple[complex, float, float]) -> tuple[float, float]:
     """Level (dB) and place (m, farther) of a compressed pulse's peak that came twice through a wall."""
     frequency = X_BAND + ROOM_BAND * (np.arange(-128, 129) / 257.0)
-    both_ways = []
+    both_legs = []
     for f in frequency:
         through = dyad(normal, -sight, wall, SPEED_OF_LIGHT / f)
-        both_ways.append(f / X_BAND * (q @ through @ through @ q))
+        both_legs.append(f / X_BAND * (q @ through @ through @ q))
     farther = np.linspace(-0.1, 0.4, 5001)
     pulse = np.abs(
-        np.exp(4j * np.pi / SPEED_OF_LIGHT * np.outer(farther, frequency)) @ both_ways / len(frequency)
+        np.exp(4j * np.pi / SPEED_OF_LIGHT * np.outer(farther, frequency)) @ both_legs / len(frequency)
     )
     return float(20.0 * np.log10(pulse.max())), float(farther[np.argmax(pulse)])
 

@@ -12,7 +12,7 @@ from sarmitsuba.materials.named.water import klein_swift
 from sarmitsuba.materials.sea_spectrum import SeaState
 from sarmitsuba.theory import sea as theory
 from sarmitsuba.units import db_from_power
-from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
+from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.patch import COUNT_DB, LOOKS, diffuse_flags, mean_power, standard_error

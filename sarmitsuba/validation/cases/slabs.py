@@ -10,10 +10,10 @@ from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import VACUUM_IMPEDANCE
 from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.trace.slabs import slab
+from sarmitsuba.trace.slab_coefficients import slab
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
+from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 

@@ -8,7 +8,7 @@ from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import chain
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.profiles import (
+from sarmitsuba.validation.slant_profiles import (
     BRIGHT,
     LENGTH,
     RANGE_CELL,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.integrate import simpson
 
 from sarmitsuba import theory
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.simulation.raw import simulate

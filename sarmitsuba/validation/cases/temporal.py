@@ -9,7 +9,14 @@ from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import Interferogram
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.pairs import ROUGH, WAVELENGTH, Pair, Setting, pair_of, phase_law
+from sarmitsuba.validation.interferometric_pairs import (
+    ROUGH,
+    WAVELENGTH,
+    Pair,
+    RadarSetting,
+    pair_of,
+    phase_law,
+)
 
 F64 = NDArray[np.float64]
 TOPIC = "interferometry"
@@ -20,7 +27,7 @@ SCATTERERS = 2.0
 
 
 def changed_pair(
-    setting: Setting, long_term: float, decay_days: float, days: float, share: float = 0.0
+    setting: RadarSetting, long_term: float, decay_days: float, days: float, share: float = 0.0
 ) -> Pair:
     """Both passes over level ground that changes, a share of the critical baseline apart."""
     material = replace(ROUGH, temporal_coherence=long_term, decorrelation_days=decay_days)
@@ -48,7 +55,7 @@ def temporal_decorrelation(quick: bool = False) -> Case:
     want, got, error = [], [], []
     for seed in range(2 if quick else 12):
         rng = np.random.default_rng([seed, 1992])
-        setting = Setting.drawn(seed + 60, cell=1.0)
+        setting = RadarSetting.drawn(seed + 60, cell=1.0)
         long_term, share = float(rng.uniform(0.0, 0.9)), float(rng.uniform(0.0, 0.4))
         decay = float(rng.uniform(3.0, 30.0)) if seed % 2 else 0.0
         days = float(rng.uniform(1.0, 40.0))
@@ -84,7 +91,7 @@ def temporal_decorrelation(quick: bool = False) -> Case:
 
 def _stack(quick: bool) -> Comparison:
     """Any two passes of a stack."""
-    setting = Setting.drawn(73, cell=1.0)
+    setting = RadarSetting.drawn(73, cell=1.0)
     days = (0.0, 4.0, 15.0) if quick else (0.0, 2.0, 5.0, 11.0, 23.0, 60.0)
     long_term, decay = 0.25, 9.0
     pairs = [changed_pair(setting, long_term, decay, t) for t in days[1:]]
@@ -120,7 +127,7 @@ def temporal_statistics(quick: bool = False) -> Case:
     """Phase and sample coherence of small blocks of ground that changes."""
     phases, want, got, error = [], [], [], []
     for seed, gamma in enumerate((0.3, 0.7) if quick else (0.15, 0.3, 0.5, 0.7, 0.9)):
-        pair = changed_pair(Setting.drawn(seed + 80, cell=1.0), gamma, 0.0, 1.0)
+        pair = changed_pair(RadarSetting.drawn(seed + 80, cell=1.0), gamma, 0.0, 1.0)
         both = pair.interferogram((4, 4))
         label = f"phase: coherence {gamma:g}, {both.independent_looks:.1f} looks, {both.phase.size} blocks"
         phases.append(phase_law(label, both.phase, gamma, both.independent_looks))
@@ -159,7 +166,7 @@ def wall_over_field(quick: bool = False) -> Case:
     want, got, error = [], [], []
     height, width = 20.0, 44.0
     for seed in range(1 if quick else 5):
-        setting = Setting.drawn(seed + 90, cell=0.75, look=(32.0, 48.0))
+        setting = RadarSetting.drawn(seed + 90, cell=0.75, look=(32.0, 48.0))
         rng = np.random.default_rng([seed, 2007])
         gamma, above = float(rng.uniform(0.0, 0.5)), float(rng.uniform(0.0, 8.0))
         field = replace(ROUGH, name="field", temporal_coherence=gamma)

@@ -4,7 +4,7 @@ import numpy as np
 
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import BANDS
+from sarmitsuba.validation.band_sampling import BANDS
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 

@@ -9,7 +9,7 @@ from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import (
+from sarmitsuba.validation.band_sampling import (
     wavelength,
 )
 from sarmitsuba.validation.cases import CASES, CaseEntry

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sarmitsuba import theory
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
-from sarmitsuba.materials.library import MATERIALS
+from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.materials.vegetation.canopy import CANOPIES
 from sarmitsuba.materials.vegetation.medium import water_cloud
 from sarmitsuba.mesh import tessellate
@@ -189,7 +189,7 @@ def attenuation(quick: bool = False) -> Case:
     """Return of a plate under a ball of leaves over that of the bare plate, ball and directions drawn."""
     rng = np.random.default_rng(172)
     n = 1 if quick else 8
-    ways, want, got = np.zeros(n), np.zeros((2, n)), np.zeros((2, n))
+    paths, want, got = np.zeros(n), np.zeros((2, n)), np.zeros((2, n))
     ball, faces = tessellate.sphere(1.0, 1e-3)
     for i in range(n):
         look, heading = rng.uniform(20.0, 60.0), rng.uniform(0.0, 360.0)
@@ -219,11 +219,11 @@ def attenuation(quick: bool = False) -> Case:
             settings = replace(scene.settings, effects=switches)
             image = _image(replace(scene, settings=settings))
             peaks.append([image.rcs(channel).max() for channel in CHANNELS[:2]])
-        way = float(theory.way_through_ball(np.zeros(3), to_radar, np.inf, middle, radius))
-        ways[i] = way
-        want[:, i] = -20.0 / np.log(10.0) * kappa * way
+        path = float(theory.path_in_ball(np.zeros(3), to_radar, np.inf, middle, radius))
+        paths[i] = path
+        want[:, i] = -20.0 / np.log(10.0) * kappa * path
         got[:, i] = db_from_power(np.array(peaks[0]) / np.array(peaks[1]))
-    order = np.argsort(ways)
+    order = np.argsort(paths)
     return Case(
         name="volume_attenuation",
         topic="vegetation",
@@ -235,7 +235,7 @@ def attenuation(quick: bool = False) -> Case:
         comparisons=tuple(
             Comparison(
                 channel,
-                ways[order],
+                paths[order],
                 want[c, order],
                 got[c, order],
                 tolerance=0.05,
@@ -286,13 +286,13 @@ def trunks(quick: bool = False) -> Case:
         fronts = np.stack([[z * np.tan(theta), 0.0, 0.0] for z in np.linspace(0.0, height, 9)])
         stretch, center = np.array([1.0, 1.0, 4.5]), np.array([0.0, 0.0, 36.0])
         length = np.linalg.norm(sight * stretch)
-        way = sum(
-            theory.way_through_ball(p * stretch, sight * stretch / length, np.inf, center, 9.0)
+        path = sum(
+            theory.path_in_ball(p * stretch, sight * stretch / length, np.inf, center, 9.0)
             for p in (starts, fronts)
         ) / (2.0 * length)
         rcs = theory.trunk_ground_rcs(radius, height, wavelength, theta, wood, soil)
         for c, channel in enumerate(CHANNELS[:2]):
-            kept = np.mean(np.exp(-kappa[c] * way)) ** 2
+            kept = np.mean(np.exp(-kappa[c] * path)) ** 2
             want[c, i] = db_from_power(rcs[c] * kept)
             got[c, i] = db_from_power(image.rcs(channel).max())
     return Case(

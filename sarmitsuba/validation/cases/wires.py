@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from sarmitsuba import theory
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
+from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 
@@ -33,15 +33,15 @@ RODS: tuple[tuple[str, float, complex | None], ...] = (
 FLOAT = "float32 directions, tables of the series interpolated"
 
 
-def _scene(*lines: LineTarget) -> Scene:
-    return build_scene(lines=lines, radar=RadarDescription(center_frequency=X_BAND))
+def _scene(*lines: WireTarget) -> Scene:
+    return build_scene(wires=lines, radar=RadarDescription(center_frequency=X_BAND))
 
 
 def _aspects(directions: F64) -> Aspects:
     return Aspects(np.arctan2(directions[:, 1], directions[:, 0]), np.arcsin(directions[:, 2]))
 
 
-def _closed(line: LineTarget, directions: F64) -> C128:
+def _closed(line: WireTarget, directions: F64) -> C128:
     """(n, 3) amplitudes in ``CHANNELS``, m, phase about the middle."""
     rows = []
     for s in directions:
@@ -55,7 +55,7 @@ def _closed(line: LineTarget, directions: F64) -> C128:
     return np.array(rows)
 
 
-def drawn_rod(rng: np.random.Generator, ka: float, permittivity: complex | None) -> LineTarget:
+def drawn_rod(rng: np.random.Generator, ka: float, permittivity: complex | None) -> WireTarget:
     """A rod of drawn length, heading, tilt and place."""
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
@@ -63,10 +63,10 @@ def drawn_rod(rng: np.random.Generator, ka: float, permittivity: complex | None)
     length = max(rng.uniform(20.0, 60.0) * X_WAVELENGTH, 8.0 * radius)
     middle = rng.uniform(-3.0, 3.0, 3)
     half = 0.5 * length * axis
-    return LineTarget("rod", middle - half, middle + half, radius, permittivity)
+    return WireTarget("rod", middle - half, middle + half, radius, permittivity)
 
 
-def beside_broadside(rng: np.random.Generator, line: LineTarget, lobes: F64) -> F64:
+def beside_broadside(rng: np.random.Generator, line: WireTarget, lobes: F64) -> F64:
     """(n, 3) drawn directions to the radar, off broadside by so many half widths of the main lobe."""
     axis = (line.end - line.start) / line.length
     out = []
@@ -121,7 +121,7 @@ def rod_handbook(quick: bool = False) -> Case:
         values = []
         for ka in sizes:
             radius = ka * X_WAVELENGTH / (2.0 * np.pi)
-            line = LineTarget(
+            line = WireTarget(
                 "rod", np.array([0.0, 0.0, -0.5 * length]), np.array([0.0, 0.0, 0.5 * length]), radius
             )
             result = rcs_sweep(
@@ -179,7 +179,7 @@ def rod_and_mesh(quick: bool = False) -> Case:
         X_BAND,
         max_depth=1,
     )
-    line = LineTarget("rod", np.array([0.0, 0.0, -0.5 * length]), np.array([0.0, 0.0, 0.5 * length]), radius)
+    line = WireTarget("rod", np.array([0.0, 0.0, -0.5 * length]), np.array([0.0, 0.0, 0.5 * length]), radius)
     rod = rcs_sweep(_scene(line), _aspects(directions), channels=("HH", "VV"), checked=0)
     return Case(
         name="rod_and_mesh",
@@ -215,11 +215,11 @@ def post(quick: bool = False) -> Case:
         radius, height = rng.uniform(0.03, 0.08), rng.uniform(3.0, 6.0)
         theta = np.linspace(25.0, 65.0, 7 if quick else 41)
         aspects = Aspects(np.full(theta.size, rng.uniform(-np.pi, np.pi)), np.radians(90.0 - theta))
-        line = LineTarget("post", np.zeros(3), np.array([0.0, 0.0, height]), radius)
+        line = WireTarget("post", np.zeros(3), np.array([0.0, 0.0, height]), radius)
         ground = {"permittivity_real": eps.real, "permittivity_imag": -eps.imag} if eps else "pec"
         scene = build_scene(
             [SceneMesh(corners, [[0, 1, 2], [0, 2, 3]], ground, "ground")],
-            lines=[line],
+            wires=[line],
             radar=RadarDescription(center_frequency=X_BAND),
         )
         # what the edges of the ground return is not the post's
@@ -227,7 +227,7 @@ def post(quick: bool = False) -> Case:
             rcs_sweep(s, aspects, channels=("HH", "VV"), checked=0, most_rays=2000).result.amplitude.sum(
                 axis=1
             )
-            for s in (scene, dataclasses.replace(scene, lines=()))
+            for s in (scene, dataclasses.replace(scene, wires=()))
         )
         closed = np.array(
             [theory.post_amplitude(radius, height, X_WAVELENGTH, t, eps) for t in np.radians(theta)]
@@ -261,9 +261,9 @@ def rod_full_wave(quick: bool = False) -> Case:
     """Thin wires against the method of moments, which knows their ends."""
     radius = 1e-3 * X_WAVELENGTH
 
-    def along_z(length: float) -> LineTarget:
+    def along_z(length: float) -> WireTarget:
         half = np.array([0.0, 0.0, 0.5 * length])
-        return LineTarget("wire", -half, half, radius)
+        return WireTarget("wire", -half, half, radius)
 
     def simulated(length: float, psi: F64) -> F64:
         aspects = Aspects(np.zeros(psi.size), psi)

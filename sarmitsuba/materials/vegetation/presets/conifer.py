@@ -4,7 +4,7 @@ Sizes and densities are chosen within forestry data, none fitted to a radar meas
 """
 
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.materials.vegetation.pieces import Stick
+from sarmitsuba.materials.vegetation.plant_pieces import Stick
 
 CANOPIES.register(
     Canopy(

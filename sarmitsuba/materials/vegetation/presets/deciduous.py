@@ -5,7 +5,7 @@ wood in a cubic metre), none of them fitted to a radar measurement; see docs/veg
 """
 
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.materials.vegetation.pieces import Leaf, Stick
+from sarmitsuba.materials.vegetation.plant_pieces import Leaf, Stick
 
 
 def _wood(moisture: float) -> tuple[Constituent, ...]:

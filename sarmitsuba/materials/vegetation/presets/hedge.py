@@ -4,7 +4,7 @@ Sizes and densities are chosen from typical hedges, none fitted to a radar measu
 """
 
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.materials.vegetation.pieces import Leaf, Stick
+from sarmitsuba.materials.vegetation.plant_pieces import Leaf, Stick
 
 CANOPIES.register(
     Canopy(

@@ -9,7 +9,7 @@ from sarmitsuba.trace.source import PointSource, Source
 PIECE_TRACED = 5e-6
 
 
-class Edges(SourceKind):
+class EdgeKind(SourceKind):
     """Sharp metal edges in pieces of half a resolution cell."""
 
     name, rank = "edges", 30
@@ -32,4 +32,4 @@ class Edges(SourceKind):
         return Expected(site.edges.n, 0.0, PIECE_TRACED, 0.0)
 
 
-SOURCES.register(Edges())
+SOURCES.register(EdgeKind())

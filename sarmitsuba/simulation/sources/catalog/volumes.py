@@ -1,11 +1,11 @@
-"""Scatterers within bodies that waves go through, such as crowns of trees, straight and over the ground."""
+"""Scatterers within volumes that waves go through, such as crowns of trees, straight and over the ground."""
 
 import numpy as np
 
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.source import PointSource, Source
-from sarmitsuba.trace.volumes import scatterer_spacing, volume_scatterers
+from sarmitsuba.trace.volume_scatterers import scatterer_spacing, volume_scatterers
 
 # seconds of a usual core: a cell of the lattice, laid out, and a scatterer in it, traced through what stands in its way
 CELL_LAID, SCATTERER_TRACED = 1e-6, 8e-6
@@ -13,7 +13,7 @@ CELL_LAID, SCATTERER_TRACED = 1e-6, 8e-6
 CELL_BYTES, SCATTERER_BYTES = 150, 100
 
 
-class Volumes(SourceKind):
+class VolumeKind(SourceKind):
     """Volumes as scatterers in cells of a lattice."""
 
     name, rank = "volumes", 20
@@ -27,7 +27,7 @@ class Volumes(SourceKind):
         return PointSource(scatterers, most_bounces(scene)) if scatterers.n else None
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
-        """The cells of the boxes about the bodies are walked, and those in a body kept."""
+        """The cells of the boxes about the volumes are walked, and those in a volume kept."""
         volumes, area = site.scene.volumes, site.cell_area
         if not volumes:
             return None
@@ -41,4 +41,4 @@ class Volumes(SourceKind):
         return Expected(kept, making, SCATTERER_TRACED, max(boxes) * CELL_BYTES + kept * SCATTERER_BYTES)
 
 
-SOURCES.register(Volumes())
+SOURCES.register(VolumeKind())

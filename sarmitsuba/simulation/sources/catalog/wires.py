@@ -1,12 +1,12 @@
-"""Thin straight wires (rods, rails, masts), straight and over the ground."""
+"""Thin straight wires (cables, rails, masts), straight and over the ground."""
 
 import numpy as np
 
 from sarmitsuba.materials.cylinder import table_size
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.sources.site import Site
-from sarmitsuba.trace.lines import LineScatterers, cut
 from sarmitsuba.trace.source import PointSource, Source
+from sarmitsuba.trace.wire_nodes import WireScatterers, cut
 
 # seconds of a usual core: a node and a number of the table and order, laid out; a node traced
 NODE_LAID, NUMBER_LAID, NODE_TRACED = 1e-6, 1.1e-7, 1e-6
@@ -14,7 +14,7 @@ NODE_LAID, NUMBER_LAID, NODE_TRACED = 1e-6, 1.1e-7, 1e-6
 NODE_BYTES, NUMBER_BYTES = 300, 150
 
 
-class Wires(SourceKind):
+class WireKind(SourceKind):
     """Wires as rows of nodes."""
 
     name, rank = "wires", 10
@@ -22,24 +22,24 @@ class Wires(SourceKind):
     def made(self, site: Site) -> Source | None:
         """See :class:`SourceKind`."""
         scene = site.scene
-        if not scene.lines:
+        if not scene.wires:
             return None
-        nodes = cut(scene.lines, site.line_step)
+        nodes = cut(scene.wires, site.wire_step)
         nodes = nodes.weighted(site.shares(nodes.point))
         if not len(nodes.point):
             return None
-        return PointSource(LineScatterers(nodes, scene.lines, site.wavelength), most_bounces(scene))
+        return PointSource(WireScatterers(nodes, scene.wires, site.wavelength), most_bounces(scene))
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
         """Their nodes, and a table for each thickness and material at each frequency."""
-        lines = site.scene.lines
-        if not lines:
+        wires = site.scene.wires
+        if not wires:
             return None
-        step, wavenumber = site.line_step, 2.0 * np.pi / site.wavelength
-        nodes = sum(line.length / step + 2.0 for line in lines)
+        step, wavenumber = site.wire_step, 2.0 * np.pi / site.wavelength
+        nodes = sum(wire.length / step + 2.0 for wire in wires)
         tables = [
             table_size(wavenumber * radius, eps)
-            for radius, eps in {(line.radius, line.permittivity) for line in lines}
+            for radius, eps in {(wire.radius, wire.permittivity) for wire in wires}
         ]
         terms = sum(tilts * azimuths * orders for tilts, azimuths, orders in tables)
         numbers = max(tilts * azimuths for tilts, azimuths, _ in tables)
@@ -47,4 +47,4 @@ class Wires(SourceKind):
         return Expected(nodes, making, NODE_TRACED, nodes * NODE_BYTES + numbers * NUMBER_BYTES)
 
 
-SOURCES.register(Wires())
+SOURCES.register(WireKind())

@@ -1,0 +1,111 @@
+"""What each bounce buys: image error and time by bounce depth, on tower, bridge, urban block and Munich."""
+
+from typing import Any
+
+import _support
+import harness
+import numpy as np
+
+# what comes back after the eighth bounce is below float32's rounding in all four scenes
+DEEPEST = 8
+DEPTHS = (1, 2, 3, 4, 5, 6, 8)
+# of the pulses: the middle of the aperture is enough for energies, and a quarter of the time
+PULSES = {"tower": 0.25, "bridge": 0.25, "urban_block": 0.25, "Munich": 0.25}
+
+
+def scenes(quick: bool) -> dict[str, Any]:
+    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.simulation.sampling.piece import crop
+
+    found = {name: load_scene(name) for name in (("tower",) if quick else ("tower", "bridge", "urban_block"))}
+    city = None if quick else harness.load_munich()
+    if city is not None:
+        found["Munich"] = city
+    return {n: crop(s, 0.2 if quick else 1.0, 0.03 if quick else PULSES[n]) for n, s in found.items()}
+
+
+def orders(scene: Any) -> np.ndarray:
+    """Images of the bounces 1 ... DEEPEST of one run: (DEEPEST, n_azimuth, n_range) complex64."""
+    from sarmitsuba.simulation.render import render
+
+    image = render(harness.with_settings(scene, max_depth=DEEPEST, keep_orders=True), method="hybrid")
+    channel = image.channels[0]
+    return np.stack(
+        [
+            sum(
+                p
+                for la, p in zip(image.layers, image.data, strict=True)
+                if la.channel == channel and la.order == o
+            )
+            for o in range(1, DEEPEST + 1)
+        ]
+    )
+
+
+@harness.benchmark
+def run(quick: bool) -> harness.Report:
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
+    from sarmitsuba.image.metrics import image_error_db
+
+    report = harness.Report(
+        "bounce_depth",
+        "Bounce depth",
+        f"Error of the image that stops after d bounces against all {DEEPEST}, from one run that keeps the "
+        "bounces apart "
+        "(same rays, so ray sampling does not mask the bounces). `changed` is the share of pixels that "
+        "bounce d changes "
+        "by more than 1 dB. Seconds are of a run of its own with that depth, simulation only, without "
+        "compiling, on the "
+        "middle part of the aperture. Beyond a depth at which no path is left the error is zero.",
+    )
+    figure, (left, right) = harness.new_figure(10.0, 4.4, 2)
+    for name, scene in scenes(quick).items():
+        layers = orders(scene)
+        total = layers.sum(axis=0)
+        rows = []
+        depths = (1, 2, 3) if quick else DEPTHS
+        for depth in depths:
+            part = layers[:depth].sum(axis=0)
+            before = layers[: depth - 1].sum(axis=0)
+            error = image_error_db(part, total) if np.abs(part - total).max() > 0 else float("-inf")
+            power = np.abs(layers[depth - 1]).astype(np.float64) ** 2
+            energy = 10 * np.log10(max(power.sum(), 1e-60) / np.sum(np.abs(total.astype(np.complex128)) ** 2))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                change = (
+                    np.abs(20 * np.log10(np.abs(part) / np.abs(before))) if depth > 1 else np.full(1, np.inf)
+                )
+            changed = 100.0 * float(np.mean(change > 1.0))
+            trial = run_trial(scene, TrialSetting({"method": "hybrid", "max_depth": depth}))
+            seconds = trial.seconds - trial.stages["focus"]
+            rows.append([depth, error, energy, changed, seconds])
+        report.table(
+            name,
+            ["bounces", "error dB", "energy of bounce dB", "changed %", "seconds"],
+            [
+                [
+                    r[0],
+                    "none" if r[1] < -100 else f"{r[1]:.1f}",
+                    "none" if r[2] < -200 else f"{r[2]:.1f}",
+                    f"{r[3]:.1f}",
+                    f"{r[4]:.2f}",
+                ]
+                for r in rows
+            ],
+        )
+        report.data[name] = rows
+        shown = [r for r in rows if r[1] > -100]
+        left.plot([r[0] for r in shown], [r[1] for r in shown], "o-", label=name)
+        right.plot([r[0] for r in rows], [r[4] / rows[0][4] for r in rows], "o-", label=name)
+    left.set(
+        xlabel="bounces traced", ylabel="error of the image (dB)", title="What the bounces left out cost"
+    )
+    right.set(xlabel="bounces traced", ylabel="time, one bounce = 1", title="What the bounces cost")
+    left.axhline(-40, color="0.6", ls="--", lw=0.8)
+    left.legend()
+    right.set_ylim(bottom=0)
+    report.figure("error_time", figure)
+    return report
+
+
+if __name__ == "__main__":
+    harness.main(run)

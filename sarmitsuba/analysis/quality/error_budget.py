@@ -1,0 +1,182 @@
+"""Error budget of an image by cause."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sarmitsuba.echo.gridding import gridding_kernel
+from sarmitsuba.image.sar_image import SarImage
+
+MEASURED, AT_MOST, UNKNOWN = "measured", "at most", "not measured"
+# energy of the echoes that an image may lack before errors over theirs are told over its own, dB
+SHOWN_DB = 1.0
+# of echoes in complex64, over the profiles of single pulses (benchmarks/suite/stated_errors.py)
+_ROUNDING_DB = -115.0
+
+
+@dataclass(frozen=True)
+class ErrorPart:
+    """Energy of one error over that of the image.
+
+    Parameters
+    ----------
+    name : of the cause
+    error_db : dB; NaN where it is not known, -inf where there is none
+    known : ``measured``, ``at most`` or ``not measured``
+    why : how it is known, or why it is not
+    """
+
+    name: str
+    error_db: float
+    known: str
+    why: str = ""
+
+    def __str__(self) -> str:
+        """``blocks of pulses -28.0 dB``."""
+        if self.known == UNKNOWN or math.isnan(self.error_db):
+            return f"{self.name} {UNKNOWN}"
+        if self.error_db == -math.inf:
+            return f"{self.name} none"
+        bound = "at most " if self.known == AT_MOST else ""
+        return f"{self.name} {bound}{self.error_db:.1f} dB"
+
+    def as_dict(self) -> dict[str, object]:
+        """JSON-able form; an error that is not known, or none, is None."""
+        error = round(self.error_db, 2) if math.isfinite(self.error_db) else None
+        known = "none" if self.error_db == -math.inf else self.known
+        return {"error_db": error, "known": known, "why": self.why}
+
+
+def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
+    """Errors of an image that was simulated here, as the run and the focuser left them in its metadata.
+
+    Parameters
+    ----------
+    image : of :func:`sarmitsuba.focus` or :func:`sarmitsuba.render`, also read from a file
+
+    Returns
+    -------
+    rays, bounces left out, blocks of pulses, gridding, focuser, effects left out, physical optics. The first is the
+    stated error of the image, the worst channel's; none of the others is in it
+
+    Notes
+    -----
+    Effects left out are added up as energies, as if they had nothing in common; those without a bound are named. What
+    physical optics leaves out is not known without another solver, see docs/accuracy.md.
+    """
+    data = _Read(image.metadata)
+    return (
+        _rays(data),
+        _bounces(data),
+        _blocks(data),
+        _gridding(data),
+        _focuser(data),
+        _effects(data),
+        ErrorPart("physical optics", math.nan, UNKNOWN, "no other solver to compare with"),
+    )
+
+
+@dataclass(frozen=True)
+class _Read:
+    """Metadata, which may come from a file: what is of another kind than expected is taken as missing."""
+
+    metadata: Mapping[str, object]
+
+    def part(self, *names: str) -> Mapping[str, object]:
+        found: object = self.metadata
+        for name in names:
+            found = found.get(name) if isinstance(found, Mapping) else None
+        return found if isinstance(found, Mapping) else {}
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+
+
+def _rays(data: _Read) -> ErrorPart:
+    bars = [bar for bar in data.part("sampling_error").values() if isinstance(bar, Mapping)]
+    errors = [_number(bar.get("error_db")) for bar in bars]
+    if not errors or any(math.isnan(x) for x in errors):
+        if _number(data.part("statistics").get("rays")) == 0.0 and data.metadata.get("method") != "raster":
+            return ErrorPart("rays", -math.inf, MEASURED, "nothing is traced")
+        return ErrorPart("rays", math.nan, UNKNOWN, "one set of rays")
+    return ErrorPart("rays", max(errors), MEASURED, str(bars[0].get("source", "")))
+
+
+def _bounces(data: _Read) -> ErrorPart:
+    name = "bounces left out"
+    decision, pilot = data.part("effects", "effects", "max_depth"), data.part("effects", "pilot")
+    depth = _number(data.part("effects").get("max_depth"))
+    if decision.get("on") is False and decision.get("error_is") == "none":
+        return ErrorPart(name, -math.inf, MEASURED, str(decision.get("why", "")))
+    upper = pilot.get("energy_from_order_upper_db")
+    if not isinstance(upper, list) or math.isnan(depth) or not 1 <= depth < len(upper):
+        return ErrorPart(name, math.nan, UNKNOWN, str(decision.get("why", "")))
+    left = upper[int(depth)]
+    error = -math.inf if left is None else _number(left)  # no energy has no level
+    return ErrorPart(name, error, AT_MOST, "pilot trace, two standard errors included")
+
+
+def _blocks(data: _Read) -> ErrorPart:
+    name, sampling = "blocks of pulses", data.part("sampling")
+    if data.metadata.get("method") in ("image", "raster"):
+        return ErrorPart(name, math.nan, UNKNOWN, "one look stands for all pulses")
+    if _number(sampling.get("key_pulse_interval")) <= 1.0 or not sampling:
+        return ErrorPart(name, -math.inf, MEASURED, "every pulse is traced")
+    error = _number(sampling.get("block_error_db"))
+    if math.isnan(error):
+        return ErrorPart(name, error, UNKNOWN, "where blocks meet, in the middle of the track")
+    return _of_image(data, ErrorPart(name, error, MEASURED, "where blocks meet, in the middle of the track"))
+
+
+def _of_image(data: _Read, part: ErrorPart) -> ErrorPart:
+    """An error over the energy of the echoes as one over that of the image, were all of it within the image."""
+    shown = _number(data.part("focus").get("shown_energy_db"))
+    if not shown < -SHOWN_DB:
+        return part
+    why = f"{part.why}; the image shows {shown:.1f} dB of the energy of the echoes"
+    return ErrorPart(part.name, part.error_db - shown, AT_MOST, why)
+
+
+def _gridding(data: _Read) -> ErrorPart:
+    width = _number(data.part("settings").get("gridding_width"))
+    if not 1.0 <= width <= 8.0:
+        return ErrorPart("gridding", math.nan, UNKNOWN)
+    # range, and range rate or azimuth
+    kernel = 2.0 * 10.0 ** (0.1 * gridding_kernel(int(width)).error_db)
+    error = 10.0 * math.log10(kernel + 10.0 ** (0.1 * _ROUNDING_DB))
+    why = f"kernel of {width:g} cells, echoes at all frequencies used"
+    return _of_image(data, ErrorPart("gridding", error, AT_MOST, why))
+
+
+def _focuser(data: _Read) -> ErrorPart:
+    focus = data.part("focus")
+    method = str(focus.get("method", ""))
+    error = _number(focus.get("stated_error_db"))
+    if math.isnan(error):
+        return ErrorPart("focuser", math.nan, UNKNOWN, f"{method} states none" if method else "")
+    return ErrorPart("focuser", error, AT_MOST, f"{method} against exact backprojection")
+
+
+def _effects(data: _Read) -> ErrorPart:
+    """Effects that are off and would change something."""
+    energy, unknown, named, measured = 0.0, [], [], True
+    for name, decision in data.part("effects", "effects").items():
+        if not isinstance(decision, Mapping) or decision.get("on") is not False or name == "max_depth":
+            continue
+        if decision.get("error_is") == "none" or name == "key_pulse_interval":
+            continue
+        error = _number(decision.get("error_db"))
+        if math.isnan(error):
+            unknown.append(name)
+            continue
+        energy += 10.0 ** (error / 10.0)
+        named.append(name)
+        measured = measured and decision.get("error_is") == "measured"
+    if unknown:
+        return ErrorPart("effects left out", math.nan, UNKNOWN, f"no bound of {', '.join(unknown)}")
+    error = 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
+    return ErrorPart("effects left out", error, MEASURED if measured else AT_MOST, ", ".join(named))
+
+
+__all__ = ["AT_MOST", "MEASURED", "UNKNOWN", "ErrorPart", "error_budget"]

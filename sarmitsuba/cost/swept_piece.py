@@ -1,0 +1,95 @@
+"""Choice of the scene's parts for the sweeps and for the verification of a cost study."""
+
+from collections.abc import Mapping
+
+from sarmitsuba.cost.clock import StudyClock
+from sarmitsuba.cost.trial import Trial, TrialSetting, run_trial
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.prediction.speed import run_seconds
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.sampling.piece import crop
+
+# shares of the budget: for the sweeps, and at most for the reference of the proof
+SWEEP_SHARE, PROOF_SHARE = 0.4, 0.3
+# cost of all sweeps and of the reference, in runs of the plain setting
+SWEEP_RUNS = 60.0
+# the first guess of a run's seconds is this many times the usual ones: slow machines, many bounces
+CAUTION = 4.0
+# pieces of a scene to choose from: share of the image's extents, share of the pulses
+_PIECES = (
+    (1.0, 1.0),
+    (0.7, 1.0),
+    (0.5, 1.0),
+    (0.35, 1.0),
+    (0.35, 0.5),
+    (0.25, 0.5),
+    (0.25, 0.25),
+    (0.15, 0.25),
+)
+# what a reference may be made of: share of the image's extents, ray spacing in automatic ones; best first. Always
+# denser than every candidate: of equal density it would share what that density blurs
+REFERENCES = ((1.0, 0.5), (1.0, 0.6), (0.7, 0.5), (0.7, 0.6), (0.5, 0.5), (0.5, 0.6), (0.35, 0.6))
+
+
+def piece_to_sweep(
+    scene: Scene, base: TrialSetting, budget: float, sampling: SamplingPlan, clock: StudyClock
+) -> tuple[Scene, str, Trial]:
+    """Largest piece of the scene whose sweeps fit the budget, in words, and a timed run of it."""
+    allowed = SWEEP_SHARE * budget / SWEEP_RUNS
+    guess = CAUTION * run_seconds(sampling)
+    n = scene.radar.track.n_pulses
+    steps = [(s, p) for s, p in _PIECES if p == 1.0 or n * p >= 64]
+    index = next((i for i, (s, p) in enumerate(steps) if guess * s * s * p <= allowed), len(steps) - 1)
+    run_trial(crop(scene, *steps[-1]), base, clock=clock)  # compiles
+    while True:
+        share, pulses = steps[index]
+        piece = scene if share >= 1.0 else crop(scene, share, pulses)
+        plain = run_trial(piece, base, clock=clock)
+        if plain.seconds <= 1.5 * allowed or index == len(steps) - 1:
+            break
+        fall = plain.seconds / allowed / (share**2 * pulses)
+        smaller = range(index + 1, len(steps))
+        index = next((i for i in smaller if fall * steps[i][0] ** 2 * steps[i][1] <= 1.0), len(steps) - 1)
+    if share >= 1.0:
+        return scene, "the whole scene", plain
+    text = _middle(piece)
+    text += (
+        ", the whole aperture"
+        if pulses == 1.0
+        else f", the middle {piece.radar.track.n_pulses} of {n} pulses"
+    )
+    return piece, text, plain
+
+
+def _middle(piece: Scene) -> str:
+    return f"the middle {piece.image.extent_azimuth:.3g} m x {piece.image.extent_range:.3g} m of the image"
+
+
+def field_of_proof(
+    scene: Scene, full: Mapping[str, float], budget: float, left: float
+) -> tuple[Scene | None, float, str]:
+    """What the estimates are to be measured on, and with which ray spacing its reference is made.
+
+    As much of the scene, and as densely, as a third of the budget allows; None where that is not even a third of
+    the image's extents.
+
+    Parameters
+    ----------
+    full : seconds by stage of the plain setting on the whole scene
+    budget, left : s, of the whole study and what is left of it
+    """
+    allowed = min(PROOF_SHARE * budget, 0.6 * left)
+    fixed = full.get("build", 0.0) + full.get("plan", 0.0)
+    for share, factor in REFERENCES:
+        # two passes with twice the key pulses
+        rays = 2.0 * full["rays"] / factor**2
+        others = 2.0 * (sum(full.values()) - full["rays"] - fixed)
+        if 2.0 * (fixed + share**2 * (rays + others)) <= allowed:
+            if share == 1.0:
+                return scene, factor, "the whole scene"
+            piece = crop(scene, share)
+            return piece, factor, _middle(piece) + ", the whole aperture"
+    return None, 0.0, ""
+
+
+__all__ = ["REFERENCES", "SWEEP_SHARE", "field_of_proof", "piece_to_sweep"]

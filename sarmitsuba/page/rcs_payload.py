@@ -1,0 +1,82 @@
+"""Content of the page of an RCS sweep: target, RCS over aspect, and image."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.page.gltf import drawn, page_mesh
+from sarmitsuba.page.payload import Value, grid_payload, image_payload, nested, scene_payload
+from sarmitsuba.page.quantised_profiles import page_grid
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.far_field import target_middle
+from sarmitsuba.simulation.turntable import RcsSweep
+from sarmitsuba.version import __version__
+from sarmitsuba.view.polar import POLAR_FROM
+
+F64 = NDArray[np.float64]
+
+PAGE = "rcs.html"
+
+
+def rcs_payload(scene: Scene, sweep: RcsSweep, image: SarImage | None) -> dict[str, Value]:
+    """Content of the page of a sweep.
+
+    Parameters
+    ----------
+    scene : the target
+    sweep : its RCS; the numbers of the page are these, unrounded
+    image : made from the sweep's arc, with the same channels; None where there is none
+    """
+    middle, radius = target_middle(scene)
+    center = middle + scene.offset
+    geometry, _ = drawn(scene)
+    lowest = scene.geometry.bounds[0, 2] if scene.geometry.n_faces else middle[2] - radius
+    angles = [np.degrees(sweep.aspects.azimuth), np.degrees(sweep.aspects.elevation)]
+    by_elevation = not sweep.aspects.by_azimuth and angles[0].size > 1
+    return {
+        "title": scene.name,
+        "version": __version__,
+        "center": center,
+        "radius": max(radius, 1e-3),
+        "below": float(middle[2] - lowest),
+        "scenes": [scene_payload(scene, page_mesh(geometry, center), center)],
+        "frequency": sweep.frequency,
+        "swept": "elevation" if by_elevation else "azimuth",
+        "polar": bool(np.ptp(angles[by_elevation]) >= POLAR_FROM),
+        "whole": sweep.aspects.whole_circle,
+        "azimuth": angles[0],
+        "elevation": angles[1],
+        "channels": [_channel(sweep, name) for name in sweep.result.channels],
+        "image": None if image is None else _image(image, sweep, center),
+    }
+
+
+def _channel(sweep: RcsSweep, name: str) -> dict[str, Value]:
+    """Curves of one polarisation, dB above 1 m^2, and the phase of their sum, deg."""
+    i = sweep.result.channels.index(name)
+    error = sweep.error_db[i]
+    return {
+        "name": name,
+        "error": error if np.isfinite(error) else None,
+        "total": sweep.dbsm(name),
+        "phase": np.degrees(np.angle(sweep.result.amplitude[:, :, i].sum(axis=1))),
+        "orders": [{"order": order, "dbsm": sweep.dbsm(name, order)} for order in sweep.orders],
+    }
+
+
+def _image(image: SarImage, sweep: RcsSweep, center: F64) -> dict[str, Value]:
+    """Image of every channel; axes from the target's middle, or x and y of the file where the circle is whole."""
+    grid = image.grid.in_frame(np.zeros(3))
+    pixels = nested(*page_grid(image.grid))
+    origin = grid.origin * [1.0, 1.0, 0.0] - (0.0 if sweep.aspects.whole_circle else center)
+    pixels["azimuth"] = grid.azimuth + float(origin @ grid.along)
+    pixels["range"] = grid.across_distance() + float(origin @ grid.across)
+    return {
+        "grid": grid_payload(grid, center),
+        "pixels": pixels,
+        # what a point returns, not what an area does
+        "channels": [image_payload(image, name) | {"cell_area": None} for name in sweep.result.channels],
+    }
+
+
+__all__ = ["PAGE", "rcs_payload"]

@@ -1,0 +1,91 @@
+"""Scatterers of a user's own kinds: what a scene file says of them, and where they stand."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.parameters import Param, ParamTable
+from sarmitsuba.registry import Registry
+
+F64 = NDArray[np.float64]
+
+
+class ScattererKind:
+    """A kind of scatterers at known positions, each with a closed form; register an instance in ``SCATTERERS``.
+
+    The scattering itself is in :class:`sarmitsuba.trace.reflectors.Reflector`, which kinds derive from.
+
+    Attributes
+    ----------
+    name : of the bsdf in scene files, on a `sphere` whose centre and axes are the scatterer's
+    title : half a sentence
+    parameters : of the bsdf, numbers
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str] = ""
+    parameters: ClassVar[tuple[Param, ...]] = ()
+
+    @property
+    def table(self) -> ParamTable:
+        """Parameters of the bsdf."""
+        return ParamTable(self.name, "bsdf", self.title, self.parameters)
+
+
+SCATTERERS: Registry[ScattererKind] = Registry("kind of scatterer")
+
+
+def scatterer_tables() -> dict[str, ParamTable]:
+    """Parameter tables of the kinds of a user's own, by bsdf."""
+    return {kind.name: kind.table for kind in SCATTERERS}
+
+
+@dataclass(frozen=True, eq=False)
+class ScattererTarget:
+    """One scatterer of a kind of a user's own; no ray hits it, and it casts no shadow.
+
+    Parameters
+    ----------
+    name : of the shape
+    kind : name in ``SCATTERERS``
+    position : (3,) float64, m, scene frame
+    axes : (3, 3) float64, its own unit axes x, y, z as columns, scene frame
+    values : of the kind's parameters
+
+    Raises
+    ------
+    SceneError
+        There is no such kind, or position or axes are not finite and right-angled.
+    """
+
+    name: str
+    kind: str
+    position: F64
+    axes: F64
+    values: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        if self.kind not in SCATTERERS:
+            known = ", ".join(SCATTERERS.names) or "none"
+            raise SceneError(f'scatterer "{self.name}": there is no kind {self.kind!r}; registered: {known}')
+        square = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6)
+        if not (np.isfinite(self.position).all() and square):
+            raise SceneError(
+                f'{self.kind} "{self.name}": to_world is not a turn and a shift; give it rotate and translate alone'
+            )
+
+    def moved(self, step: F64) -> "ScattererTarget":
+        """The same, (3,) m farther on."""
+        return replace(self, position=self.position + step)
+
+
+def positions_of(targets: tuple[ScattererTarget, ...]) -> F64:
+    """(n, 3) float64, m, scene frame."""
+    return np.array([target.position for target in targets], dtype=np.float64).reshape(-1, 3)
+
+
+__all__ = ["SCATTERERS", "ScattererKind", "ScattererTarget", "positions_of", "scatterer_tables"]

@@ -1,0 +1,430 @@
+"""The sampling plan: how densely a run samples its scene, worked out once and handed to every stage."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.block import choose_block_length
+from sarmitsuba.echo.direct import box_slant_range
+from sarmitsuba.effects.context import SamplingFacts
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.materials.map_materials import with_parts
+from sarmitsuba.mesh.sharp_edges import SharpEdges
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling import movers, water
+from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, bounding_antennas, launch_windows
+from sarmitsuba.simulation.sampling.small_parts import expected_finer_rays
+from sarmitsuba.trace.edges import edges_of
+from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, Purpose, lattice
+from sarmitsuba.trace.scene_tables import TraceScene
+
+F64 = NDArray[np.float64]
+
+# rays per wavelength that curved and small parts want (a sphere of ka = 60 is then within 0.1 dB of physical optics)
+RAYS_PER_WAVELENGTH = 4.5
+# rays of one pass up to which the whole window gets RAYS_PER_WAVELENGTH; beyond, tubes of several wavelengths serve
+FINE_RAYS = 2_000_000
+# footprint of a diffuse ray over the finer ground resolution: what hides and what is seen is told apart so finely
+FOOTPRINT_PER_RESOLUTION = 1.0 / 1.05
+# diffuse scatterers per resolution cell and axis: no lattice of theirs then shows in mean clutter at any heading, nor
+# storeys on walls of any incidence
+CELLS_PER_RESOLUTION = 1.4
+# rad; apertures that turn by more resolve less than half a wavelength, where there is no rough surface to tell apart:
+# scatterers get no denser
+WIDEST = 1.0
+# automatic distance between the coherent rays of one look, in that of raw data: a third of the rays, for an error
+# (-25.3 dB instead of -26.0 in Munich) that what changes over the aperture makes anyway
+LOOK_SPACING = 2.0**0.75
+# rad; half of what the phase over a tube changes by over the pulses that share a tracing. Amplitudes are those of the
+# middle pulse, and an edge's return goes with one over that phase
+TUBE_PHASE_CHANGE = 0.4
+# pulses that may share a tracing: the grids of more are no cheaper per pulse
+LONGEST_BLOCK = 128
+# triangles up to which the lattice is turned off their edges
+MOST_FACES = 2000
+# key pulses share about this many pulses when nothing else is known
+USUAL_INTERVAL = 100
+
+
+@dataclass(frozen=True)
+class RaySpacings:
+    """Distances between neighbouring rays, all subsets together.
+
+    Parameters
+    ----------
+    coherent : m, of the rays for coherent returns, or of all rays where nothing returns coherently
+    diffuse : m, of the rays for diffuse returns; 0 where nothing scatters diffusely
+    """
+
+    coherent: float
+    diffuse: float
+
+    def at(self, factor: float) -> dict[str, float]:
+        """Settings that ask for this many times the distances."""
+        out = {"ray_spacing": factor * self.coherent}
+        return out | ({"diffuse_ray_spacing": factor * self.diffuse} if self.diffuse else {})
+
+
+@dataclass(frozen=True, eq=False)
+class SamplingPlan:
+    """How a run samples its scene.
+
+    Parameters
+    ----------
+    scene : as the effects plan leaves it
+    flags : of the trace kernel; they say which kinds of return there are
+    windows : lit part of the scene from every sector of the track, in turn
+    azimuth_cell : m, azimuth resolution of the whole aperture at the image's centre
+    scatterer_cell : m, edge of the cells that carry one persistent diffuse scatterer; the scene's own, whatever the
+        look
+    footprint_spacing : m, distance between rays whose footprints are as large as a resolution cell
+    spacings : distances between rays, as asked for or automatic
+    """
+
+    scene: Scene
+    flags: KernelFlags
+    windows: tuple[LaunchWindow, ...]
+    azimuth_cell: float
+    scatterer_cell: float
+    footprint_spacing: float
+    spacings: RaySpacings
+
+    @staticmethod
+    def of(scene: Scene, flags: KernelFlags | None = None) -> "SamplingPlan":
+        """Work the plan out.
+
+        Parameters
+        ----------
+        scene : with a mesh
+        flags : kinds of return there are; None: coherent ones, and diffuse ones where a material has a diffuse law
+
+        Raises
+        ------
+        RadarError
+            When no geometry lies within the image's footprint.
+        """
+        if flags is None:
+            rough = any(m.scatters for m in with_parts(scene.materials))
+            flags = KernelFlags(channels=scene.radar.channels, diffuse=rough)
+        windows = launch_windows(scene)
+        window = _window_at(windows, scene.radar.track.center_index)
+        azimuth = azimuth_cell(scene)
+        range_cell = scene.radar.waveform.range_cell
+        cell = scene.settings.scatterer_cell or _rounded_down(min(azimuth, range_cell) / CELLS_PER_RESOLUTION)
+        ground = range_cell / max(np.sin(window.incidence), 0.05)
+        footprint = _footprint_spacing(scene, window, FOOTPRINT_PER_RESOLUTION * min(azimuth, ground))
+        spacings = _spacings(scene, flags, window, azimuth, footprint)
+        return SamplingPlan(scene, flags, windows, azimuth, cell, footprint, spacings)
+
+    @property
+    def window(self) -> LaunchWindow:
+        """Lit part of the scene from the middle of the track."""
+        return self.window_at(self.scene.radar.track.center_index)
+
+    def window_at(self, pulse: int) -> LaunchWindow:
+        """Lit part of the scene from the sector of a pulse."""
+        return _window_at(self.windows, pulse)
+
+    @cached_property
+    def box(self) -> F64:
+        """Bounds of what any sector lights, (2, 3) m, scene frame."""
+        boxes = np.array([window.box for window in self.windows])
+        return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+    def obeying(self, scene: Scene, flags: KernelFlags) -> "SamplingPlan":
+        """The plan of the same scene under decided effects; one whose track or shapes they change starts anew."""
+        if scene.radar.track is not self.scene.radar.track or not scene.same_shapes(self.scene):
+            return SamplingPlan.of(scene, flags)
+        spacings = _spacings(scene, flags, self.window, self.azimuth_cell, self.footprint_spacing)
+        return replace(self, scene=scene, flags=flags, spacings=spacings)
+
+    def of_one_look(self) -> "SamplingPlan":
+        """The plan with wider coherent rays, where the scene does not set their distance: enough for one look.
+
+        Scenes small enough for several rays per wavelength keep them, and diffuse rays are as for raw data: wider ones
+        would blur the rims of shadows.
+        """
+        if self.scene.settings.ray_spacing > 0.0 or not self.flags.coherent:
+            return self
+        if self.spacings.coherent <= 1.001 * self.fine_spacing:
+            return self
+        wider = replace(self.spacings, coherent=LOOK_SPACING * self.spacings.coherent)
+        return replace(self, spacings=wider)
+
+    @property
+    def range_cell(self) -> float:
+        """Slant-range resolution, m."""
+        return self.scene.radar.waveform.range_cell
+
+    @property
+    def half_cell(self) -> float:
+        """Half of the finer resolution, m: the most that coherent rays may lie apart."""
+        return 0.5 * min(self.azimuth_cell, self.range_cell)
+
+    @property
+    def fine_spacing(self) -> float:
+        """Distance between rays that curved and small parts want, m."""
+        return self.scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH
+
+    @property
+    def rays_per_pulse(self) -> int:
+        """About as many rays as all lattices of one pulse have; diffuse rays only where they are automatic."""
+        rays = self.window.area / self.spacings.coherent**2
+        both = self.flags.diffuse and self.flags.coherent
+        if both and self.scene.settings.diffuse_ray_spacing == 0:
+            rays += self.window.area / self.spacings.diffuse**2
+        return int(rays)
+
+    @property
+    def expected_key_pulses(self) -> int:
+        """About as many pulses as will be traced; :attr:`key_pulse_interval` knows, but takes time."""
+        n, settings = self.scene.radar.track.n_pulses, self.scene.settings
+        by_method = {"raw": 1, "image": n, "raster": n}
+        return -(-n // by_method.get(settings.method, settings.key_pulse_interval or USUAL_INTERVAL))
+
+    @cached_property
+    def key_pulse_interval(self) -> int:
+        """Pulses that share one tracing: as asked, or as many as the error of a block allows."""
+        settings = self.scene.settings
+        if settings.method == "raw":
+            return 1
+        return settings.key_pulse_interval or self.block_length(LONGEST_BLOCK)
+
+    def block_length(self, longest: int) -> int:
+        """Most pulses, up to so many, that can share one tracing by the geometry of the track; 1 where none can."""
+        settings = self.scene.settings
+        length = choose_block_length(
+            self.scene.radar,
+            self.window.center,
+            self.phase_box,
+            settings.gridding_width,
+            settings.tolerance_db,
+            extra_slant_range=self.extra_slant_range,
+            max_length=max(1, int(min(longest, self._steady_pulses))),
+        )
+        length = movers.block_length(
+            self.scene, self.window.center, self.phase_box, length, self.extra_slant_range
+        )
+        if not self.flags.water_motion:
+            return length
+        return water.block_length(self.scene, self.window.center, length, every_beam=self.azimuth_later)
+
+    @cached_property
+    def azimuth_later(self) -> bool:
+        """Whether the range rate of a return tells where in the azimuth beam it is, at each pulse of a block."""
+        if self.flags.motion:
+            return False
+        return not self.flags.water_motion or water.beam_tells(self.scene, self.window.center)
+
+    @property
+    def _steady_pulses(self) -> float:
+        r"""Pulses over which tubes of coherent returns keep their amplitudes.
+
+        The line of sight turns by :math:`\lambda / 2 \delta_a` over the pulses of the azimuth resolution
+        :math:`\delta_a`, and the phase over a tube of width d by :math:`4 \pi d / \lambda` times that.
+        """
+        if not self.flags.coherent:
+            return float("inf")
+        track, radar = self.scene.radar.track, self.scene.radar
+        step = np.linalg.norm(np.diff(track.position, axis=0), axis=1)
+        if not step.size or not step.any():
+            return float("inf")
+        reach = np.linalg.norm(self.window.center - track.center_position)
+        turn = radar.waveform.wavelength / (2.0 * self.azimuth_cell)
+        per_pulse = np.pi * self.spacings.coherent / self.azimuth_cell * float(step.mean() / (reach * turn))
+        return TUBE_PHASE_CHANGE / per_pulse
+
+    @cached_property
+    def sharp_edges(self) -> SharpEdges:
+        """Sharp metal edges of the scene, in pieces of half a resolution cell."""
+        scene = self.scene
+        return edges_of(scene.geometry, scene.materials, scene.radar.waveform.wavelength, self.half_cell)
+
+    @cached_property
+    def phase_box(self) -> F64:
+        """Bounds of the phase centres whose Doppler is kept, (2, 3) m.
+
+        The lit box, beside it a quarter for mirror images, and at least what the rays' fade-out lights on level ground.
+        """
+        low, high = self.box
+        fade = max(window.taper / max(float(np.cos(window.incidence)), 0.2) for window in self.windows)
+        margin = np.maximum(0.25 * (high - low), fade) * np.array([1.0, 1.0, 0.0]) + 2.0 * self.scatterer_cell
+        return np.stack([low - margin, high + margin])
+
+    @cached_property
+    def extra_slant_range(self) -> float:
+        """What multiple reflections may add to a slant range and still be inside the receive window, m."""
+        window = self.scene.radar.window
+        end = float(window.start_range.max()) + window.extent
+        far = float(box_slant_range(self.phase_box, self.scene.radar, slice(None))[1].min())
+        return max(0.0, end - far)
+
+    @cached_property
+    def extra_range_rate(self) -> float:
+        """What the motion of shapes and water may add to a range rate or take off, m/s."""
+        fastest = movers.fastest(self.scene)
+        return fastest + water.fastest(self.scene) if self.flags.water_motion else fastest
+
+    def for_effects(self) -> SamplingFacts:
+        """What the effects may know of the sampling."""
+        ground = self.range_cell / max(float(np.sin(self.window.incidence)), 0.05)
+        return SamplingFacts(
+            ray_spacing=self.spacings.coherent,
+            n_rays=self.rays_per_pulse,
+            cell=float(np.sqrt(self.azimuth_cell * ground)),
+            box=self.box,
+            key_pulses=self.expected_key_pulses,
+        )
+
+    def lattices(self, *, realisation: int = 0, subset: int = 0) -> tuple[LaunchGrid, ...]:
+        """Lattices that together sample every pulse, for each sector of the track.
+
+        They are one for all returns, or a coarser one of its own for the diffuse: diffuse returns depend on their cells
+        and hardly on the rays, so they need far fewer rays than coherent tubes.
+
+        Parameters
+        ----------
+        realisation : number of the independent lattice (ray subsets, passes)
+        subset : 1 and 2 share out the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because
+            footprints wider than a cell would blur the rims of shadows
+        """
+        return tuple(
+            grid
+            for purpose, spacing in self.purposes(subset)
+            for grid in self._lattices(spacing, purpose, realisation)
+        )
+
+    def purposes(self, subset: int = 0) -> tuple[tuple[Purpose, float], ...]:
+        """What the lattices of a ray subset are for, and the distance between the rays of each, m."""
+        sparser = float(1.0 / np.sqrt(SUBSET_SHARES[subset]))
+        settings = self.scene.settings
+        if self.flags.diffuse and not self.flags.coherent:
+            return (("diffuse", self.spacings.coherent),)
+        if not self.flags.diffuse:
+            return (("coherent", sparser * self.spacings.coherent),)
+        coherent, diffuse = sparser * self.spacings.coherent, self.spacings.diffuse
+        if settings.ray_spacing > 0 and settings.diffuse_ray_spacing == 0:
+            diffuse = max(diffuse, coherent / sparser)
+        if 0.5 < diffuse / coherent < 1.25:  # a second launch would cost more than the few rays it saves
+            return (("all", min(coherent, diffuse)),)
+        return (("coherent", coherent), ("diffuse", diffuse))
+
+    def finer_rays(self, scene: TraceScene, spacing: float, purpose: Purpose) -> int:
+        """About as many rays as finer lattices over small parts add to a plain one, see `with_small_parts`."""
+        window, none = self.window, np.zeros(0, dtype=np.float32)
+        grid = LaunchGrid(
+            none, none, spacing, LATTICE_TURN, window.half_x, window.half_y, window.taper, purpose
+        )
+        antennas = bounding_antennas(self.scene.radar.track, window.pulses)
+        return expected_finer_rays(grid, int(window.area / spacing**2), scene, window.frame, antennas)
+
+    def _lattices(self, spacing: float, purpose: Purpose, realisation: int) -> tuple[LaunchGrid, ...]:
+        """One lattice in the launch plane of every sector."""
+        plain = (
+            lattice(
+                window.half_x,
+                window.half_y,
+                spacing,
+                taper=window.taper,
+                seed=self.scene.settings.seed,
+                realisation=realisation,
+                purpose=purpose,
+                edges=self._edges(window) if purpose != "diffuse" else None,
+            )
+            for window in self.windows
+        )
+        return tuple(
+            replace(grid, frame=window.frame, pulses=window.pulses)
+            for grid, window in zip(plain, self.windows, strict=True)
+        )
+
+    def _edges(self, window: LaunchWindow) -> F64 | None:
+        """Edges of a small scene's triangles in a launch plane, (n, 2) m; None where they run every way anyway."""
+        geometry = self.scene.geometry
+        if geometry.n_faces > MOST_FACES:
+            return None
+        corners = geometry.vertices[geometry.faces]
+        edges = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 3)
+        axes = np.stack([window.frame.axis_x[0], window.frame.axis_y[0]], axis=1)
+        return np.asarray(edges @ axes)
+
+
+def azimuth_cell(scene: Scene) -> float:
+    """Azimuth resolution cell lambda / (2 theta) of a pixel's aperture at the image centre, m.
+
+    theta is what the line of sight turns by from the middle to both sides, up to ``WIDEST``.
+    """
+    track = scene.radar.track
+    if np.isfinite(scene.radar.half_aperture):
+        return float(scene.radar.waveform.wavelength / (4.0 * scene.radar.half_turn))
+    middle = np.array([scene.image.center_x, scene.image.center_y, scene.image.height])
+    line = track.position - middle
+    reach = np.linalg.norm(line, axis=1, keepdims=True)
+    line = line / np.maximum(reach, 1e-300)
+    center = track.center_index
+    # small angles lose all digits in the cosine: take the sine there
+    sine = np.linalg.norm(np.cross(line, line[center]), axis=1)
+    turn = np.arctan2(sine, line @ line[center])
+    angle = min(float(turn[: center + 1].max() + turn[center:].max()), WIDEST)
+    if track.n_pulses < 2 or angle == 0.0:
+        return float(0.5 * (reach[0, 0] + reach[-1, 0]))
+    return float(scene.radar.waveform.wavelength / (2.0 * angle))
+
+
+def _window_at(windows: tuple[LaunchWindow, ...], pulse: int) -> LaunchWindow:
+    return next(window for window in windows if window.pulses[0] <= pulse < window.pulses[1])
+
+
+def _rounded_down(cell: float) -> float:
+    """The largest power of the square root of two up to ``cell``: looks that differ a little share their scatterers."""
+    return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(cell))))
+
+
+def _footprint_spacing(scene: Scene, window: LaunchWindow, footprint: float) -> float:
+    """Distance between rays of so long footprints, m.
+
+    The footprint is longest on level ground (over the cosine of the incidence angle) or, where the scene has any,
+    on walls (over its sine).
+    """
+    v = scene.geometry.vertices[scene.geometry.faces]
+    normal = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    steep = float(area[np.abs(normal[:, 2]) < 0.5 * area].sum()) > 0.01 * float(area.sum())
+    slant = np.cos(window.incidence)
+    if steep:
+        slant = min(slant, np.sin(window.incidence))
+    return float(footprint * max(slant, 0.2))
+
+
+def _spacings(
+    scene: Scene, flags: KernelFlags, window: LaunchWindow, azimuth: float, footprint: float
+) -> RaySpacings:
+    """Distances as asked for, or what the returns that there are need.
+
+    Coherent tubes want ``RAYS_PER_WAVELENGTH`` where that is affordable (``FINE_RAYS``), else half a resolution cell.
+    """
+    settings = scene.settings
+    diffuse = settings.diffuse_ray_spacing or footprint
+    if settings.ray_spacing > 0:
+        coherent = settings.ray_spacing
+    elif flags.diffuse and not flags.coherent:
+        coherent = diffuse
+    else:
+        coherent = scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH
+        if window.area / coherent**2 > FINE_RAYS:
+            half_cell = 0.5 * min(azimuth, scene.radar.waveform.range_cell)
+            coherent = float(min(half_cell, np.sqrt(window.area / 1e5)))
+    return RaySpacings(coherent, diffuse if flags.diffuse else 0.0)
+
+
+__all__ = [
+    "FOOTPRINT_PER_RESOLUTION",
+    "LOOK_SPACING",
+    "RAYS_PER_WAVELENGTH",
+    "RaySpacings",
+    "SamplingPlan",
+    "azimuth_cell",
+]

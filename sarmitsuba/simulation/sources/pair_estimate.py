@@ -1,0 +1,351 @@
+"""Pairs of diffuse scatterers of a scene: how many there need be, and what they return beside the clutter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.effects.context import PairLevel
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.materials.map_materials import with_parts
+from sarmitsuba.mesh.surface_samples import spanned_area, surface_samples
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.simulation.sources.site import Site
+from sarmitsuba.trace.diffuse_pairs import PairSource
+from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, frame_towards
+from sarmitsuba.trace.leg import Surroundings
+from sarmitsuba.trace.pair_search import SurfacePairs, find_pairs
+from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.source import launches
+from sarmitsuba.trace.state import Contribution, Kernel, KernelSettings
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.kernel import LaneArrays
+
+F64 = NDArray[np.float64]
+
+# points that the level is estimated from, about: two per cent of a level that half of them have a part in
+PILOT_POINTS = 30_000
+# points of a run, whatever the tolerance, and their cells over those of the diffuse scatterers: pairs then cost no more
+# than the rays do
+MOST_POINTS, FINEST = 500_000, 0.5
+# cells walked for each point wanted, at most
+MOST_CELLS = 16
+# pairs in a square of the ground whose level is told, at least
+SQUARE_PAIRS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class PairEstimate:
+    """What some pairs return at the middle of the track.
+
+    Parameters
+    ----------
+    cell : m, of the points that they were drawn from
+    pairs : those that were drawn
+    power : (n,) float64, m^2, mean of HH and VV of each
+    cross : m^2, HV of all; 0 where the radar records no cross-polar channel
+    """
+
+    cell: float
+    pairs: SurfacePairs
+    power: F64
+    cross: float = 0.0
+
+
+def run_pairs(site: Site, pilot: PairEstimate) -> SurfacePairs:
+    """Pairs of a run, as many as the error of their realisation wants."""
+    return scene_pairs(site, _cell_of_run(site, pilot))
+
+
+def pair_level(site: Site) -> PairLevel:
+    """Estimate what pairs of diffuse scatterers return, from the middle of the track.
+
+    Parameters
+    ----------
+    site : of the run
+    """
+    pilot = estimate_pairs(site, pilot_cell(site, PILOT_POINTS))
+    total = float(pilot.power.sum())
+    count = int((pilot.power > 0.0).sum())
+    if not total or not pilot.pairs.clutter:
+        return PairLevel(
+            share=0.0,
+            error=0.0,
+            strongest=0.0,
+            square=0.0,
+            pairs=count,
+            realisation_error=0.0,
+            cell=pilot.cell,
+        )
+    strongest, square = _strongest(site, pilot)
+    cell = _cell_of_run(site, pilot)
+    finer = cell / pilot.cell
+    share = total / pilot.pairs.clutter
+    return PairLevel(
+        share=share,
+        error=float(np.sqrt(np.square(pilot.power).sum())) / pilot.pairs.clutter,
+        strongest=strongest,
+        square=square,
+        pairs=count,
+        realisation_error=min(share, _realisation_error(site, pilot) * finer**2),
+        cell=cell,
+        cross=_over(pilot.cross, pilot.pairs.cross),
+    )
+
+
+def _over(power: float, clutter: float) -> float:
+    """A power over the clutter's; infinite where there is no clutter."""
+    if power == 0.0:
+        return 0.0
+    return power / clutter if clutter > 0.0 else float("inf")
+
+
+def scene_pairs(site: Site, cell: float) -> SurfacePairs:
+    """Pairs of the lit surfaces that scatter and rest, from one point in each cell (m)."""
+    trace_scene = _geometry(site)
+    if not site.flags.texture:
+        trace_scene = replace(trace_scene, surfaces=None)
+    usable = _usable(site)
+    rows = np.flatnonzero(usable)
+    box = site.box + np.array([[-cell], [cell]])
+    seed = site.scene.settings.seed
+    samples = surface_samples(trace_scene.triangles[rows], cell, box, seed)
+    samples = replace(samples, face=rows[samples.face])
+    around = Surroundings.of(trace_scene, site.flags, site.wavelength)
+    pairs = find_pairs(around, samples, site.views, cell, box, seed=seed, scatters=usable)
+    keep = usable[pairs.face[:, 1]]
+    return replace(
+        pairs,
+        **{name: getattr(pairs, name)[keep] for name in ("point", "normal", "face", "weight", "key")},
+    )
+
+
+def _geometry(site: Site) -> TraceScene:
+    assert site.trace_scene is not None
+    return site.trace_scene
+
+
+def _usable(site: Site) -> NDArray[np.bool_]:
+    """Faces of the tables that scatter diffusely and rest."""
+    trace_scene = _geometry(site)
+    scene = site.scene
+    scatters = np.array([any(p.scatters for p in with_parts([m])) for m in scene.materials], dtype=bool)
+    usable = scatters[scene.geometry.face_material[trace_scene.geometry_faces]]
+    if site.flags.texture and trace_scene.surfaces is not None:  # materials by place
+        usable[:] = True
+    if trace_scene.movers is not None:
+        usable &= trace_scene.movers.number == 0
+    return np.asarray(usable)
+
+
+def pilot_cell(site: Site, points: float) -> float:
+    """Edge of cells that about so many points come from, m; a power of the square root of two.
+
+    Looks and passes that differ a little have the same. Slanting slivers have many more cells in the rectangle about
+    them than points: no more than ``MOST_CELLS`` for each point are walked.
+    """
+    area = max(*_pair_areas(site), 1e-6)
+    return _rounded_down(float(np.sqrt(area / points)))
+
+
+def expected_pair_points(site: Site) -> float:
+    """About as many points as the pairs of a run are drawn from; the most there may be where no level is known."""
+    finest = max(pilot_cell(site, MOST_POINTS), FINEST * site.scatterer_cell)
+    cell = site.pairs.cell if site.pairs is not None else finest
+    return _pair_areas(site)[0] / cell**2
+
+
+def _pair_areas(site: Site) -> tuple[float, float]:
+    """Area that points are drawn on, in the planes that their cells lie in; what the cells walked count as, m^2."""
+    triangles = _geometry(site).triangles[_usable(site)]
+    low, high = (
+        np.maximum(triangles.min(axis=1), site.box[0]),
+        np.minimum(triangles.max(axis=1), site.box[1]),
+    )
+    whole = np.prod(np.partition(triangles.max(axis=1) - triangles.min(axis=1), 1, axis=1)[:, 1:], axis=1)
+    size = np.maximum(high - low, 0.0)
+    within = np.prod(np.partition(size, 1, axis=1)[:, 1:], axis=1) * ~(high < low).any(axis=1)
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = 0.5 * np.linalg.norm(cross, axis=1) * within / np.maximum(whole, 1e-12)
+    return float(area.sum()), spanned_area(triangles, site.box) / MOST_CELLS
+
+
+def _realisation_error(site: Site, found: PairEstimate) -> float:
+    r"""Error of the image by the realisation of some pairs, over the power of the clutter.
+
+    A resolution cell in which pairs of powers w return is :math:`\delta` off in its mean power,
+    :math:`\langle \delta^2 \rangle = \sum w^2 / (\sum w)^2`, and :math:`\delta / 2` in its field: a quarter of that
+    square is error energy. It falls with the number of pairs; squares of the ground stand for the resolution cells in
+    them.
+    """
+    if not found.power.any() or not found.pairs.clutter:
+        return 0.0
+    squares, side = _squares(found)
+    power, fourth = (np.bincount(squares, w) for w in (found.power, np.square(found.power)))
+    lit = power > 0.0
+    resolved = side**2 / site.resolution**2
+    return 0.25 * resolved * float((fourth[lit] / power[lit]).sum()) / found.pairs.clutter
+
+
+def _cell_of_run(site: Site, pilot: PairEstimate) -> float:
+    """Edge of the cells of a run, m: the realisation's error is the tolerance, or the cells are as fine as allowed."""
+    error = _realisation_error(site, pilot)
+    if error == 0.0:
+        return pilot.cell
+    tolerance = 10.0 ** (site.scene.settings.tolerance_db / 10.0)
+    wanted = _rounded_down(pilot.cell * float(np.sqrt(tolerance / error)))
+    finest = max(pilot_cell(site, MOST_POINTS), FINEST * site.scatterer_cell)
+    return min(pilot.cell, max(wanted, finest))
+
+
+def _rounded_down(cell: float) -> float:
+    return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(cell) + 1e-9)))
+
+
+def _squares(found: PairEstimate) -> tuple[NDArray[np.intp], float]:
+    """Number of the square of the ground in which each pair lies, and the squares' side, m."""
+    middle = found.pairs.point.mean(axis=1)[:, :2]
+    lit = found.power > 0.0
+    low, high = middle.min(axis=0), middle.max(axis=0)
+    extent = np.maximum(high - low, 1e-3)
+    side = float(np.sqrt(extent.prod() * SQUARE_PAIRS / max(int(lit.sum()), 1)))
+    columns = int(extent[0] / side) + 1
+    at = ((middle - low) / side).astype(np.intp)
+    return at[:, 1] * columns + at[:, 0], side
+
+
+def _strongest(site: Site, found: PairEstimate) -> tuple[float, float]:
+    """Power of the square with the most over that of mean clutter on as much ground; side of the squares, m."""
+    squares, side = _squares(found)
+    ground = float(np.prod(np.ptp(site.box[:, :2], axis=0)))
+    clutter = found.pairs.clutter * side**2 / max(ground, side**2)
+    count = np.bincount(squares, found.power > 0.0)
+    power = np.where(count >= SQUARE_PAIRS / 3, np.bincount(squares, found.power), 0.0)
+    return float(power.max()) / clutter, side
+
+
+def estimate_pairs(site: Site, cell: float) -> PairEstimate:
+    """Draw pairs and let the middle of the track look at them."""
+    pairs = scene_pairs(site, cell)
+    if not pairs.n:
+        return PairEstimate(cell, pairs, np.zeros(0))
+
+    def power(channels: tuple[str, ...], *, depolarised: bool) -> F64:
+        echo = pair_echo(
+            pairs,
+            _geometry(site),
+            site.views[len(site.views) // 2],
+            site.center,
+            replace(site.flags, channels=channels, depolarisation=depolarised),
+            wavelength=site.wavelength,
+            seed=site.scene.settings.seed,
+        )
+        return np.asarray(np.square(np.abs(echo.amplitude)).mean(axis=1))
+
+    cross = 0.0
+    if any(channel[0] != channel[1] for channel in site.scene.radar.channels):
+        cross = float(power(("HV",), depolarised=site.flags.depolarisation).sum())
+    return PairEstimate(cell, pairs, power(("HH", "VV"), depolarised=False), cross)
+
+
+@dataclass(frozen=True, eq=False)
+class PairEcho:
+    """What each of some pairs returns to one place.
+
+    Parameters
+    ----------
+    amplitude : (n, n_channels) complex128, m; root of the RCS, without the phase of the slant range
+    slant_range : (n,) float64, m
+    """
+
+    amplitude: NDArray[np.complex128]
+    slant_range: F64
+
+
+def pair_echo(
+    pairs: SurfacePairs,
+    trace_scene: TraceScene,
+    position: F64,
+    center: F64,
+    flags: KernelFlags,
+    *,
+    wavelength: float,
+    seed: int = 0,
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+) -> PairEcho:
+    """Look at pairs from one place, without antenna and launch window.
+
+    Parameters
+    ----------
+    position, center : (3,) m, of the antenna, and what spreading is taken at
+    flags : effects and channels
+    wavelength : m
+    seed : of the random phases
+    up : vertical reference of the polarisation
+    """
+    reference = float(np.linalg.norm(center - position))
+    frame = frame_towards(position[None], center, np.array([0.0, 1.0, 0.0]))
+    none = np.zeros(0, np.float32)
+    grid = LaunchGrid(none, none, 1.0, 0.0, 1.0, 1.0, 0.0)
+    settings = KernelSettings(
+        wavelength=wavelength,
+        max_depth=1,
+        cell=1.0,
+        seed=seed,
+        amplitude=reference**2,
+        reference_range=reference,
+        up=up,
+    )
+    flags = replace(flags, antenna_pattern=False, spreading=False, taper=False)
+    batch = PulseBatch(position[None], np.zeros((1, 3)), frame)
+    kernel = Kernel.of(trace_scene, grid, batch, flags, settings)
+    echoes = []
+    for launch in launches([PairSource(pairs)], [grid], 1):
+        kept = _Kept(launch.part.count, len(flags.channels))
+        _, state = launch.record(kernel, Antenna(), kept)
+        dr.eval(state, kept.memory, kept.slant_range)
+        amplitude = kept.memory.numpy().astype(np.float64).reshape(launch.part.count, -1, 2)
+        echoes.append((amplitude[..., 0] + 1j * amplitude[..., 1], kept.slant_range.numpy()))
+    return PairEcho(*(np.concatenate(column) for column in zip(*echoes, strict=True)))
+
+
+class _Kept:
+    """Keeps amplitudes and slant range of each lane; an accumulator of :func:`sarmitsuba.trace.kernel.trace`."""
+
+    def __init__(self, n_lanes: int, n_channels: int) -> None:
+        self.n_lanes, self.n_channels = n_lanes, n_channels
+        self.memory = dr.zeros(mi.Float, 2 * n_lanes * n_channels)
+        self.slant_range = dr.zeros(mi.Float64, n_lanes)
+
+    def begin(self) -> LaneArrays:
+        """The lane's number."""
+        return (dr.arange(mi.UInt32, self.n_lanes),)
+
+    def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
+        """Keep one; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+        (lane,), active = state, contribution.active
+        dr.scatter(self.slant_range, contribution.slant_range, lane, active)
+        for i, a in enumerate(contribution.amplitudes):
+            slot = 2 * (self.n_channels * lane + i)
+            dr.scatter(self.memory, a.real, slot, active)
+            dr.scatter(self.memory, a.imag, slot + 1, active)
+        return state
+
+
+__all__ = [
+    "PILOT_POINTS",
+    "PairEcho",
+    "PairEstimate",
+    "estimate_pairs",
+    "expected_pair_points",
+    "pair_echo",
+    "pair_level",
+    "pilot_cell",
+    "run_pairs",
+    "scene_pairs",
+]

@@ -1,0 +1,176 @@
+"""3-D view of the studio as plain arrays: bodies, radar on its track, beam, image on the ground.
+
+The radar is brought near: its distance from the aim point shrinks to a few sizes of the scene, all its directions stay
+true.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.scene import Scene
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+U8 = NDArray[np.uint8]
+
+# distance of the radar that is shown, in diameters of the scene
+NEARNESS = 1.1
+# sides of the beam
+SIDES = 48
+# m over m of the scene's diameter; how far above the ground the image lies, so that neither shines through
+LIFT = 1e-3
+# red, green, blue of surfaces in turn
+COLOURS = (
+    (176, 158, 130),
+    (150, 160, 175),
+    (190, 130, 110),
+    (120, 150, 120),
+    (165, 140, 180),
+    (200, 185, 120),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Triangles of one material.
+
+    Parameters
+    ----------
+    name : of the material
+    vertices : (n, 3) float64, m, scene frame
+    faces : (m, 3) int32
+    colour : red, green, blue, 0 to 255
+    """
+
+    name: str
+    vertices: F64
+    faces: I32
+    colour: tuple[int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class BeamCone:
+    """The radar and what it lights, at one pulse.
+
+    Parameters
+    ----------
+    antenna : (3,) m, scene frame, brought near
+    middle : (3,) m, where the boresight meets the image's plane
+    rim : (SIDES, 3) m, outline of what the image shows, moved along with the boresight
+    """
+
+    antenna: F64
+    middle: F64
+    rim: F64
+
+    @property
+    def mesh(self) -> tuple[F64, I32]:
+        """The cone from the antenna to the rim: vertices (SIDES + 1, 3) m and faces."""
+        i = np.arange(SIDES, dtype=np.int32)
+        faces = np.stack([np.full(SIDES, SIDES, dtype=np.int32), i, np.roll(i, -1)], axis=1)
+        return np.concatenate([self.rim, self.antenna[None]]), faces
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A picture that lies in the scene.
+
+    Parameters
+    ----------
+    colours : (rows, columns, 3) uint8; rows go against ``up``, columns along ``right``
+    center, right, up : (3,) m and unit vectors, scene frame
+    width, height : m
+    """
+
+    colours: U8
+    center: F64
+    right: F64
+    up: F64
+    width: float
+    height: float
+
+
+def bodies(scene: Scene) -> Iterator[Body]:
+    """The scene's triangles, material by material."""
+    geometry = scene.geometry
+    used = np.unique(geometry.face_material)
+    for i, material in enumerate(used):
+        faces = geometry.faces[geometry.face_material == material]
+        vertices, index = np.unique(faces, return_inverse=True)
+        yield Body(
+            scene.materials[material].name,
+            geometry.vertices[vertices],
+            index.reshape(-1, 3).astype(np.int32),
+            COLOURS[i % len(COLOURS)],
+        )
+
+
+def beam_at(scene: Scene, share: float) -> BeamCone:
+    """The radar and its beam at a share of the aperture, 0 at its first pulse and 1 at its last."""
+    radar, image = scene.radar, scene.image
+    pulse = round(share * (radar.track.n_pulses - 1))
+    target = np.array([image.center_x, image.center_y, image.height])
+    shrink = _shrink(scene)
+    position, boresight = radar.track.position[pulse], radar.pointing.boresight[pulse]
+    hit = position + boresight * ((image.height - position[2]) / min(boresight[2], -1e-9))
+    middle = radar.aim_point + shrink * (hit - radar.aim_point)
+    angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+    half = 0.5 * np.array([image.extent_azimuth, image.extent_range])
+    outline = (
+        half[0] * np.cos(angle)[:, None] * radar.track.along + half[1] * np.sin(angle)[:, None] * radar.across
+    )
+    return BeamCone(
+        radar.aim_point + shrink * (position - radar.aim_point),
+        middle,
+        outline + middle + target - _aim(radar, image.height),
+    )
+
+
+def track_shown(scene: Scene) -> F64:
+    """(n_pulses, 3) m, scene frame: the track, brought near."""
+    radar = scene.radar
+    return np.asarray(radar.aim_point + _shrink(scene) * (radar.track.position - radar.aim_point))
+
+
+def image_plane(image: SarImage, grey: U8, diameter: float) -> Plane:
+    """The image as it lies on the ground.
+
+    Parameters
+    ----------
+    image : on a ground grid
+    grey : (n_azimuth, n_range) uint8, brightness of its pixels
+    diameter : m, of the scene
+    """
+    grid = image.grid
+    corner = grid.origin + grid.azimuth.mean() * grid.along + grid.range.mean() * grid.across
+    center = np.array([corner[0], corner[1], grid.height + LIFT * diameter])
+    colours = np.repeat(grey[::-1, :, None], 3, axis=2)
+    right = grid.across
+    if np.cross(right, grid.along)[2] < 0.0:  # looking left: seen from above, range grows to the left
+        right, colours = -right, colours[:, ::-1]
+    width = float(np.ptp(grid.range)) + grid.range_spacing
+    height = float(np.ptp(grid.azimuth)) + grid.azimuth_spacing
+    return Plane(np.ascontiguousarray(colours), center, right, grid.along, width, height)
+
+
+def _aim(radar: Radar, height: float) -> F64:
+    """Where the middle of the aperture's line of sight meets the image's plane, m."""
+    position = radar.track.center_position
+    line = radar.aim_point - position
+    return np.asarray(position + line * ((height - position[2]) / line[2]))
+
+
+def _shrink(scene: Scene) -> float:
+    """Distance that is shown over the true one; 1 where the radar is near already."""
+    radar = scene.radar
+    distance = float(np.linalg.norm(radar.track.center_position - radar.aim_point))
+    extent = max(scene.geometry.diameter, scene.image.extent_azimuth, scene.image.extent_range)
+    return min(1.0, NEARNESS * extent / distance)
+
+
+__all__ = ["BeamCone", "Body", "Plane", "beam_at", "bodies", "image_plane", "track_shown"]

@@ -1,0 +1,362 @@
+"""The stage that closes paths over the persistent diffuse scatterers of a facet to the antenna."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace import field
+from sarmitsuba.trace.closing import Receiver, Receiving, selected
+from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
+from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
+from sarmitsuba.trace.state import (
+    DIFFUSE,
+    RECIPROCAL,
+    REVERSED,
+    Contribution,
+    Hit,
+    Kernel,
+    Lane,
+    RayState,
+    TubeFootprint,
+)
+from sarmitsuba.trace.temporal import Age
+from sarmitsuba.trace.wind_waves import WaterTables
+
+if TYPE_CHECKING:
+    from sarmitsuba.effects.flags import KernelFlags
+    from sarmitsuba.trace.movement import Movement
+
+
+def seen_from(movement: Movement | None, velocity: mi.Vector3d) -> mi.Vector3d:
+    r"""A velocity less that of the facet that was hit, or of the scatterer on it, m/s; None where it rests.
+
+    With every mirror i of a chain moving at :math:`\mathbf w_i`, the virtual antenna moves at
+    :math:`\mathbf V' = \mathbf V - 2 \mathbf n_i (\mathbf V - \mathbf w_i) \cdot \mathbf n_i`, mirror after mirror,
+    and a point of a facet that moves at :math:`\mathbf w` sees the length from it change by
+    :math:`\mathbf d \cdot (\mathbf w - \mathbf V')`: for the whole way that is
+
+    .. math:: \dot L = \sum_i \mathbf w_i \cdot (\mathbf d_i - \mathbf d_{i+1})
+
+    over all hits, beside what the antenna does.
+    """
+    return velocity if movement is None else velocity - movement.velocity
+
+
+@dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
+class Slot:
+    """A diffuse return: of a node of the lattice, straight home or back along the ray's own chain.
+
+    Or ``other_way`` round: out to the node and home through the chain; None where that is no return of its own.
+    """
+
+    node: Node
+    back: mi.Bool
+    other_way: mi.Bool | None
+
+    @property
+    def there(self) -> mi.Bool:
+        """Whether there is one, none after the last."""
+        return self.node.column <= self.node.last
+
+
+@dataclass(frozen=True, eq=False)
+class DiffuseReturns:
+    """The diffuse returns of one hit, less what its scatterers have of their own.
+
+    Parameters
+    ----------
+    lattice : scatterers in the patch of the facet
+    straight : per channel, values of the fixed tensors on the scattered leg
+    reciprocal : the same back along the ray's own chain; None where there are no such paths
+    reverse : the same of the path straight to a hit behind mirrors and back through the chain to a receiver apart; None
+        where it is as long as the straight one, which then counts for both
+    straight_weight, reciprocal_weight : factors of both
+    receive : how the antenna receives what comes from the hit
+    age : what has become of the scatterers since the first pass; None where nothing changes
+    """
+
+    kernel: Kernel
+    lane: Lane
+    ray: RayState
+    hit: Hit
+    lattice: ScattererLattice
+    straight: list[list[mi.Complex2f]]
+    reciprocal: list[list[mi.Complex2f]] | None
+    reverse: list[list[mi.Complex2f]] | None
+    straight_weight: mi.Float
+    reciprocal_weight: mi.Float
+    receive: Receiver
+    age: Age | None
+
+    def first(self) -> Slot:
+        """The first return there is."""
+        node, back = self.lattice.first(), mi.Bool(False)
+        other_way = None if self.reverse is None else mi.Bool(False)
+        return Slot(node, back if self.reciprocal is None else ~self.hit.sees, other_way)
+
+    def after(self, slot: Slot, same: mi.Bool) -> Slot:
+        """The next one, back along the chain or of the next node; in ``same`` lanes the slot itself."""
+        stays, back, other_way = same, slot.back, slot.other_way
+        if self.reciprocal is not None:
+            # what the antenna sees from behind a mirror has two returns
+            turns = ~same & ~slot.back & ~self.hit.first
+            if other_way is not None:
+                # and three where the straight one differs from the same way round
+                reverses, turns = turns & ~other_way, turns & other_way
+                stays, other_way = same | reverses, dr.select(same, other_way, reverses)
+            stays, back = stays | turns, dr.select(same, slot.back, turns | ~self.hit.sees)
+        return Slot(self.lattice.after(slot.node, dr.select(stays, mi.Int32(0), 1)), back, other_way)
+
+    def contribution(self, slot: Slot, active: mi.Bool) -> Contribution:
+        """The return of a slot, another one in every lane."""
+        centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
+        here = self
+        if self.kernel.flags.texture and self.kernel.scene.surfaces is not None:
+            here = self._at_place(centre, active)
+        return here._drifting(slot, active, centre, key)
+
+    def _drifting(self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32) -> Contribution:
+        """The return of a slot, whose scatterer has its place at rest (float64, m) and its hash."""
+        hit = self.hit
+        water, movement = self.kernel.scene.water, hit.movement
+        if water is None:
+            return self._drawn(slot, active, centre, key, movement)
+        material = hit.material & MATERIAL_MASK
+        drift = water.drift(centre, key, material, self.kernel.constants.wavenumber, self.lane.time)
+        movement = drift.movement if movement is None else movement.plus(drift.movement)
+        found = self._drawn(slot, active, centre, key, movement)
+        if drift.bragg is None:
+            return found
+        twice, once = -2.0 * hit.direction, hit.to_antenna - hit.direction
+        rate = drift.bragg.range_rate(dr.select(found.kind == RECIPROCAL, twice, once))
+        return replace(
+            found,
+            slant_range=found.slant_range + rate * drift.bragg.time,
+            range_rate=found.range_rate + rate,
+        )
+
+    def _drawn(
+        self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32, movement: Movement | None
+    ) -> Contribution:
+        """The return of a scatterer that has its place at rest at ``centre``, m."""
+        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
+        if movement is not None:  # the lattice is the shape's own
+            centre = centre + movement.shift
+        random = speckle_coefficients(key, hit.properties.w, flags, self.age)
+        leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
+        length, length_back = dr.norm(leg), dr.norm(leg_back)
+        rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
+        rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
+        straight = Contribution(
+            kind=mi.UInt32(DIFFUSE),
+            order=hit.order,
+            pulse=lane.pulse,
+            slant_range=0.5 * (length + length_back),
+            range_rate=0.5 * (rate_out + rate_back),
+            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in self.straight),
+            active=active,
+            point=centre,
+        )
+        if self.reciprocal is None:
+            return straight
+        reciprocal = replace(
+            straight,
+            kind=mi.UInt32(RECIPROCAL),
+            order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
+            slant_range=length,
+            range_rate=rate_out,
+            amplitudes=tuple(mixed(terms, random) * self.reciprocal_weight for terms in self.reciprocal),
+        )
+        if self.reverse is None or slot.other_way is None:
+            return selected(slot.back, reciprocal, straight)
+        home, rate_home = self._through_chain(centre, movement)
+        reciprocal = replace(
+            reciprocal, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home)
+        )
+        return selected(
+            slot.other_way,
+            self._reversed(straight, self.reverse, random, home, rate_home, movement),
+            selected(slot.back, reciprocal, straight),
+        )
+
+    def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
+        """The same with material, map and texture of the place (float64, m, at time zero) where a scatterer stands.
+
+        Whichever ray finds it has hit another place, whose material may be another.
+        """
+        kernel, hit, scene = self.kernel, self.hit, self.kernel.scene
+        surfaces = scene.surfaces
+        assert surfaces is not None
+        vertex = hit.vertex0 if hit.movement is None else hit.vertex0 - hit.movement.shift
+        offset = mi.Vector3f(centre - vertex)
+        out = self
+        if surfaces.classes is not None:
+            bits = scene.material_at(hit.face, hit.own_material, offset, active)
+            properties = dr.gather(mi.Vector4f, scene.material_table, bits & MATERIAL_MASK, active)
+            hit = replace(hit, material=bits, properties=properties)
+            terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
+            out = replace(out, hit=hit, straight=terms[0], reciprocal=terms[1], reverse=terms[2])
+            if self.age is not None:
+                out = replace(out, age=Age.of(kernel, bits))
+        factor = surfaces.amplitude(
+            hit.face,
+            hit.own_material & MATERIAL_MASK,
+            hit.material & MATERIAL_MASK,
+            offset,
+            self.lattice.place(centre),
+            kernel.constants.seed,
+            active,
+        )
+        return replace(
+            out,
+            straight_weight=self.straight_weight * factor,
+            reciprocal_weight=self.reciprocal_weight * factor,
+        )
+
+    def _reversed(
+        self,
+        straight: Contribution,
+        reverse: list[list[mi.Complex2f]],
+        random: list[mi.Complex2f],
+        home: mi.Float64,
+        rate_home: mi.Float64,
+        movement: Movement | None,
+    ) -> Contribution:
+        """The straight return the other way round: from the transmitter to the scatterer, home through the chain.
+
+        Parameters
+        ----------
+        straight : return the one way
+        reverse : per channel, values of the fixed tensors the other way
+        random : of the scatterer
+        home, rate_home : m and m/s, of the scattered leg through the chain
+        movement : of the scatterer
+
+        Notes
+        -----
+        Ignores that gains and visibility of the two antennas change places: they are those of the straight return.
+        """
+        leg = straight.point - self.lane.transmitter
+        length = dr.norm(leg)
+        rate = dr.dot(leg, seen_from(movement, self.lane.transmitter_velocity)) / length
+        return replace(
+            straight,
+            kind=mi.UInt32(REVERSED),
+            slant_range=0.5 * (length + home),
+            range_rate=0.5 * (rate_home - rate),
+            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in reverse),
+        )
+
+    def _through_chain(self, centre: mi.Vector3d, movement: Movement | None) -> tuple[mi.Float64, mi.Float64]:
+        """Length (m) of the way through the ray's chain of mirrors to the receiver, and its change (m/s)."""
+        receiver, velocity = self.ray.virtual_receiver, self.ray.virtual_receiver_velocity
+        assert receiver is not None and velocity is not None
+        leg = centre - receiver
+        length = dr.norm(leg)
+        return length, -dr.dot(leg, seen_from(movement, velocity)) / length
+
+
+def _tilted(water: WaterTables, hit: Hit, material: mi.UInt32, time: mi.Float64 | None) -> Hit:
+    """The hit with the normal of the water among the long waves, for its diffuse law."""
+    now = mi.Float(0.0) if time is None else mi.Float(time)
+    # waves run on water that moves as a whole, as in a current
+    place = hit.p if hit.movement is None else hit.p - hit.movement.shift
+    return replace(hit, normal=water.tilted(hit.normal, mi.Vector3f(place), material, now))
+
+
+def close_diffuse(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, receive: Receiver
+) -> DiffuseReturns:
+    """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
+    constants = kernel.constants
+    straight, reciprocal, reverse = _terms(kernel, lane, ray, hit, receive)
+    patch = tube_here.patch
+    cell = cell_on(constants.cell, hit.largest_cell)
+    if ray.spread is not None:
+        plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
+        cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
+    returns = hit.sees if reciprocal is None else hit.sees | (hit.active & ~hit.first)
+    # where the facet is at time zero: its scatterers go with it
+    p = hit.p if hit.movement is None else hit.p - hit.movement.shift
+    lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
+    # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
+    weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
+    return DiffuseReturns(
+        kernel=kernel,
+        lane=lane,
+        ray=ray,
+        hit=hit,
+        lattice=lattice,
+        straight=straight,
+        reciprocal=reciprocal,
+        reverse=reverse,
+        straight_weight=weight * tube_here.loss * receive.gain,
+        reciprocal_weight=weight * tube_here.loss_reciprocal,
+        receive=receive,
+        age=Age.of(kernel, hit.material),
+    )
+
+
+Terms: TypeAlias = "list[list[mi.Complex2f]]"
+
+
+def _terms(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
+) -> tuple[Terms, Terms | None, Terms | None]:
+    """Per channel, values of the fixed tensors straight home, back along the chain, and the other way round."""
+    flags, reciprocal_diffuse = kernel.flags, kernel.reciprocal_diffuse
+    fields = dict(zip(flags.tracked, ray.fields, strict=True))
+    # only behind a mirror, or with two antennas, do the two directions differ
+    backscatter = hit.first if flags.multi_bounce else None
+    if kernel.bistatic:
+        backscatter = mi.Bool(False)
+    water = kernel.scene.water
+    seen = hit if water is None else _tilted(water, hit, hit.material & MATERIAL_MASK, lane.time)
+    matrix = ScatteringMatrix(kernel.scene, seen, hit.to_antenna, flags, backscatter)
+    straight: list[list[mi.Complex2f]] = []
+    reciprocal = None
+    reverse: list[list[mi.Complex2f]] | None = [] if reciprocal_diffuse and kernel.bistatic else None
+    for channel in flags.closed:
+        sent, received = channel[0], channel[1]
+        terms = _between(matrix, receive.basis[received], fields[sent])
+        if reciprocal_diffuse:
+            # behind mirrors the reversed path comes home with the same length: the transposed channel
+            swapped = _between(matrix, receive.basis[sent], fields[received])
+            if reverse is not None:
+                reverse.append(swapped)
+            else:
+                none = mi.Complex2f(0.0)
+                terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, swapped, strict=True)]
+        straight.append(terms)
+    if reciprocal_diffuse:
+        matrix = ScatteringMatrix(kernel.scene, seen, -hit.direction, flags, None)
+        reciprocal = [
+            matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed
+        ]
+    return (
+        _recorded(flags, straight),
+        None if reciprocal is None else _recorded(flags, reciprocal),
+        None if reverse is None else _recorded(flags, reverse),
+    )
+
+
+def _between(matrix: ScatteringMatrix, q: Receiving, e: field.ComplexVector) -> list[mi.Complex2f]:
+    """Values of the fixed tensors for a receiving vector."""
+    return matrix.between_fields(q, e) if isinstance(q, tuple) else matrix.between(q, e)
+
+
+def _recorded(flags: KernelFlags, terms: Terms) -> Terms:
+    """Terms of the channels to record from those of the channels that were closed."""
+    columns = [field.recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
+    """Sum of the fixed tensors' values times the cell's random numbers."""
+    return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
+
+
+__all__ = ["DiffuseReturns", "Slot", "close_diffuse", "mixed"]

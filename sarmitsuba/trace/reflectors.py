@@ -1,0 +1,128 @@
+"""Scatterers of a user's own kinds, traced directly to the antenna, straight and over the ground."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.scene.scatterers import ScattererKind
+from sarmitsuba.trace.device_arrays import device_array, vector_rows
+from sarmitsuba.trace.source import Scatterers
+
+if TYPE_CHECKING:
+    from sarmitsuba.scene.scatterers import ScattererTarget
+    from sarmitsuba.trace.field import ComplexVector
+    from sarmitsuba.trace.leg import Leg
+    from sarmitsuba.trace.state import Kernel
+
+
+@dataclass(frozen=True)
+class LocalWaves:
+    """Incident and scattered wave at a scatterer, in the scatterer's own axes.
+
+    Parameters
+    ----------
+    wavenumber : rad/m, float32
+    transmitter, receiver : unit vectors from the scatterer to both antennas, or their images in the ground, float32
+    field : complex vector of the incident wave, real and imaginary part
+    receiving : complex vector that the scattered field is received along (no conjugate)
+    values : of the kind's parameters, float32
+    """
+
+    wavenumber: mi.Float
+    transmitter: mi.Vector3f
+    receiver: mi.Vector3f
+    field: ComplexVector
+    receiving: ComplexVector
+    values: Mapping[str, mi.Float]
+
+    @property
+    def co_polar(self) -> mi.Complex2f:
+        """Field along the receiving vector: a scatterer that keeps polarisation returns its amplitude times this."""
+        (a, b), (c, d) = self.field, self.receiving
+        return mi.Complex2f(dr.dot(a, c) - dr.dot(b, d), dr.dot(a, d) + dr.dot(b, c))
+
+
+class Reflector(ScattererKind, ABC):
+    """A kind of scatterers at known positions with a closed form of its own.
+
+    Notes
+    -----
+    Ignores mirrors other than the ground below, and the shadow that scatterers cast. Parameters may not be zero-sized
+    arrays: every one of ``parameters`` is a number.
+    """
+
+    @abstractmethod
+    def amplitude(self, waves: LocalWaves) -> mi.Complex2f:
+        """Square root of the bistatic RCS with its phase, m: ``receiving . S field``.
+
+        ``S`` must be symmetric under exchange of both antennas (reciprocity). No NumPy numbers: they cannot be mixed
+        with arrays of a kernel.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Reflectors(Scatterers):
+    """Scatterers of one kind.
+
+    Parameters
+    ----------
+    kind : of all
+    targets : where they stand
+    weights : (n,) of their amplitudes
+    """
+
+    kind: Reflector
+    targets: Sequence[ScattererTarget]
+    weights: NDArray[np.float64]
+
+    @property
+    def n(self) -> int:  # type: ignore[override]
+        """How many there are."""
+        return len(self.targets)
+
+    def point(self, index: mi.UInt32) -> mi.Vector3d:
+        """See :class:`Scatterers`."""
+        return dr.gather(mi.Vector3d, vector_rows(np.array([t.position for t in self.targets])), index)
+
+    def amplitude(
+        self,
+        kernel: Kernel,
+        index: mi.UInt32,
+        incident: Leg,
+        scattered: Leg,
+        e: ComplexVector,
+        q: ComplexVector,
+    ) -> mi.Complex2f:
+        """See :class:`Scatterers`."""
+        rows = np.array([t.axes.T.ravel() for t in self.targets], dtype=np.float32).ravel()
+        table = device_array(mi.Float, rows)
+        axes = [dr.gather(mi.Vector3f, table, index * 3 + i) for i in range(3)]
+
+        def local(v: mi.Vector3f) -> mi.Vector3f:
+            return mi.Vector3f(*(dr.dot(v, axis) for axis in axes))
+
+        names = [parameter.name for parameter in self.kind.parameters]
+        numbers = {
+            name: device_array(mi.Float, np.array([t.values[name] for t in self.targets], np.float32))
+            for name in names
+        }
+        weight = dr.gather(mi.Float, device_array(mi.Float, self.weights.astype(np.float32)), index)
+        waves = LocalWaves(
+            kernel.constants.wavenumber,
+            local(incident.to_antenna),
+            local(scattered.to_antenna),
+            (local(e[0]), local(e[1])),
+            (local(q[0]), local(q[1])),
+            {name: dr.gather(mi.Float, column, index) for name, column in numbers.items()},
+        )
+        return self.kind.amplitude(waves) * weight
+
+
+__all__ = ["LocalWaves", "Reflector", "Reflectors"]

@@ -1,0 +1,160 @@
+"""Pictures of polarimetry: colour composites, maps of H, A and alpha, and the plane of entropy and alpha."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sarmitsuba.analysis.polarimetry.cloude_pottier import ALPHA_BOUNDS_DEG, ENTROPY_BOUNDS, CloudePottier
+from sarmitsuba.analysis.polarimetry.colours import SPAN_DB
+from sarmitsuba.analysis.polarimetry.polarisation_report import PolarimetryReport
+from sarmitsuba.image.sar_image import SarImage
+
+F64 = NDArray[np.float64]
+
+_ZONE_PLACES = {1: (0.95, 72.0), 2: (0.95, 47.0), 4: (0.7, 80.0), 5: (0.7, 45.0), 6: (0.7, 10.0)} | {
+    7: (0.25, 80.0),
+    8: (0.06, 45.0),
+    9: (0.25, 10.0),
+}
+# longer side of a map, inches
+_LONGEST, _LONGEST_OF_SEVERAL = 7.0, 4.3
+
+
+def composite_figure(
+    image: SarImage, colours: NDArray[np.uint8], looks: tuple[int, int], title: str, legend: str
+) -> Figure:
+    """Colour composite of blocks of an image.
+
+    Parameters
+    ----------
+    image : whose grid it is
+    colours : (rows, columns, 3) uint8, rows azimuth, first row the lowest
+    looks : pixels (azimuth, range) of a block
+    title, legend : above the picture; what red, green and blue are
+    """
+    figure = _figure(image, 1)
+    axes = figure.add_subplot()
+    axes.imshow(
+        colours, extent=_extent(image, colours.shape[:2], looks), origin="lower", interpolation="nearest"
+    )
+    _labels(axes, image)
+    first = str(image.metadata.get("scene", ""))
+    law = f"{legend}\nbrightness: {SPAN_DB:g} dB of the sum,  blocks of {looks[0]} x {looks[1]} pixels"
+    axes.set_title("\n".join(line for line in (first, title, law) if line), fontsize=8, parse_math=False)
+    return figure
+
+
+def maps_figure(image: SarImage, report: PolarimetryReport) -> Figure:
+    """Entropy, anisotropy and mean alpha beside each other; the report needs quad-pol channels."""
+    assert report.decomposition is not None
+    d = report.decomposition
+    figure = _figure(image, 3)
+    panels = (
+        ("entropy H", d.entropy, 1.0),
+        ("anisotropy A", d.anisotropy, 1.0),
+        ("mean alpha (deg)", np.degrees(d.alpha), 90.0),
+    )
+    for i, (name, values, top) in enumerate(panels):
+        axes = figure.add_subplot(1, 3, i + 1)
+        picture = axes.imshow(
+            values,
+            cmap="turbo",
+            vmin=0.0,
+            vmax=top,
+            extent=_extent(image, values.shape, report.looks),
+            origin="lower",
+            interpolation="nearest",
+        )
+        _labels(axes, image)
+        axes.set_title(name, fontsize=9, parse_math=False)
+        figure.colorbar(picture, ax=axes, fraction=0.046, pad=0.03).ax.tick_params(labelsize=7)
+    scene = str(image.metadata.get("scene", ""))
+    blocks = f"blocks of {report.looks[0]} x {report.looks[1]} pixels"
+    figure.suptitle(",  ".join(part for part in (scene, blocks) if part), fontsize=9, parse_math=False)
+    return figure
+
+
+def plane_figure(decomposition: CloudePottier) -> Figure:
+    """Density of blocks in the plane of entropy and alpha, with its zones and the curves that bound it."""
+    figure = Figure(figsize=(6.4, 4.6), dpi=110, layout="constrained")
+    axes = figure.add_subplot()
+    lit = np.isfinite(decomposition.entropy)
+    counts, x, y = np.histogram2d(
+        decomposition.entropy[lit],
+        np.degrees(decomposition.alpha[lit]),
+        bins=(100, 90),
+        range=((0.0, 1.0), (0.0, 90.0)),
+    )
+    picture = axes.pcolormesh(
+        x, y, np.where(counts > 0, counts, np.nan).T, norm=LogNorm(1, max(2.0, counts.max())), cmap="viridis"
+    )
+    figure.colorbar(picture, ax=axes, label="blocks")
+    for bound in ENTROPY_BOUNDS:
+        axes.axvline(bound, color="0.5", linewidth=0.7)
+    edges = (0.0, *ENTROPY_BOUNDS, 1.0)
+    for low, high, bounds in zip(edges[:-1], edges[1:], ALPHA_BOUNDS_DEG, strict=True):
+        axes.hlines(bounds, low, high, color="0.5", linewidth=0.7)
+    for number, place in _ZONE_PLACES.items():
+        axes.text(*place, str(number), parse_math=False, fontsize=9, color="0.3", ha="center", va="center")
+    for entropy, alpha in feasible_bounds():
+        axes.plot(entropy, alpha, color="black", linewidth=1.0)
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(0.0, 90.0)
+    axes.set_xlabel("entropy H")
+    axes.set_ylabel("mean alpha (deg)")
+    return figure
+
+
+def feasible_bounds(n: int = 200) -> tuple[tuple[F64, F64], tuple[F64, F64]]:
+    r"""Lower and upper bound of alpha (deg) over entropy: the two curves that no coherency matrix leaves.
+
+    Lower: ``T = diag(1, m, m)``, 0 <= m <= 1. Upper: ``diag(0, 1, 2 m)`` for m <= 1/2, then ``diag(2 m - 1, 1, 1)``
+    up to 1 (Cloude and Pottier 1997, equations 21 and 22).
+    """
+    m = np.linspace(0.0, 1.0, n)
+    lower = np.stack([np.ones(n), m, m])
+    upper = np.where(
+        m <= 0.5, np.stack([0.0 * m, 1.0 + 0.0 * m, 2.0 * m]), np.stack([2.0 * m - 1.0, m**0, m**0])
+    )
+    curves = []
+    for values in (lower, upper):
+        share = values / values.sum(axis=0)
+        entropy = -np.sum(share * np.log(np.where(share > 0.0, share, 1.0)), axis=0) / np.log(3.0)
+        curves.append((np.asarray(entropy), np.asarray(90.0 * (share[1] + share[2]))))
+    return curves[0], curves[1]
+
+
+def _figure(image: SarImage, panels: int) -> Figure:
+    """A figure for maps of the image beside each other, room for labels, colour bars and a title included."""
+    extents = np.array(image.grid.shape) * (image.grid.azimuth_spacing, image.grid.range_spacing)
+    height, width = extents / extents.max() * (_LONGEST if panels == 1 else _LONGEST_OF_SEVERAL)
+    beside, above = (0.6, 1.0) if panels == 1 else (1.1, 0.9)
+    size = (panels * (max(width, 2.4) + beside), max(height, 2.0) + above)
+    return Figure(figsize=size, dpi=110, layout="constrained")
+
+
+def _extent(
+    image: SarImage, shape: tuple[int, ...], looks: tuple[int, int]
+) -> tuple[float, float, float, float]:
+    grid = image.grid
+    r0 = float(grid.range[0]) - 0.5 * grid.range_spacing
+    a0 = float(grid.azimuth[0]) - 0.5 * grid.azimuth_spacing
+    return (
+        r0,
+        r0 + shape[1] * looks[1] * grid.range_spacing,
+        a0,
+        a0 + shape[0] * looks[0] * grid.azimuth_spacing,
+    )
+
+
+def _labels(axes: Axes, image: SarImage) -> None:
+    axes.set_xlabel("slant range (m)" if image.grid.kind == "slant" else "ground range (m)", fontsize=8)
+    axes.set_ylabel("azimuth (m)", fontsize=8)
+    axes.ticklabel_format(useOffset=False, style="plain")
+    axes.tick_params(labelsize=7)
+    axes.set_aspect("equal")
+
+
+__all__ = ["composite_figure", "feasible_bounds", "maps_figure", "plane_figure"]
