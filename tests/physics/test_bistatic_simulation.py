@@ -459,6 +459,6 @@ def test_one_look_wants_one_antenna() -> None:
     scene = make_scene(targets.plate(4.0, 4.0), (ROUGH,), given)
     for method in ("image", "raster"):
         with pytest.raises(
-            RadarError, match="the data are bistatic \\(separate receiver\\); take method hybrid or raw"
+            RadarError, match="the receiver is apart from the transmitter; take method hybrid or raw"
         ):
             render(scene, method=method)
