@@ -25,13 +25,13 @@ def main() -> int:
     started, ending = os.getpid(), threading.RLock()
 
     def end(number: int, frame: FrameType | None) -> None:
-        # handler and watching thread may both hear of one signal: the second waits for the process to end
+        # handler and watching thread may both receive one signal: the second waits for the process to end
         ending.acquire()
         if threading.current_thread() is threading.main_thread():
             for each in _ENDS:
                 signal.signal(each, signal.SIG_IGN)
         said, status = _ENDS[signal.Signals(number)]
-        if os.getpid() == started:  # a forked reader has no files of its own
+        if os.getpid() == started:  # a forked reader process owns no unfinished files
             remove_unfinished()
             begin = "\n" if sys.stderr is not None and sys.stderr.isatty() else ""
             _say(f"{begin}error: {said}; no half-written file was left behind\n")

@@ -90,7 +90,7 @@ def ensure_backend(prefer: str | None = None) -> Backend:
 
     The variant is, in this order: one that is already set and can trace (``llvm_*`` or ``cuda_*``), ``prefer``,
     the environment variable ``SARMITSUBA_VARIANT``, ``cuda_ad_rgb`` where an NVIDIA GPU with OptiX works, and
-    ``llvm_ad_rgb``; a scalar variant, which cannot trace, gives way. Dr.Jit looks for LLVM when it is imported: where
+    ``llvm_ad_rgb``; a scalar variant, which cannot trace, is replaced. Dr.Jit looks for LLVM when it is imported: where
     Mitsuba came first and the LLVM found then does not serve, Dr.Jit is started again with one that does, as long as
     nothing has been computed with it.
 

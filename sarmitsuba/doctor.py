@@ -24,8 +24,8 @@ class Check:
     ----------
     name : what was checked
     value : what was found
-    ok : whether it is as it should be
-    essential : whether the program cannot work without it
+    ok : whether the check passed
+    essential : whether the program needs it
     remedy : what to do; empty when there is nothing to do
     """
 
@@ -50,7 +50,7 @@ class Report:
 
 
 def examine(*, seconds: float = 1.0) -> Report:
-    """Examine this machine. Measuring the ray rate takes ``seconds``, plus the start of Mitsuba."""
+    """Results of all checks of this machine. Measuring the ray rate takes ``seconds``, plus the start of Mitsuba."""
     checks = [_python(), _processor(), *_packages()]
     rate = 0.0
     try:

@@ -15,7 +15,7 @@ def plain_line(text: object) -> str:
 
 
 class SarmitsubaError(Exception):
-    """Base of every error that a user can cause; its text is one complete line of bounded length, whatever was read."""
+    """Base of every error that a user can cause; its text is one line of bounded length."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(plain_line(text))
@@ -30,7 +30,7 @@ class RadarError(SarmitsubaError):
 
 
 class DataError(SarmitsubaError):
-    """Saved raw data or an image cannot be read, or does not fit what is asked of it."""
+    """Saved raw data or an image cannot be read, or does not match the request."""
 
 
 class BackendError(SarmitsubaError):
@@ -42,7 +42,7 @@ class ResourceError(SarmitsubaError):
 
 
 class ClusterError(SarmitsubaError):
-    """A cluster's scheduler or workers cannot be reached, or are lost again and again."""
+    """A cluster's scheduler or workers cannot be reached, or fail repeatedly."""
 
 
 class OutputError(SarmitsubaError):

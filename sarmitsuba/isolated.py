@@ -21,7 +21,7 @@ _OUT_OF_MEMORY = 3
 
 
 def survive(path: Path, read: Callable[[], object]) -> None:
-    """Read in a forked process, and refuse the file when that dies, never ends or takes far more memory than the file.
+    """Read in a forked process first; a DataError where that crashes, hangs or needs far more memory than the file.
 
     libhdf5 loops for ever on some damaged attributes and SciPy's reader of MATLAB files reads through pointers that it
     never set; neither can be stopped from within. Errors of the trial are no matter: the caller reads again, and words
@@ -60,7 +60,7 @@ def survive(path: Path, read: Callable[[], object]) -> None:
     if os.WIFEXITED(status) and os.WEXITSTATUS(status) == _OUT_OF_MEMORY:
         raise DataError(
             f"the file unpacks to more than {memory / 1e6:.0f} MB, {memory / max(size, 1):.0f} times its size; it is "
-            "damaged or a trap"
+            "damaged or malicious"
         )
     if not os.WIFSIGNALED(status):
         return
@@ -74,7 +74,7 @@ def survive(path: Path, read: Callable[[], object]) -> None:
 
 
 def _try(read: Callable[[], object], limit: int, memory: int) -> None:
-    """Body of the child; does not return."""
+    """Body of the child process; does not return."""
     import resource
 
     try:
@@ -102,7 +102,7 @@ def _try(read: Callable[[], object], limit: int, memory: int) -> None:
 
 
 def _of_memory(error: BaseException | None) -> bool:
-    """Whether an error began as one of memory, however it is worded by now."""
+    """Whether an error was caused by a MemoryError."""
     while error is not None:
         if isinstance(error, MemoryError):
             return True

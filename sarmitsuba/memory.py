@@ -63,7 +63,7 @@ def check_fits(what: str, wanted: int, remedy: str) -> None:
 
     Parameters
     ----------
-    what : that needs it, start of the error
+    what : consumer of the memory, start of the error
     wanted : bytes beyond what the process holds now
     remedy : end of the error
 

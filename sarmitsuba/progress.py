@@ -18,7 +18,7 @@ class Progress(Protocol):
     ----------
     stage : short name of the stage, e.g. ``trace``; a new name ends the stage before
     done, total : work done and all work, in any unit of the stage's own, ``0 <= done <= total``
-    info : figures worth showing beside the bar, by name with unit, e.g. ``{"rays/s": 4.1e6}``
+    info : figures to show beside the bar, by name with unit, e.g. ``{"rays/s": 4.1e6}``
     """
 
     def __call__(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
@@ -58,7 +58,7 @@ class Journey:
     ----------
     expected : seconds by stage, in the order of the run; a stage that is not among them joins with what the others
         have on average, or alone
-    clock : that time is measured with
+    clock : time source, s
     """
 
     def __init__(self, expected: Mapping[str, float] | None = None, clock: Clock = time.perf_counter) -> None:

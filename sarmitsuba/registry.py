@@ -135,7 +135,7 @@ class Registry(Generic[T]):
 
 
 def load_extension(module_or_file: str, *, again: bool = True) -> None:
-    """Import a user's module, which registers what it holds.
+    """Import a user's module, which registers its entries.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Seconds by stage of a run, on any clock."""
+"""Time of a run by stage, s, on any clock."""
 
 import time
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""What every pulse adds to chosen pixels: the rows that backprojection sums, kept apart."""
+"""Phase histories of selected pixels: the terms of backprojection's sum, pulse by pulse."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from sarmitsuba.radar.radar import Radar
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
-# (point, pulse) pairs worked on at once
+# (point, pulse) pairs processed at once
 _BATCH = 1 << 19
 
 
@@ -29,8 +29,8 @@ def pulse_contributions(
 
     Returns
     -------
-    (n, n_pulses) complex64, with one factor of the beam's gain more than the pixel, which weights the rim of the beam
-    down; zero for pulses that do not light the point or whose window does not hold it
+    (n, n_pulses) complex64, with one factor of the beam's gain more than the pixel, which reduces the weight of the
+    beam's edge; zero for pulses that do not illuminate the point or whose window does not contain it
     """
     plan = plan_profiles(radar, parse_window(range_window), interpolation="kernel:4")
     kernel = plan.kernel

@@ -1,4 +1,4 @@
-"""Triangles of Wavefront OBJ files, in time and memory that grow as their length."""
+"""Triangles of Wavefront OBJ files, in linear time and memory."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ I64 = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class ObjMesh:
-    """What an OBJ file holds of surfaces.
+    """Surfaces of an OBJ file.
 
     Parameters
     ----------

@@ -158,5 +158,5 @@ def test_rows_outside_a_steered_beam_are_named() -> None:
         said = beam_edge_warning(scene.radar, default_grid(scene.radar, scene.image), window, CELL)
         assert said.startswith("the rows at azimuth -60.") if named else not said
     raw = ideal_echoes(scene.radar, np.zeros(3))
-    with pytest.warns(SarmitsubaWarning, match="lie at the rim of the beam"):
+    with pytest.warns(SarmitsubaWarning, match="lie at the edge of the beam"):
         focus(raw, request=scene.image)

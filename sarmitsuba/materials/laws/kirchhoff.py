@@ -1,4 +1,4 @@
-"""Kirchhoff model in the limit of geometrical optics: mirrors of random slope."""
+"""Kirchhoff model in the limit of geometrical optics: specular facets of random slope."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from sarmitsuba.materials.fresnel import fresnel
 
 F64 = NDArray[np.float64]
 
-# Rms slopes between which geometrical optics is evaluated: a mirror below, nothing comes back above
+# rms slopes between which geometrical optics is evaluated: below a mirror, above no return
 _SLOPES = (1e-6, 1e6)
 
 
@@ -29,8 +29,8 @@ def geometrical_optics_sigma0(theta: F64, normal_reflectivity: float, slope: flo
 class Kirchhoff(DiffuseLaw):
     """Tilted facets, Gaussian correlation ``exp(-r^2/l^2)``: very rough, gently sloping surfaces.
 
-    Between two directions ``|R(0)|^2`` gives way to the Fresnel coefficients of the facet that mirrors one into the
-    other, in that facet's own plane of incidence.
+    Between two directions ``|R(0)|^2`` is replaced by the Fresnel coefficients of the facet that mirrors one into the
+    other, in that facet's plane of incidence.
     """
 
     name = "kirchhoff"

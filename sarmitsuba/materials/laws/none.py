@@ -1,4 +1,4 @@
-"""No diffuse return: the surface only reflects."""
+"""Law without diffuse return: the surface only reflects."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
 
 
 class NoDiffuse(DiffuseLaw):
-    """Nothing comes back incoherently."""
+    """No diffuse return."""
 
     name = "none"
     title = "no diffuse return"

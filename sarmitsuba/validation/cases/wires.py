@@ -1,4 +1,4 @@
-"""Rods: wires, rails and posts against the series of the circular cylinder, a mesh, the handbook and image theory."""
+"""Wires, rails and posts against the series of the circular cylinder, a mesh, the handbook and image theory."""
 
 import dataclasses
 
@@ -22,7 +22,7 @@ F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 
 CHANNELS = ("HH", "HV", "VV")
-# what drawn rods are made of, k a and relative permittivity: from hair-thin wires to lamp posts
+# k a and relative permittivity of drawn wires: from hair-thin wires to lamp posts
 RODS: tuple[tuple[str, float, complex | None], ...] = (
     ("wire, ka 0.0001", 1e-4, None),
     ("cable, ka 0.3", 0.3, None),
