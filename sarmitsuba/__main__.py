@@ -9,7 +9,7 @@ from types import FrameType
 
 from sarmitsuba.unfinished import remove_unfinished
 
-# signal, what is said, and the exit status by the shell's convention of 128 + its number
+# signal, message, and the exit status by the shell's convention of 128 + its number
 _ENDS = {
     signal.SIGINT: ("interrupted", 130),
     signal.SIGTERM: ("terminated", 143),
@@ -17,7 +17,7 @@ _ENDS = {
 
 
 def main() -> int:
-    """Run the command line; Ctrl-C and SIGTERM end it at once, with one line, whatever it is at.
+    """Run the command line; Ctrl-C and SIGTERM end it at once with one line.
 
     An exception in the middle of foreign code, which half-imported modules and callbacks of Mitsuba are, would come out
     as a traceback or a crash: the process ends without one, and what is unfinished on the disk is removed.
@@ -25,13 +25,13 @@ def main() -> int:
     started, ending = os.getpid(), threading.RLock()
 
     def end(number: int, frame: FrameType | None) -> None:
-        # handler and watching thread may both hear of one signal: the second waits for the process to end
+        # handler and watching thread may both receive one signal: the second waits for the process to end
         ending.acquire()
         if threading.current_thread() is threading.main_thread():
             for each in _ENDS:
                 signal.signal(each, signal.SIG_IGN)
         said, status = _ENDS[signal.Signals(number)]
-        if os.getpid() == started:  # a forked reader has no files of its own
+        if os.getpid() == started:  # a forked reader process owns no unfinished files
             remove_unfinished()
             begin = "\n" if sys.stderr is not None and sys.stderr.isatty() else ""
             _say(f"{begin}error: {said}; no half-written file was left behind\n")
@@ -54,7 +54,7 @@ def main() -> int:
 
 
 def _watch(end: Callable[[int, FrameType | None], None]) -> None:
-    """Act on a signal while the main thread is in a kernel of minutes, where Python calls no handler."""
+    """Handle a signal while the main thread is in a long kernel, where Python calls no handler."""
     read, write = os.pipe()
     os.set_blocking(write, False)
     signal.set_wakeup_fd(write, warn_on_full_buffer=False)
@@ -69,7 +69,7 @@ def _watch(end: Callable[[int, FrameType | None], None]) -> None:
 
 
 def _say(text: str) -> None:
-    """Past Python's own buffers, which the interrupted code may hold."""
+    """Write a message without Python's buffers, which the interrupted code may hold."""
     try:
         os.write(2, text.encode())
     except OSError:

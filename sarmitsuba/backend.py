@@ -1,4 +1,4 @@
-"""Pick and start the Dr.Jit back end: find an LLVM that works (or a GPU) and set Mitsuba's variant, on demand."""
+"""Choice and start of the Dr.Jit back end: search for a working LLVM (or a GPU) and Mitsuba's variant, on demand."""
 
 import ctypes
 import importlib
@@ -59,7 +59,7 @@ REMEDY = (
 
 @dataclass(frozen=True)
 class Backend:
-    """What the kernels run on.
+    """Back end that runs the kernels.
 
     Parameters
     ----------
@@ -87,11 +87,11 @@ class LlvmChoice:
 
 
 def ensure_backend(prefer: str | None = None) -> Backend:
-    """Make Dr.Jit and Mitsuba ready to trace; safe to call again and again.
+    """Start Dr.Jit and Mitsuba for tracing; may be called repeatedly.
 
     The variant is, in this order: one that is already set and can trace (``llvm_*`` or ``cuda_*``), ``prefer``,
     the environment variable ``SARMITSUBA_VARIANT``, ``cuda_ad_rgb`` where an NVIDIA GPU with OptiX works, and
-    ``llvm_ad_rgb``; a scalar variant, which cannot trace, gives way. Dr.Jit looks for LLVM when it is imported: where
+    ``llvm_ad_rgb``; a scalar variant, which cannot trace, is replaced. Dr.Jit looks for LLVM when it is imported: where
     Mitsuba came first and the LLVM found then does not serve, Dr.Jit is started again with one that does, as long as
     nothing has been computed with it.
 
@@ -176,7 +176,7 @@ def _replace_llvm(dr: ModuleType) -> LlvmChoice | None:
 
 
 def find_llvm() -> LlvmChoice | None:
-    """Look for LLVM: the user's variable, then the PyPI package, then the system; touches nothing."""
+    """Search for LLVM: the user's variable, then the PyPI package, then the system; changes nothing."""
     own = os.environ.get(LLVM_VARIABLE)
     if own:
         return LlvmChoice(Path(own), "environment", None)

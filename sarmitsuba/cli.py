@@ -51,12 +51,12 @@ def _add_extension(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=argparse.SUPPRESS,
         metavar="MODULE_OR_FILE",
-        help="Python module or .py file whose modes, laws, focusers ... become known; may be given several times",
+        help="Python module or .py file that registers modes, laws, focusers ...; may be given several times",
     )
 
 
 def _load_extensions(argv: Sequence[str] | None) -> None:
-    """Import what ``--extension`` names, before or after the command."""
+    """Import the modules that ``--extension`` names, before or after the command."""
     parser = _Parser(prog="sarmitsuba", add_help=False, allow_abbrev=False)
     _add_extension(parser)
     named, _ = parser.parse_known_args(argv)
@@ -87,12 +87,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         console.complain("interrupted; no half-written file was left behind")
         return EXIT_INTERRUPTED
-    except BrokenPipeError:  # the reader of our output went away, e.g. `| head`
+    except BrokenPipeError:  # the reader of the output has closed it, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except (
         OSError
-    ) as error:  # what the system refuses of a path: too long a name, no permission, a failing disk
+    ) as error:  # errors of the operating system on a path: name too long, no permission, failing disk
         where = "" if error.filename is None else f"{one_line(error.filename, 200)}: "
         console.complain(f"{where}{reason_of(error)}")
         return EXIT_USER

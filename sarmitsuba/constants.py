@@ -1,4 +1,4 @@
-"""Physical constants in SI units, CODATA values from SciPy, and conventions that several stages share."""
+"""Physical constants in SI units (CODATA values from SciPy), and conventions common to several stages."""
 
 from scipy import constants as _codata
 
@@ -13,6 +13,6 @@ EARTH_FLATTENING = 1.0 / 298.257223563
 EARTH_GRAVITY = 3.986004418e14  # m^3/s^2, gravitational constant times mass, with the atmosphere
 EARTH_ROTATION = 7.292115e-5  # rad/s
 
-# share of the coherent rays, and weight in the image, of each set that error bars keep apart; 0: all rays together.
-# Three to one: sets of different density differ by what their density blurs, too, which equal ones would share
+# share of the coherent rays, and weight in the image, of each ray subset of the error bars; 0: all rays together.
+# Three to one: subsets of different density also reveal errors that depend on density, common to equal subsets
 SUBSET_SHARES: dict[int, float] = {0: 1.0, 1: 0.75, 2: 0.25}

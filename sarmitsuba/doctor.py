@@ -1,4 +1,4 @@
-"""Check the machine: what the program runs on, how fast it traces, and how to install what is missing."""
+"""Check of the machine: versions, back end and ray rate, with installation advice for missing parts."""
 
 import importlib.metadata
 import os
@@ -18,14 +18,14 @@ _N_RAYS = 1 << 20
 
 @dataclass(frozen=True)
 class Check:
-    """One finding.
+    """Result of one check.
 
     Parameters
     ----------
     name : what was checked
     value : what was found
-    ok : whether it is as it should be
-    essential : whether the program cannot work without it
+    ok : whether the check passed
+    essential : whether the program needs it
     remedy : what to do; empty when there is nothing to do
     """
 
@@ -38,7 +38,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Report:
-    """All findings, and the ray rate in rays/s (0 when it could not be measured)."""
+    """Results of all checks, and the ray rate in rays/s (0 when it could not be measured)."""
 
     checks: tuple[Check, ...]
     ray_rate: float
@@ -50,7 +50,7 @@ class Report:
 
 
 def examine(*, seconds: float = 1.0) -> Report:
-    """Examine this machine. Measuring the ray rate takes ``seconds``, plus the start of Mitsuba."""
+    """Results of all checks of this machine. Measuring the ray rate takes ``seconds``, plus the start of Mitsuba."""
     checks = [_python(), _processor(), *_packages()]
     rate = 0.0
     try:

@@ -1,8 +1,8 @@
-"""The project's own errors and warnings: one line each, with where, what, value, bound and remedy."""
+"""Errors and warnings of sarmitsuba: one line each, with place, problem, value, bound and remedy."""
 
-# characters of a message; what is longer repeats the input, and is cut in the middle so that the remedy stays
+# most characters of a message; longer ones repeat input, and are cut in the middle so that the remedy stays
 _LONGEST = 900
-# control characters, line separators, and marks that turn the direction of what follows
+# control characters, line separators, and marks that change the direction of text
 _CONTROL = dict.fromkeys(
     (*range(32), *range(0x7F, 0xA0), 0x2028, 0x2029, *range(0x202A, 0x202F), *range(0x2066, 0x206A)), " "
 )
@@ -15,7 +15,7 @@ def plain_line(text: object) -> str:
 
 
 class SarmitsubaError(Exception):
-    """Base of every error that a user can cause; its text is one complete line of bounded length, whatever was read."""
+    """Base of every error that a user can cause; its text is one line of bounded length."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(plain_line(text))
@@ -30,7 +30,7 @@ class RadarError(SarmitsubaError):
 
 
 class DataError(SarmitsubaError):
-    """Saved raw data or an image cannot be read, or does not fit what is asked of it."""
+    """Saved raw data or an image cannot be read, or does not match the request."""
 
 
 class BackendError(SarmitsubaError):
@@ -42,7 +42,7 @@ class ResourceError(SarmitsubaError):
 
 
 class ClusterError(SarmitsubaError):
-    """A cluster's scheduler or workers cannot be reached, or are lost again and again."""
+    """A cluster's scheduler or workers cannot be reached, or fail repeatedly."""
 
 
 class OutputError(SarmitsubaError):
@@ -50,7 +50,7 @@ class OutputError(SarmitsubaError):
 
 
 class SarmitsubaWarning(UserWarning):
-    """The result stands, but something about it deserves a look; one line of bounded length, whatever was read."""
+    """The result is usable, but something about it should be checked; one line of bounded length."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(plain_line(text))

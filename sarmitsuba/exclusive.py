@@ -1,4 +1,4 @@
-"""One thread at a time in the back end: a lock around every function that records or evaluates Dr.Jit arrays."""
+"""Lock of the back end: one thread at a time in functions that record or evaluate Dr.Jit arrays."""
 
 import functools
 import sys
@@ -11,12 +11,12 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 _lock = threading.RLock()
-_depth = 0  # of calls within each other in the thread that holds the lock
+_depth = 0  # depth of nested calls in the thread that holds the lock
 
 
 @contextmanager
 def backend_lock() -> Iterator[None]:
-    """Hold the back end for the calling thread; other threads wait. Calls may nest.
+    """Lock the back end for the calling thread; other threads wait. Calls may be nested.
 
     Notes
     -----

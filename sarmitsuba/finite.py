@@ -1,4 +1,4 @@
-"""Guards against data that are not numbers: NaN and infinity never leave the program unsaid."""
+"""Checks for data that are not finite: NaN and infinity are never returned silently."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from sarmitsuba.errors import DataError
 
 
 def all_finite(data: NDArray[np.complexfloating] | NDArray[np.floating]) -> bool:
-    """Whether every number is finite; a sum of squares tells it in one pass without a temporary array."""
+    """Whether every number is finite, tested by a sum of squares in one pass without a temporary array."""
     flat = np.ascontiguousarray(data).reshape(-1)
     real = flat.view(flat.real.dtype)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -18,7 +18,7 @@ def all_finite(data: NDArray[np.complexfloating] | NDArray[np.floating]) -> bool
 
 
 def check_pulses(data: C64, where: str = "") -> None:
-    """Refuse echoes that are not numbers.
+    """Raise an error for echoes that are not finite.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Readers of foreign code tried in a process of their own first, because a damaged file can take them down."""
+"""Trial of file readers of other libraries in a separate process, since a damaged file can crash them."""
 
 import faulthandler
 import os
@@ -12,16 +12,16 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.exclusive import backend_lock
 from sarmitsuba.regular_files import most_unpacked
 
-# s of CPU time: a hundred times what any sound file needs, and the share of a large one
+# s of CPU time allowed: a hundred times that of any intact file, and a share by the size of the file
 _LEAST_LIMIT = 5
 _BYTES_PER_SECOND = 5e6
-# s of time passed for a second of CPU time allowed: a reader that waits for ever uses none
+# s of elapsed time per second of CPU time allowed: a reader that waits for ever uses no CPU time
 _PATIENCE = 20
 _OUT_OF_MEMORY = 3
 
 
 def survive(path: Path, read: Callable[[], object]) -> None:
-    """Read in a forked process, and refuse the file when that dies, never ends or takes far more memory than the file.
+    """Read in a forked process first; a DataError where that crashes, hangs or needs far more memory than the file.
 
     libhdf5 loops for ever on some damaged attributes and SciPy's reader of MATLAB files reads through pointers that it
     never set; neither can be stopped from within. Errors of the trial are no matter: the caller reads again, and words
@@ -60,7 +60,7 @@ def survive(path: Path, read: Callable[[], object]) -> None:
     if os.WIFEXITED(status) and os.WEXITSTATUS(status) == _OUT_OF_MEMORY:
         raise DataError(
             f"the file unpacks to more than {memory / 1e6:.0f} MB, {memory / max(size, 1):.0f} times its size; it is "
-            "damaged or a trap"
+            "damaged or malicious"
         )
     if not os.WIFSIGNALED(status):
         return
@@ -74,7 +74,7 @@ def survive(path: Path, read: Callable[[], object]) -> None:
 
 
 def _try(read: Callable[[], object], limit: int, memory: int) -> None:
-    """Body of the child; does not return."""
+    """Body of the child process; does not return."""
     import resource
 
     try:
@@ -102,7 +102,7 @@ def _try(read: Callable[[], object], limit: int, memory: int) -> None:
 
 
 def _of_memory(error: BaseException | None) -> bool:
-    """Whether an error began as one of memory, however it is worded by now."""
+    """Whether an error was caused by a MemoryError."""
     while error is not None:
         if isinstance(error, MemoryError):
             return True

@@ -1,4 +1,4 @@
-"""Where Dr.Jit keeps compiled kernels: in the home folder, or elsewhere where that cannot be written."""
+"""Folder of Dr.Jit's compiled kernels: in the home folder, or another one where that cannot be written."""
 
 import os
 import stat
@@ -64,7 +64,7 @@ def _writable(folder: Path) -> bool:
 
 
 def _reason(folder: Path) -> str:
-    """Why a folder that cannot be used cannot."""
+    """Reason why a folder cannot be used."""
     try:
         found = folder.lstat()
     except OSError:

@@ -1,4 +1,4 @@
-"""How much memory this process holds, has held, and may still take."""
+"""Memory of the process: present, peak and available."""
 
 import os
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sarmitsuba.errors import ResourceError
 
-# share of the free memory that a run may plan with: other programs want some, and a prediction errs
+# share of the free memory that a run may use: other programs need some, and the prediction is uncertain
 USABLE = 0.9
 _CGROUPS = (
     # version 2: limit, use, statistics with the part of the use that is only cache
@@ -27,7 +27,7 @@ _CGROUPS = (
 
 
 def peak_memory() -> int:
-    """Most bytes that this process held at a time so far; 0 where the system does not say (Windows)."""
+    """Peak memory of the process so far, bytes; 0 where the system does not report it (Windows)."""
     try:  # Linux hands ru_maxrss on to the programs that a process starts; this it does not
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
         return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
@@ -42,7 +42,7 @@ def peak_memory() -> int:
 
 
 def held_memory() -> int:
-    """Bytes that this process holds now; its peak where the system does not say."""
+    """Present memory of the process, bytes; its peak where the system does not report it."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except (OSError, ValueError, IndexError):
@@ -51,7 +51,7 @@ def held_memory() -> int:
 
 
 def free_memory() -> int | None:
-    """Bytes that this process can still take, of the machine or of its container; None where nothing tells."""
+    """Memory available to the process, bytes, of the machine or of its container; None where unknown."""
     found = [
         value for value in (_machine(), *(_container(*files) for files in _CGROUPS)) if value is not None
     ]
@@ -59,11 +59,11 @@ def free_memory() -> int | None:
 
 
 def check_fits(what: str, wanted: int, remedy: str) -> None:
-    """Refuse what needs more memory than there is.
+    """Raise an error for a step that needs more memory than is available.
 
     Parameters
     ----------
-    what : that needs it, start of the error
+    what : consumer of the memory, start of the error
     wanted : bytes beyond what the process holds now
     remedy : end of the error
 
@@ -80,7 +80,7 @@ def check_fits(what: str, wanted: int, remedy: str) -> None:
 
 
 def in_bytes(value: float) -> str:
-    """A number of bytes with a unit, for people: ``1.5 GB``."""
+    """Number of bytes as text with a unit: ``1.5 GB``."""
     for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
         if value >= size:
             return f"{value / size:.3g} {unit}" if value < 1e3 * size else f"{value / size:.0f} {unit}"

@@ -1,4 +1,4 @@
-"""Declarative tables of parameters: kind, unit, default, bounds, meaning; they validate and document."""
+"""Declarative tables of parameters (kind, unit, default, bounds, meaning) for validation and documentation."""
 
 import difflib
 import math
@@ -21,7 +21,7 @@ D = TypeVar("D", bound="DataclassInstance")
 MOST_NAMED, PAGE = 40, "docs/scene_format.md"
 _PARAM = "param"  # key in the metadata of a field
 
-# what a person may write for true and false
+# accepted spellings of true and false
 BOOLEANS = {
     **dict.fromkeys(("true", "on", "yes", "1"), True),
     **dict.fromkeys(("false", "off", "no", "0"), False),
@@ -30,7 +30,7 @@ BOOLEANS = {
 
 @dataclass(frozen=True)
 class Param:
-    """One parameter of a plugin.
+    """Declaration of one parameter of a plugin.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Param:
 
     @property
     def allowed(self) -> tuple[str, ...]:
-        """The choices now; empty where every string is allowed."""
+        """Allowed strings at present; empty where every string is allowed."""
         return self.choices() if callable(self.choices) else self.choices
 
     def convert(self, value: object, where: str, error: type[SarmitsubaError]) -> Value | None:
@@ -151,7 +151,7 @@ class Param:
         return f'give {self.bounds_text()}, for example <{self.tag} name="{self.name}" value="{example}"/>'
 
     def bounds_text(self) -> str:
-        """Bounds or choices in words."""
+        """Bounds or choices as text."""
         unit = f" {self.unit}" if self.unit else ""
         if self.choices:
             return "one of " + ", ".join(self.allowed)

@@ -1,4 +1,4 @@
-"""How long-running stages tell their caller where they are, and how far a run of several stages has come."""
+"""Progress of long-running stages, and of a run of several stages."""
 
 import time
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ class Progress(Protocol):
     ----------
     stage : short name of the stage, e.g. ``trace``; a new name ends the stage before
     done, total : work done and all work, in any unit of the stage's own, ``0 <= done <= total``
-    info : figures worth showing beside the bar, by name with unit, e.g. ``{"rays/s": 4.1e6}``
+    info : figures to show beside the bar, by name with unit, e.g. ``{"rays/s": 4.1e6}``
     """
 
     def __call__(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
@@ -27,12 +27,12 @@ class Progress(Protocol):
 
 
 def silent(stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
-    """Report to nobody."""
+    """No report."""
 
 
 @dataclass(frozen=True)
 class Standing:
-    """How far a run has come.
+    """Progress of a run.
 
     Parameters
     ----------
@@ -46,10 +46,9 @@ class Standing:
 
 
 class Journey:
-    r"""One share and one time left for all stages of a run.
+    r"""Common progress and remaining time of all stages of a run.
 
-    The expected seconds of the stages only weigh them against one another. How much faster or slower this machine is
-    shows by itself:
+    The expected seconds of the stages are relative weights; the speed of the machine follows from the elapsed time:
 
     .. math:: t_{left} = t \frac{W - w}{w}
 
@@ -59,7 +58,7 @@ class Journey:
     ----------
     expected : seconds by stage, in the order of the run; a stage that is not among them joins with what the others
         have on average, or alone
-    clock : that time is measured with
+    clock : time source, s
     """
 
     def __init__(self, expected: Mapping[str, float] | None = None, clock: Clock = time.perf_counter) -> None:
@@ -68,7 +67,7 @@ class Journey:
         self._clock, self._begin = clock, clock()
 
     def reached(self, stage: str, share: float) -> Standing:
-        """Where the run stands when a stage has come to a share of it, 0 to 1; stages before it are done."""
+        """Progress of the run when a stage has reached a share of it, 0 to 1; earlier stages are done."""
         if stage not in self._weight:
             self._weight[stage] = sum(self._weight.values()) / len(self._weight) if self._weight else 1.0
         for name in self._weight:

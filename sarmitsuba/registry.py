@@ -1,4 +1,4 @@
-"""Where laws, modes, focusers, effects, formats ... are found by name: one small class for every kind.
+"""Registries of laws, modes, focusers, effects, formats ... by name.
 
 An entry is any object with a ``name``. Built-in entries are the modules of one folder, imported at the first look-up;
 a new file in that folder is all that a new entry needs. A user's own module registers its entries when it is
@@ -23,7 +23,7 @@ ENTRY_POINTS = "sarmitsuba.extensions"
 
 
 def late(module: str, name: str) -> Callable[..., object]:
-    """A function of a module above the caller's, imported now.
+    """Function of a module of a higher layer, imported on use.
 
     For methods of results that hand themselves on, such as an image that draws itself: the room of the image knows
     nothing of pictures but this name, and importing it imports no Matplotlib.
@@ -33,7 +33,7 @@ def late(module: str, name: str) -> Callable[..., object]:
 
 
 class Named(Protocol):
-    """What a registry can hold."""
+    """Interface of an entry of a registry."""
 
     @property
     def name(self) -> str:
@@ -44,7 +44,7 @@ T = TypeVar("T", bound=Named)
 
 
 class Registry(Generic[T]):
-    """Entries of one kind by name.
+    """Registry of the entries of one kind by name.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Registry(Generic[T]):
         self._entries: dict[str, T] = {}
         self._owners: dict[str, str] = {}
         self._loaded = package is None
-        self._loading = threading.RLock()  # whoever else looks meanwhile waits; modules being loaded may look
+        self._loading = threading.RLock()  # other threads wait; modules being loaded may look up entries
         self._in_work = False
 
     def register(self, entry: T) -> T:
@@ -135,7 +135,7 @@ class Registry(Generic[T]):
 
 
 def load_extension(module_or_file: str, *, again: bool = True) -> None:
-    """Import a user's module, which registers what it holds.
+    """Import a user's module, which registers its entries.
 
     Parameters
     ----------

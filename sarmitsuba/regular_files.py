@@ -1,4 +1,4 @@
-"""Files of strangers: ordinary ones only, of bounded size, which is asked of the opened file itself."""
+"""Reading of untrusted files: ordinary files of bounded size only, checked on the opened file."""
 
 import errno
 import os
@@ -16,7 +16,7 @@ _UNPACKED_PER_BYTE = 60
 
 
 def open_regular(path: Path | str, most: int = LARGEST) -> int:
-    """Open an ordinary file for reading and return its descriptor, which the caller closes.
+    """Open a regular file for reading and return its descriptor, which the caller closes.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def open_regular(path: Path | str, most: int = LARGEST) -> int:
 
 
 def check_regular(path: Path | str, most: int = LARGEST) -> int:
-    """Size in bytes of an ordinary file, for readers that open it themselves; raises as :func:`open_regular`."""
+    """Size in bytes of a regular file, for readers that open it themselves; raises as :func:`open_regular`."""
     handle = open_regular(path, most)
     try:
         return os.fstat(handle).st_size
@@ -61,7 +61,7 @@ def check_regular(path: Path | str, most: int = LARGEST) -> int:
 
 
 def read_bytes(path: Path | str, most: int = LARGEST) -> bytes:
-    """Content of an ordinary file; raises as :func:`open_regular`."""
+    """Content of a regular file; raises as :func:`open_regular`."""
     with os.fdopen(open_regular(path, most), "rb") as file:
         size = os.fstat(file.fileno()).st_size
         content = file.read(size + 1)
@@ -71,7 +71,7 @@ def read_bytes(path: Path | str, most: int = LARGEST) -> bytes:
 
 
 def read_text(path: Path | str, *, errors: str = "replace", most: int = LARGEST) -> str:
-    """Text of an ordinary file in UTF-8, any line ends as newlines; raises as :func:`open_regular`.
+    """Text of a regular file in UTF-8, any line ends as newlines; raises as :func:`open_regular`.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def check_unpacked(claimed: int, size: int, most: int | None = None) -> None:
     ----------
     claimed : bytes that it unpacks to
     size : bytes of the file
-    most : bytes that are taken; default :func:`most_unpacked`
+    most : bound in bytes; default :func:`most_unpacked`
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The arrays that a formula takes which NumPy evaluates outside the kernels and Dr.Jit inside them."""
+"""Types of arrays for formulas that NumPy evaluates outside kernels and Dr.Jit inside them."""
 
 from typing import Protocol, TypeVar
 
@@ -6,7 +6,7 @@ from sarmitsuba.arrays import F64
 
 
 class KernelArray(Protocol):
-    """Numbers of a kernel, one per lane, as far as shared formulas use them; Dr.Jit's ``Float`` is one."""
+    """Array of a kernel, one number per lane, with the operations of shared formulas; such as Dr.Jit's ``Float``."""
 
     def __add__(self, other: "float | KernelArray", /) -> "KernelArray":
         """Sum."""

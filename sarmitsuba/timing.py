@@ -1,16 +1,16 @@
-"""Seconds by stage of a run, on any clock."""
+"""Time of a run by stage, s, on any clock."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-# what seconds are: ``time.perf_counter`` (elapsed), ``time.process_time`` (processor seconds of all threads), or a
-# clock of a test's own
+# measure of seconds: ``time.perf_counter`` (elapsed), ``time.process_time`` (processor seconds of all threads), or
+# the clock of a test
 Clock = Callable[[], float]
 
 
 class StageTimer:
-    """Adds up seconds by stage.
+    """Timer of the seconds by stage.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What to remove when the process is told to end: files and folders that are not finished yet."""
+"""Removal of unfinished files and folders when the process is terminated."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,1 +1,1 @@
-"""What images tell: their quality, and what polarisations and pairs of passes say of the scene."""
+"""Image analysis: quality, polarimetry and interferometry."""

@@ -1,4 +1,4 @@
-"""Many machines: batches of pulses and tiles of pixels in the worker processes of a Dask cluster.
+"""Distributed runs: batches of pulses and tiles of pixels in the worker processes of a Dask cluster.
 
 Importing this package imports no Dask.
 """

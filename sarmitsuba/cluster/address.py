@@ -1,4 +1,4 @@
-"""Which cluster: workers on this machine, or the scheduler that those of other machines answer to."""
+"""Address of a cluster: local workers, or the scheduler of remote ones."""
 
 import re
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ LOCAL = "local"
 
 @dataclass(frozen=True)
 class ClusterAddress:
-    """Where the workers are.
+    """Address of the workers.
 
     Parameters
     ----------

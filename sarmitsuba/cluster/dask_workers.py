@@ -1,4 +1,4 @@
-"""The client's side of a Dask cluster: starts or joins one, gives out tasks, and takes results as they come."""
+"""Client of a Dask cluster: starts or joins it, distributes tasks and collects results."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -64,7 +64,7 @@ class DaskWorkers:
 
     @property
     def n_workers(self) -> int:
-        """How many there are now."""
+        """Present number of workers."""
         return len(self.client.nthreads())
 
     def trace(self, job: TraceJob, batches: Sequence[Batch]) -> Iterator[Traced]:
@@ -80,7 +80,7 @@ class DaskWorkers:
     def spread(
         self, make: Callable[[], Tool], use: Callable[[Tool, Task], Result], tasks: Sequence[Task]
     ) -> Iterator[Result]:
-        """Do tasks with a tool that every worker makes once; results in the order in which they are done."""
+        """Run tasks with a tool that every worker creates once; results in order of completion."""
         plugin = f"{SLOT}-{uuid4().hex}"
         tool = ToolPlugin(make, use, ensure_backend().variant, self.extensions)
         self.client.register_plugin(tool, name=plugin)
@@ -139,7 +139,7 @@ def _own_certificate() -> Security:
 
 @contextmanager
 def open_workers(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator[DaskWorkers]:
-    """Workers at an address; those of this machine are started, and stopped in the end.
+    """Workers at an address; local ones are started here, and stopped at the end.
 
     Those of this machine listen on the loopback address alone, by TLS with a certificate made for the run, and keep
     their files in a folder that only this user may open. A scheduler elsewhere is as safe as it was made: whoever

@@ -1,4 +1,4 @@
-"""Backprojection by the workers of a cluster: each launch of pixels is a task, and every worker has all raw data."""
+"""Backprojection by the workers of a cluster: each launch of pixels is a task; every worker holds all raw data."""
 
 from dataclasses import dataclass, field, fields
 from functools import partial
@@ -20,7 +20,7 @@ class SharedBackprojection(Backprojection):
 
     @property
     def options(self) -> dict[str, OptionValue]:
-        """Those of the backprojection: who does it is none."""
+        """Options of the backprojection."""
         return {option.name: getattr(self, option.name) for option in fields(Backprojection)}
 
     def focus(self, task: FocusTask) -> Focused:

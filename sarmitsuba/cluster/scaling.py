@@ -1,4 +1,4 @@
-r"""How long so many workers take for a run, what moves between them, and what that costs: a plan on paper."""
+r"""Predicted time, traffic and price of a run on a cluster."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ PIXEL, TRIANGLE = 8, 200
 
 @dataclass(frozen=True)
 class ClusterPlan:
-    r"""Hours, bytes and price of a run on workers, from what one such worker was measured or is expected to take.
+    r"""Predicted time, traffic and price of a run on a cluster, from the time on one worker.
 
     .. math:: T = T_0 + \frac{T_t \lceil n / W \rceil}{n} + \frac{T_f \lceil m / W \rceil}{m} + \frac{D}{B}
 
@@ -113,7 +113,7 @@ class ClusterPlan:
 
     @property
     def worker_hours(self) -> float:
-        """All workers, from the start to the end."""
+        """Worker hours from start to end."""
         return self.workers * self.seconds / 3600.0
 
     @property
@@ -123,7 +123,7 @@ class ClusterPlan:
 
     @property
     def efficiency(self) -> float:
-        """Share of the worker hours that traces and focuses."""
+        """Share of the worker hours spent tracing and focusing."""
         return (self.trace_seconds + self.focus_seconds) / (self.workers * self.seconds)
 
     def as_dict(self) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What runs in a worker process: it builds the scene once a run, and traces or focuses what it is given."""
+"""Worker process of a cluster: builds the scene once per run, and traces or focuses its tasks."""
 
 import os
 from collections.abc import Callable
@@ -66,7 +66,7 @@ class ToolPlugin(WorkerPlugin, Generic[Tool, Task, Result]):
         return self.use(self.tool, task)
 
     def _keep_to_own_cores(self) -> None:
-        """Of several numbered workers on a machine each has cores of its own, for this thread and those it starts."""
+        """Pin a numbered worker's threads to its own cores, where several run on one machine."""
         if isinstance(self.number, int) and hasattr(os, "sched_setaffinity"):
             cores = sorted(os.sched_getaffinity(0))
             own = cores[self.number * self.threads : (self.number + 1) * self.threads]

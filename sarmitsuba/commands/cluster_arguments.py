@@ -1,4 +1,4 @@
-"""The argument that names a cluster, and the workers that it stands for."""
+"""The ``--cluster`` argument and the workers that it selects."""
 
 import argparse
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ def add_cluster_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def check_cluster_argument(args: argparse.Namespace) -> None:
-    """Raise a ClusterError for an address that is none, before any other work."""
+    """Raise a ClusterError for an invalid address, before any other work."""
     if args.cluster:
         from sarmitsuba.cluster.address import ClusterAddress
 
@@ -31,7 +31,7 @@ def check_cluster_argument(args: argparse.Namespace) -> None:
 
 @contextmanager
 def open_workers(args: argparse.Namespace, console: Console, method: str) -> "Iterator[DaskWorkers | None]":
-    """Workers that the arguments name; None where they name none, or the method has nothing to share."""
+    """Workers of the cluster in the arguments; None where none is named or the method cannot be distributed."""
     if not args.cluster:
         yield None
         return

@@ -1,4 +1,4 @@
-"""What the command line shows while it works: results on stdout, warnings and progress on stderr."""
+"""Console output of the command line: results on stdout, warnings and progress on stderr."""
 
 import logging
 import os
@@ -18,23 +18,23 @@ from sarmitsuba.timing import Clock
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-# what a terminal would obey; tables keep their line ends and tabs
+# control characters of a terminal; tables keep their line ends and tabs
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _BAR = "{desc:<12}{percentage:3.0f}% |{bar}| {elapsed}{postfix}"
-# off a terminal: a line every tenth of the run, none in runs that end sooner than this, s
+# without a terminal: a line every tenth of the run, none in runs shorter than this, s
 _LINES, _QUICK = 10, 2.0
-# what takes longer than this on a terminal is named, s
+# work that takes longer than this is named on a terminal, s
 _PROMPT = 1.0
 
 
 class Console:
-    """The only way that subcommands speak to the user.
+    """Output of the subcommands to the user; nothing else prints.
 
     Parameters
     ----------
     quiet : hide results, progress and warnings; errors are still shown
     verbose : show log messages of the libraries
-    clock : that progress is measured with
+    clock : time source of the progress, s
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Console:
                 self._line(f"warning: {line}", sys.stderr)
 
     def busy(self, work: str) -> None:
-        """Name work of which no share can be told, should it not be over soon: until the next, or until progress."""
+        """Show the name of work without a known end, if it takes long, until the next name or progress."""
         self._idle()
         if self.quiet:
             return
@@ -83,12 +83,12 @@ class Console:
         self._named = None
 
     def expect(self, seconds: Mapping[str, float]) -> None:
-        """A run begins whose stages will take about so long: progress is then that of all of them together."""
+        """Announce a run by the predicted times of its stages; progress is then that of the whole run."""
         self.end_progress()
         self._journey, self._lines = Journey(seconds, self._clock), 0
 
     def note(self, text: str) -> None:
-        """Print on one line what was assumed, unless it was a warning already; the same text is printed only once."""
+        """Print an assumption on one line, unless it was a warning already; the same text is printed only once."""
         line = plain_line(text)
         if line not in self.warnings and line not in self.notes:
             self.notes.append(line)
@@ -96,7 +96,7 @@ class Console:
                 self._line(f"note: {line}", sys.stderr)
 
     def progress(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
-        """Show how far the run has come: a bar, or off a terminal a line every tenth. Library stages call this."""
+        """Show the progress of the run: a bar, or without a terminal a line every tenth. Library stages call this."""
         if self.quiet:
             return
         self._idle()
@@ -108,7 +108,7 @@ class Console:
 
         bar = self._bar
         if bar is None:
-            # a terminal may not know its size and say 0, where tqdm would draw nothing
+            # a terminal of unknown size reports 0, where tqdm would draw nothing
             columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
             self._bar = bar = tqdm(
                 total=1.0,
@@ -180,7 +180,7 @@ class Console:
 
 
 def _remarks(standing: Standing, info: Mapping[str, float]) -> list[str]:
-    """Time left and rates, as they are shown beside the progress."""
+    """Remaining time and rates, as shown beside the progress."""
     from tqdm import tqdm
 
     left = [] if standing.left == float("inf") else [f"{_clock_time(standing.left)} left"]

@@ -1,4 +1,4 @@
-"""Measure what accuracy costs on a scene. Prints a table, draws the Pareto front and recommends a setting."""
+"""Measure error against run time on a scene. Prints a table, draws the Pareto front and recommends a setting."""
 
 import argparse
 from contextlib import nullcontext
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from sarmitsuba.io.output import OutputFolder
 
 NAME = "cost"
-HELP = "measure what accuracy costs on a scene and recommend a setting"
+HELP = "measure error against run time on a scene and recommend a setting"
 
 RECORD, TEXT, PLOT = "cost.json", "cost.md", "cost.png"
 

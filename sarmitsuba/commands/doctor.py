@@ -1,4 +1,4 @@
-"""Report the back end, LLVM, threads, GPU, versions and the ray rate, and how to install what is missing."""
+"""Report the back end, LLVM, threads, GPU, versions and the ray rate, and how to install missing parts."""
 
 import argparse
 import dataclasses

@@ -1,4 +1,4 @@
-"""Show which effects a scene will be simulated with and why, and how long the run will take, before running it."""
+"""Show a scene's effects with their reasons, and the predicted run time, before the run."""
 
 import argparse
 import dataclasses
@@ -30,13 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--workers",
         type=int,
         metavar="N",
-        help="also say what N workers of a cluster would take, each like this machine (render --cluster)",
+        help="also predict the time with N workers of a cluster, each like this machine (render --cluster)",
     )
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    """Explain."""
+    """Print the effects plan and the prediction."""
     from sarmitsuba.backend import ensure_backend
     from sarmitsuba.simulation.prediction.explanation import explain
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # a window against side lobes: those of a city's corners would cross the whole picture without one
 _FOCUSER, _WINDOW = "backprojection", "taylor"
-# every focuser; their comparison, and the reference's image as that of the run
+# every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
 
 NAME = "focus"
@@ -29,7 +29,7 @@ HELP = "focus saved raw data into an image"
 
 
 class _Listing(argparse.Action):
-    """Stores its value; its help ends with a list that is made, and its modules imported, only when help is shown."""
+    """Argument whose help ends with a list of registered names; the modules are imported only when help is shown."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class _Listing(argparse.Action):
 
     @property
     def help(self) -> str:
-        """Text with the list."""
+        """Help text with the list."""
         return self._text + self._entries().replace("%", "%%")
 
     @help.setter
@@ -92,7 +92,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--force", action="store_true", help="replace results of other raw data in OUT; other files stay"
     )
     add_focus_arguments(parser)
-    image = parser.add_argument_group("image", "where to put pixels (default: as the scene asked, see RAW)")
+    image = parser.add_argument_group(
+        "image", "pixel grid of the image (default: the scene's, as stored in RAW)"
+    )
     image.add_argument(
         "--grid", choices=("slant", "ground"), help="slant range and azimuth, or ground metres"
     )
@@ -136,8 +138,8 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--motion-compensation",
         choices=("auto", "off"),
         default="auto",
-        help="where the focuser needs a straight track and the recorded one is not: auto compensates, off refuses "
-        "(default: auto)",
+        help="motion compensation for a focuser that needs a straight track, where the recorded one is not: auto "
+        "compensates, off refuses (default: auto)",
     )
     parser.add_argument(
         "--autofocus",
@@ -145,7 +147,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         entries=_autofocusers,
         default="none",
         metavar="NAME[,OPTION=VALUE...]",
-        help="estimate the track's error from the data (default: none). ",
+        help="autofocus: estimate the track's error from the data (default: none). ",
     )
     parser.add_argument(
         "--window",
@@ -168,7 +170,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_focus_arguments(args: argparse.Namespace) -> None:
-    """Raise a SarmitsubaError for a focuser, window or format that does not exist, before any other work."""
+    """Raise a SarmitsubaError for an unknown focuser, window or format, before any other work."""
     from sarmitsuba.commands.results import Formats
 
     Formats.parse(args.format)
@@ -251,7 +253,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _run_hash_of(path: Path) -> str:
-    """Mark of raw data that carry none: the file, or the files in the folder, as they are."""
+    """Run hash of raw data without one: from the file, or from the files in the folder."""
     files = sorted(path.iterdir()) if os.path.isdir(path) else [path]
     facts = ((file.name, file.stat()) for file in files)
     state = hashlib.sha256(
@@ -261,7 +263,7 @@ def _run_hash_of(path: Path) -> str:
 
 
 def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Namespace) -> None:
-    """Raise a SarmitsubaError where the image cannot be focused as asked, before any work goes into its data."""
+    """Raise a SarmitsubaError where the requested image cannot be focused, before its data are made or read."""
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.focusing.focuser import parse_focuser
@@ -280,7 +282,7 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
 
 
 def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
-    """The data's own image request with what the command line changes; None where it changes nothing."""
+    """Image request of the data with the changes of the command line; None where there are none."""
     from sarmitsuba.radar.film import FILM
 
     changes: dict[str, object] = {"grid": args.grid, "height": args.height}
@@ -359,14 +361,14 @@ def _compare(
     record: dict[str, object],
     request: "ImageRequest | None",
 ) -> Path:
-    """Focus with every focuser and draw them side by side; the reference's image is that of the run."""
+    """Focus with every focuser and draw the images side by side; the image of the run is the reference focuser's."""
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import default_grid, image_request
     from sarmitsuba.focusing.focuser_comparison import compare_focusers
     from sarmitsuba.view.focusers import focusers_figure
 
     with watch.stage("focus"):
-        # the grid that `focus` makes: of the radar that stands still during each pulse
+        # grid of `focus`: of the start-stop radar
         grid = default_grid(raw.radar.start_stop(), request or image_request(raw))
         found = compare_focusers(raw, grid, window=args.window, progress=console.progress)
     for result in found:

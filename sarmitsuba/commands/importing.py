@@ -1,4 +1,4 @@
-"""Turn a city from elsewhere into a scene: GeoJSON or OpenStreetMap footprints, CityGML, meshes, elevation rasters.
+"""Convert city data into a scene: GeoJSON or OpenStreetMap footprints, CityGML, meshes, elevation rasters.
 
 See docs/import.md.
 """
@@ -10,7 +10,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import definition
 
 NAME = "import"
-HELP = "turn footprints, CityGML, meshes or an elevation raster into a scene"
+HELP = "convert footprints, CityGML, meshes or an elevation raster into a scene"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,40 +38,56 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--units",
         default="auto",
         metavar="UNIT",
-        help="of meshes and --crs local: m, cm, mm, km, ft, in",
+        help="unit of meshes and of --crs local: m, cm, mm, km, ft, in",
     )
     place = parser.add_argument_group("place")
     place.add_argument(
-        "--crs", default="", metavar="EPSG:N", help="of the coordinates; local = metres east, north"
+        "--crs",
+        default="",
+        metavar="EPSG:N",
+        help="coordinate system of the input; local = metres east, north",
     )
     place.add_argument(
         "--anchor",
         type=_anchor,
         metavar="LAT,LON[,H]",
-        help="place of the scene's origin, degrees and m over the ellipsoid (default: middle of the buildings)",
+        help="scene origin: latitude and longitude in degrees, height in m over the ellipsoid (default: middle of "
+        "the buildings)",
     )
     place.add_argument(
-        "--radius", type=float, default=0.0, metavar="M", help="only buildings so near to the origin"
+        "--radius",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="only buildings within this distance of the origin",
     )
     ground = parser.add_argument_group("ground and heights")
     ground.add_argument("--dem", type=Path, metavar="TIF", help="elevation raster that becomes the terrain")
     ground.add_argument(
-        "--tolerance", type=float, default=0.5, metavar="M", help="of its triangles (default: 0.5 m)"
+        "--tolerance",
+        type=float,
+        default=0.5,
+        metavar="M",
+        help="largest height error of its triangles (default: 0.5 m)",
     )
     ground.add_argument(
         "--geoid",
         type=float,
         default=0.0,
         metavar="M",
-        help="height of sea level over the ellipsoid there (default: 0)",
+        help="height of sea level over the ellipsoid at the origin (default: 0)",
     )
     ground.add_argument(
         "--ground",
         action=argparse.BooleanOptionalAction,
-        help="a plane below everything (default: below buildings without a terrain)",
+        help="add a ground plane below everything (default: below buildings without a terrain)",
     )
     ground.add_argument(
-        "--height", type=float, default=8.0, metavar="M", help="of buildings that state none (8 m)"
+        "--height",
+        type=float,
+        default=8.0,
+        metavar="M",
+        help="height of buildings without one (default: 8 m)",
     )
     ground.add_argument(
         "--storey", type=float, default=3.0, metavar="M", help="height of a storey (default: 3 m)"
@@ -80,7 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     relief.add_argument(
         "--facades", default="", metavar="KINDS", help="windows, balconies, or windows,balconies"
     )
-    relief.add_argument("--seed", type=int, default=1, help="of the relief (default: 1)")
+    relief.add_argument("--seed", type=int, default=1, help="random seed of the relief (default: 1)")
     relief.add_argument(
         "--facade",
         action="append",

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
 
 NAME = "insar"
-# between two passes, where none are given
+# days between two passes, where none are given
 DAYS = 1.0
-MOST_DAYS = 1e5  # of pass_days, too
+MOST_DAYS = 1e5  # largest value, also of pass_days
 HELP = "render two passes over a scene, or one with two receivers, and make their interferogram"
 
 

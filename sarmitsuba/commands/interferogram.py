@@ -1,7 +1,7 @@
 """Interferogram of two runs of one scene: phase, coherence, baselines and heights, as pictures and JSON.
 
-The second run's raw data are focused on the first image's grid where its own image stands elsewhere, as that of another
-track does. See docs/interferometry.md.
+The second run's raw data are focused on the first image's grid where the second image has another one, as with another
+track. See docs/interferometry.md.
 """
 
 import argparse
@@ -21,7 +21,7 @@ NAME = "interferogram"
 HELP = "phase, coherence, baselines and heights from two runs of one scene"
 
 RECORD, PICTURE, POINTS = "interferogram.json", "interferogram.png", "heights.npz"
-# the second image where its raw data were focused on the first's grid
+# file of the second image, where its raw data were focused on the first's grid
 SECOND = "second_on_first.h5"
 
 
@@ -47,17 +47,18 @@ def add_pair_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         type=int,
         metavar=("AZIMUTH", "RANGE"),
-        help="pixels that are averaged (default: blocks about square on the ground of some 16 independent samples)",
+        help="pixels averaged into one (default: blocks, about square on the ground, of about 16 independent samples)",
     )
     parser.add_argument(
         "--common-band",
         action="store_true",
-        help="keep only what both spectra show of level ground (spectral shift filter): coherence for resolution",
+        help="spectral shift filter: keep the common band of both spectra on level ground; higher coherence, coarser "
+        "resolution",
     )
     parser.add_argument(
         "--unwrap",
         action="store_true",
-        help="unwrap the phase before it becomes heights (needs scikit-image); without, heights are taken from one "
+        help="unwrap the phase before conversion to heights (needs scikit-image); without, heights lie within one "
         "height of ambiguity above --lowest-height",
     )
     parser.add_argument(
@@ -84,7 +85,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 def _evaluate(
     first: "SarImage", second: "SarImage", args: argparse.Namespace, console: Console, made: bool
 ) -> None:
-    """Print and write what a pair of images on one grid says; ``made``: the second was focused for it, and is kept."""
+    """Print and write the interferogram of two images on one grid; ``made``: the second was focused here: save it."""
     import numpy as np
 
     from sarmitsuba.analysis.interferometry import height_map, interferogram, unwrapped_phase
@@ -130,9 +131,9 @@ def _evaluate(
 
 
 def _second(given: Path, first: "SarImage", channel: str | None, console: Console) -> tuple["SarImage", bool]:
-    """The second image on the first's grid, and whether it was made here.
+    """The second image on the first's grid, and whether it was focused here.
 
-    It is the one that is there, or one channel of its raw data focused with the first's windows.
+    It is the stored image, or one channel of the raw data focused with the first image's windows.
     """
     from sarmitsuba.analysis.interferometry.interferogram import same_grid
     from sarmitsuba.echo.raw_data import Layer
@@ -147,8 +148,8 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
             return image, False
     if raw is None:
         raise DataError(
-            f"{given}: its image stands on another grid than the first, and there are no raw data to focus on that "
-            "one; render the second pass with --method hybrid or raw"
+            f"{given}: its image is on another grid than the first, and there are no raw data to focus on that one; "
+            "render the second pass with --method hybrid or raw"
         )
     facts = first.metadata.get("focus", {})
     console.say(f"{raw}: focused on the grid of the first image")
@@ -166,13 +167,13 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
 
 
 def _target(args: argparse.Namespace) -> Path:
-    """Folder of the results."""
+    """Output folder."""
     second = Path(args.second)
     return Path(args.output or (second if os.path.isdir(second) else second.parent))
 
 
 def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:
-    """Figures as lines."""
+    """Text lines of the results."""
     import numpy as np
 
     b = pair.baseline

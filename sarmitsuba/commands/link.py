@@ -1,4 +1,4 @@
-"""Work out the link budget of a scene's radar before anything is traced: signal, noise, pulses, data, impossibilities.
+"""Compute the link budget of a scene's radar before tracing: signal, noise, pulses, data volume, contradictions.
 
 Exit status: 1 where the radar cannot work as described, with one line that says why; see docs/link.md.
 """
@@ -10,7 +10,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 NAME = "link"
-HELP = "work out the link budget of a scene's radar (SNR, NESZ, PRF bounds, ambiguities, data) before tracing"
+HELP = "compute the link budget of a scene's radar (SNR, NESZ, PRF bounds, ambiguities, data volume) before tracing"
 EXIT_IMPOSSIBLE = 1
 
 
@@ -18,23 +18,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     add_scene_arguments(parser)
     parser.add_argument(
-        "--window", default="taylor", metavar="NAME", help="of the image, as for render (default: taylor)"
+        "--window",
+        default="taylor",
+        metavar="NAME",
+        help="window of the image, as for render (default: taylor)",
     )
     parser.add_argument(
-        "--rcs", type=float, default=1.0, metavar="M2", help="of the point whose SNR is told (default: 1 m^2)"
+        "--rcs",
+        type=float,
+        default=1.0,
+        metavar="M2",
+        help="radar cross section of the point whose SNR is given (default: 1 m^2)",
     )
     parser.add_argument(
         "--sigma0",
         type=float,
         default=-10.0,
         metavar="DB",
-        help="of the ground whose SNR is told (default: -10 dB)",
+        help="sigma0 of the ground whose SNR is given (default: -10 dB)",
     )
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    """Work it out."""
+    """Print the link budget."""
     from sarmitsuba.backend import ensure_backend
     from sarmitsuba.errors import RadarError
     from sarmitsuba.link import link_budget

@@ -1,4 +1,4 @@
-"""Draw an image that is there already again: other limits, colours, quantity, channel or looks; nothing is computed."""
+"""Draw the picture of a saved image again with other limits, colours, quantity, channel or looks; no simulation."""
 
 import argparse
 from pathlib import Path
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="FILE",
-        help="PNG file to write (default: the quick-look of that channel beside the image, written over)",
+        help="PNG file to write (default: overwrite the quick-look of that channel beside the image)",
     )
     parser.add_argument("--force", action="store_true", help="replace FILE where it exists")
     parser.add_argument(
@@ -33,17 +33,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         type=float,
         metavar=("BLACK", "WHITE"),
-        help="values at both ends of the scale (default: from the image)",
+        help="values at both ends of the colour scale (default: from the image)",
     )
     parser.add_argument(
         "--span",
         type=float,
         default=50.0,
         metavar="DB",
-        help="from black to white without --limits (default: 50)",
+        help="dynamic range of the colour scale without --limits (default: 50)",
     )
     parser.add_argument(
-        "--colour-map", metavar="NAME", help="one of Matplotlib's, such as viridis (default: gray)"
+        "--colour-map", metavar="NAME", help="Matplotlib colour map, such as viridis (default: gray)"
     )
     parser.add_argument(
         "--looks",
@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="parts of the spectrum (sub-apertures, sub-bands) whose powers are averaged (multi-look)",
     )
     parser.add_argument(
-        "--order", type=int, metavar="N", help="one bounce number alone, where they were kept apart"
+        "--order", type=int, metavar="N", help="one bounce number only, where the image keeps them apart"
     )
     parser.add_argument("--title", help="first line above the picture (default: the scene's name)")
 

@@ -1,7 +1,7 @@
 """Decompose an image of several polarisations.
 
-Of HH, HV, VH, VV: the colour composite of the Pauli basis, entropy, anisotropy and alpha (Cloude and Pottier) as maps
-and in their plane. Of RH, RV (LH, LV): the m-chi and m-delta composites. See docs/polarimetry.md.
+HH, HV, VH, VV: the Pauli colour composite; entropy, anisotropy and alpha (Cloude and Pottier) as maps and as the
+H-alpha plane. RH, RV (LH, LV): the m-chi and m-delta composites. See docs/polarimetry.md.
 """
 
 import argparse
@@ -44,8 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         type=int,
         metavar=("AZIMUTH", "RANGE"),
-        help="pixels of a block that is averaged (default: those of 5 x 5 resolution cells, for the Pauli colours of "
-        "one)",
+        help="size of the averaging window in pixels (default: 5 x 5 resolution cells; for the Pauli colours one cell)",
     )
 
 
@@ -74,7 +73,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     console.say(report.as_table())
     figures: dict[str, Drawing] = {}
     if report.decomposition is not None:
-        # colours need no looks to mean something: as sharp as the image is
+        # colours need no averaging: full resolution of the image
         block = tuple(args.looks) if args.looks else automatic_looks(image, 1.0)
         figures[PAULI] = partial(
             composite_figure,

@@ -1,8 +1,8 @@
-"""Measure how good an image is: point targets, areas, looks; as table, JSON and plot.
+"""Image quality measures: point targets, areas, looks; as table, JSON and plot.
 
-IRW is the half-power width along a lobe. PSLR is the highest side lobe beyond the first nulls over the peak. ISLR is
-the energy beyond the first nulls over that between them, out to 16 cells. ENL is mean squared over variance of the
-intensity, contrast its deviation over its mean, entropy that of its shares. See docs/quality.md.
+IRW: half-power width of the main lobe. PSLR: highest side lobe beyond the first nulls over the peak. ISLR: energy
+beyond the first nulls over that between them, out to 16 cells. ENL: squared mean over variance of the intensity;
+contrast: its standard deviation over its mean; entropy: that of the intensities over their sum. See docs/quality.md.
 """
 
 import argparse
@@ -37,7 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: the scene's point scatterers, else points are found)",
     )
     parser.add_argument(
-        "--most", type=int, default=12, metavar="N", help="points to find at most (default: 12)"
+        "--most",
+        type=int,
+        default=12,
+        metavar="N",
+        help="largest number of point targets to find (default: 12)",
     )
     parser.add_argument(
         "--area",
@@ -45,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         action="append",
         metavar=("AZIMUTH0", "AZIMUTH1", "RANGE0", "RANGE1"),
-        help="rectangle in the image's coordinates, m; may be given several times (default: the evenest and the "
+        help="rectangle in image coordinates, m; may be given several times (default: the most homogeneous and the "
         "darkest square of 24 cells)",
     )
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""Trace a target from many directions in the far field: its RCS over aspect and bounce order, and its image.
+"""Radar cross section of a target over aspect and bounce order, traced in the far field, and its image.
 
 Azimuth 0 is +x (east), 90 is +y (north); elevation is counted from the horizontal.
 """
@@ -28,7 +28,7 @@ NAME = "rcs"
 HELP = "radar cross section of a target over azimuth or elevation, and its image from the sweep"
 
 TABLE, PLOT = "rcs.csv", "rcs.png"
-# of a mesh without a radar: only the frequency counts
+# radar of a mesh without one: only its frequency is used
 _RADAR = "airborne_x"
 MOST_DIRECTIONS = 100_000
 
@@ -46,15 +46,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_angles,
         default="0:360:0.5",
         metavar="DEG|FIRST:LAST:STEP",
-        help="of the radar as the target sees it: 0 is +x (east), 90 is +y (north); both ends count, and 360 is not "
-        "traced again after 0; write --azimuth=-30:30:0.5 where it begins with a minus (default: 0:360:0.5)",
+        help="azimuth of the radar seen from the target: 0 is +x (east), 90 is +y (north); both ends are included, "
+        "but 360 is not traced again after 0; write --azimuth=-30:30:0.5 where it begins with a minus (default: "
+        "0:360:0.5)",
     )
     parser.add_argument(
         "--elevation",
         type=_angles,
         default="30",
         metavar="DEG|FIRST:LAST:STEP",
-        help="of the radar above the horizontal; a sweep of it wants one azimuth (default: 30)",
+        help="elevation of the radar above the horizontal; a sweep of it needs a single azimuth (default: 30)",
     )
     parser.add_argument(
         "--pol",
@@ -70,23 +71,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"carrier by its band: {', '.join(f'{k} {v / 1e9:g} GHz' for k, v in BANDS.items())}",
     )
     parser.add_argument(
-        "--max-depth", type=int, metavar="N", help="most bounces; 0 = automatic (default: the scene's)"
+        "--max-depth",
+        type=int,
+        metavar="N",
+        help="largest number of bounces; 0 = automatic (default: the scene's)",
     )
     parser.add_argument("--seed", type=int, help="random seed of the rays (default: the scene's)")
-    parser.add_argument(
-        "--no-image", action="store_true", help="leave the image out, which takes most of the time"
-    )
+    parser.add_argument("--no-image", action="store_true", help="make no image, which takes most of the time")
     parser.add_argument(
         "--bandwidth",
         type=float,
         metavar="HZ",
-        help="of the image (default: 48 cells over the target, at most 0.4 of the carrier)",
+        help="bandwidth of the image (default: 48 range cells over the target, at most 0.4 of the carrier)",
     )
-    parser.add_argument("--window", default="taylor", metavar="NAME", help="of the image (default: taylor)")
+    parser.add_argument(
+        "--window", default="taylor", metavar="NAME", help="window of the image (default: taylor)"
+    )
     parser.add_argument(
         "--page",
         action="store_true",
-        help="also make a page for a browser: the target in 3-D beside its numbers",
+        help="also write a web page with the target in 3-D and its RCS",
     )
     parser.add_argument(
         "--force", action="store_true", help="replace results of something else in OUT; other files stay"
@@ -211,7 +215,7 @@ def _scene(args: argparse.Namespace, console: Console) -> "Scene":
         args.radar = _RADAR
         if not frequency:
             console.note(
-                f"{args.scene}: a mesh names no frequency; that of {_RADAR} is taken, see --frequency"
+                f"{args.scene}: a mesh file has no frequency; that of {_RADAR} is used, see --frequency"
             )
     if frequency:
         args.define = [*args.define, ("sar_antenna.center_frequency", f"{frequency!r}")]
@@ -222,7 +226,7 @@ def _scene(args: argparse.Namespace, console: Console) -> "Scene":
 
 
 def _run_hash(scene: "Scene", args: argparse.Namespace, aspects: "Aspects") -> str:
-    """What the results depend on."""
+    """Run hash: everything that the results depend on."""
     from sarmitsuba.simulation.fingerprint import fingerprint
 
     angles = hashlib.sha256(aspects.directions.tobytes()).hexdigest()
@@ -250,7 +254,7 @@ def _record(args: argparse.Namespace, scene: "Scene", sweep: "RcsSweep") -> dict
 
 
 def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: Console) -> None:
-    """Write the table and the plot, and say how accurate and how strong the returns are."""
+    """Write the table and the plot, and print the strongest and mean RCS with the sampling error."""
     import numpy as np
 
     from sarmitsuba.commands.results import draw_into
@@ -316,7 +320,7 @@ def _image(
     watch: StageTimer,
     record: dict[str, object],
 ) -> "SarImage":
-    """Render the target from its arc of aspects and write the image with its pictures. Return it."""
+    """Render the image of the target from its aspects, write it with its pictures, and return it."""
     from sarmitsuba.commands import results
     from sarmitsuba.io import write_image
     from sarmitsuba.simulation.render import render
@@ -372,5 +376,5 @@ def _page(
 
 
 def _azimuth_window(aspects: "Aspects", window: str) -> str:
-    """None over a whole circle, whose aperture has no ends."""
+    """Azimuth window; None over a whole circle, whose aperture has no ends."""
     return "rectangular" if aspects.whole_circle else window

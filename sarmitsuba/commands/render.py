@@ -55,8 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time-limit",
         type=float,
         metavar="S",
-        help="keep adding passes of rays for this many seconds of tracing and of estimating their error (default: the "
-        "scene's); loading, planning, the final image and files come on top; an interrupted run resumes when started "
+        help="add passes of rays for this many seconds of tracing and error estimation (default: the scene's); "
+        "loading, planning, the final image and files take extra time; an interrupted run resumes when started "
         "again",
     )
     parser.add_argument(
@@ -69,12 +69,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--page",
         action="store_true",
-        help="also make the page that `view` makes: the run in 3-D, for a browser",
+        help="also write the web page of `view`: the run in 3-D",
     )
     parser.add_argument(
         "--force",
         action="store_true",
-        help="simulate anew and replace the results in OUT, also those of another scene; other files stay",
+        help="simulate again and replace the results in OUT, also those of another scene; other files stay",
     )
     add_focus_arguments(parser)
 
@@ -144,10 +144,10 @@ def _check_settings(args: argparse.Namespace) -> None:
 
 
 def _scene_with_settings(args: argparse.Namespace) -> "Scene":
-    """The scene with the settings that the command line gives."""
+    """The scene with the settings of the command line."""
     from sarmitsuba.simulation.prediction.speed import glance
 
-    glance()  # as early as may be, for the forecast
+    glance()  # as early as possible, for the prediction
     scene = scene_of(args)
     changes = {
         "method": args.method,
@@ -190,7 +190,7 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
         check_focusing(scene.radar, scene.image, args)
     formats = results.Formats.parse(args.format)
     run_hash = fingerprint(scene, getattr(args, "extension", ()))
-    if _many_passes(scene):  # worth more than one pass: not replaced by one unasked
+    if _many_passes(scene):  # several passes are not replaced by one without --force
         run_hash += " passes"
     names = results.expected_names(
         formats, scene.radar.channels, raw=with_raw, image=not args.no_focus, orders=settings.keep_orders
@@ -218,7 +218,7 @@ def _raw_and_image(
     run_hash: str,
     workers: "DaskWorkers | None",
 ) -> Path:
-    """Make the raw data or take those that are there, write and focus them. Return the file to look at."""
+    """Make the raw data or reuse saved ones, write and focus them. Return the path of the picture or the raw data."""
     from sarmitsuba.commands import results
     from sarmitsuba.echo.chirp import to_chirped
     from sarmitsuba.io.journal import remove_journal
@@ -230,7 +230,7 @@ def _raw_and_image(
             found = results.saved_raw(folder, formats, run_hash, console)
     if found is not None and found[1].domain in ("compressed", args.raw):
         path, raw = found
-        console.say(f"{path}: raw data of this scene and these settings, used again; --force simulates anew")
+        console.say(f"{path}: raw data of this scene and these settings, used again; --force simulates again")
         console.say(f"plan: {raw.metadata['plan']}")
         keep = [path] if raw.domain == args.raw else []
         record["raw_file"] = str(path)
@@ -255,7 +255,7 @@ def _raw_and_image(
 
 
 def _announcing(console: Console, args: argparse.Namespace, limit: float | None = None) -> "Ready":
-    """Say what a run will take and with which effects, before it is traced; ``limit`` (s) of several passes."""
+    """Print the predicted time and the effects of a run before tracing; ``limit``: time limit of several passes, s."""
     from sarmitsuba.commands import results
     from sarmitsuba.echo.chirp import n_fast_chirped
 
@@ -308,12 +308,12 @@ def _simulate(
                     run_hash=run_hash,
                     workers=workers,
                 )
-            except RadarError:  # nothing comes back: another run would find the same
+            except RadarError:  # no echoes: another run would give the same
                 remove_journal(blocks)
                 raise
     from sarmitsuba.simulation.refinement.passes import refine
 
-    if args.force:  # the passes of an interrupted run belong to the new results, not to the old ones
+    if args.force:  # the saved passes of an interrupted run belong to the new results, not to the old ones
         folder.clear(run_hash)
     folder.announce(results.PASSES)
     with watch.stage("simulate"):

@@ -44,7 +44,7 @@ _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR",
 
 @dataclass(frozen=True)
 class Formats:
-    """File formats of a run's results, raw data and images apart.
+    """File formats of a run's results: of raw data and of images.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Formats:
         for entry in named:
             if entry.write_raw is None and entry.write_image is None:
                 raise DataError(f"--format {text}: {entry.name} can be read but not written")
-        # what none of them can hold is written as HDF5, which holds everything
+        # data that none of them can hold are written as HDF5, which holds everything
         rest = (FORMATS["hdf5"],)
         found = Formats(
             tuple(entry for entry in named if entry.write_raw) or rest,
@@ -90,7 +90,7 @@ class Formats:
 def expected_names(
     formats: Formats, channels: Sequence[str], *, raw: bool, image: bool, orders: bool
 ) -> tuple[str, ...]:
-    """Files that a run will write: of raw data, of the image with its pictures, of its bounce orders."""
+    """Names of the files that a run will write: raw data, image with pictures, bounce orders."""
     names = [RECORD]
     if raw:
         names += formats.names(raw=True)
@@ -102,9 +102,9 @@ def expected_names(
 
 
 def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool, chirped: bool = False) -> float:
-    """Bytes that the results take at least: every channel, once more for its ray subsets; bounce orders come on top.
+    """Least size of the results in bytes: every channel, and again for its ray subsets; without bounce orders.
 
-    Of raw data once more, for their finished blocks; ``chirped`` ones are longer by their pulse.
+    Raw data count twice, for their finished blocks; ``chirped`` ones are longer by the pulse.
     """
     from sarmitsuba.echo.chirp import n_fast_chirped
     from sarmitsuba.focusing import default_grid
@@ -124,7 +124,7 @@ def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool, chi
 
 
 def save_raw(folder: OutputFolder, raw: RawData, formats: Formats, leave_out: Sequence[Path] = ()) -> None:
-    """Write the raw data in every format asked for, but for files that hold them already."""
+    """Write the raw data in every requested format, except files that hold them already."""
     for entry, name in zip(formats.raw, formats.names(raw=True), strict=True):
         if folder.path / name in leave_out:
             continue
@@ -135,7 +135,7 @@ def save_raw(folder: OutputFolder, raw: RawData, formats: Formats, leave_out: Se
 def saved_raw(
     folder: OutputFolder, formats: Formats, run_hash: str, console: Console
 ) -> tuple[Path, RawData] | None:
-    """Raw data in the folder that simulating would only repeat, and their file; None where there are none.
+    """Saved raw data of the same run hash, and their file; None where there are none.
 
     Parameters
     ----------
@@ -156,24 +156,24 @@ def saved_raw(
 
 
 def _stated(bar: Mapping[str, float]) -> str:
-    """An error bar as people read it."""
+    """Text of an error bar."""
     bound = f", at most {bar['at_most_db']:.1f} dB" if "at_most_db" in bar else ""
     return f"{bar['error_db']:.1f} dB +- {bar['confidence_db']:.1f} dB{bound}"
 
 
 def with_files(needs: "Needs", formats: Formats, channels: Sequence[str], *, image: bool) -> "Needs":
-    """What a run needs, its files and pictures written: the stage ``files``.
+    """Predicted needs of a run including the writing of files and pictures (stage ``files``).
 
     Parameters
     ----------
-    needs : of simulating and focusing
+    needs : time and memory of simulating and focusing
     formats : that are written
     channels : each has a picture
     image : whether the raw data are focused, or there are none
     """
     count = len(formats.raw) * (needs.raw_bytes > 0)
     planes = needs.layers // len(channels)
-    # where a channel is in several planes, one more with their sum
+    # a channel in several planes has one more picture, of their sum
     plane = needs.raw_bytes / needs.layers if planes > 1 else 0.0
     written = (needs.raw_bytes + plane * len(channels)) * count
     seconds, size = 0.0, plane
@@ -197,7 +197,7 @@ def store_image(
     record: dict[str, object],
     console: Console,
 ) -> Path:
-    """Write the image in every format asked for, and pictures; add to the record. Return the first picture's path."""
+    """Write the image in every requested format, its pictures and the record. Return the first picture's path."""
     with watch.stage("error bars"):
         image = with_error_bars(image)
     errors = image.metadata.get("sampling_error", {})
@@ -227,7 +227,7 @@ def store_image(
         "azimuth_resolution_cell_m": image.azimuth_resolution_cell,
         "range_resolution_cell_m": image.range_resolution_cell,
     }
-    # what is dear first, pictures last; the record is written again with its times and warnings when all is done
+    # expensive results first, pictures last; the record is written again at the end with times and warnings
     save_record(folder, record)
     if failed:
         raise failed[0]
@@ -248,12 +248,12 @@ def save_pictures(folder: OutputFolder, image: SarImage, console: Console) -> Pa
 
 
 def draw_into(folder: OutputFolder, name: str, draw: "Drawing", console: Console) -> Path:
-    """Write a picture into the folder and return its path; one that cannot be drawn costs a warning, not the run.
+    """Write a picture into the folder and return its path; one that cannot be drawn gives a warning, not an error.
 
     Raises
     ------
     OutputError
-        The disk refused, or a file of the user's own has that name.
+        The file cannot be written, or a file that this program did not write has that name.
     """
     from sarmitsuba.view.quicklook import save
 
@@ -274,9 +274,9 @@ def draw_into(folder: OutputFolder, name: str, draw: "Drawing", console: Console
         RuntimeError,
         TypeError,
         ValueError,
-    ) as error:  # whatever a drawing library makes of data and names
+    ) as error:  # any error of the drawing library
         reason = one_line(error, 200) or type(error).__name__
-        console.warn(f"{path}: the picture could not be drawn ({reason}); the results are there")
+        console.warn(f"{path}: the picture could not be drawn ({reason}); the results are saved")
     return path
 
 

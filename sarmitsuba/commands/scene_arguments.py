@@ -33,7 +33,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="let the scene include files, and name meshes, from outside its own folder",
     )
-    mesh = parser.add_argument_group("mesh", "what a mesh file does not say")
+    mesh = parser.add_argument_group("mesh", "properties that a mesh file does not contain")
     mesh.add_argument(
         "--up",
         choices=("auto", "y", "z"),
@@ -50,7 +50,8 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=definition,
         metavar="NAME=MATERIAL",
-        help="what the file's material NAME is: concrete, brick, glass, metal, pec, ... (default: by its name)",
+        help="radar material of the file's material NAME: concrete, brick, glass, metal, pec, ... (default: by its "
+        "name)",
     )
 
 
@@ -75,7 +76,7 @@ def scene_of(args: argparse.Namespace) -> "Scene":
 
 
 class MeshRecord(TypedDict):
-    """What the command line says about a mesh file, as it is recorded."""
+    """Options of a mesh file, as recorded in parameters.json."""
 
     up: Literal["auto", "y", "z"]
     unit: str
@@ -83,7 +84,7 @@ class MeshRecord(TypedDict):
 
 
 def mesh_record(args: argparse.Namespace) -> MeshRecord | None:
-    """What :func:`scene_of` was told about a mesh file, for the record of the run; None where nothing was said."""
+    """Mesh options given to :func:`scene_of`, for the record of the run; None where there are none."""
     if not (args.up or args.unit or args.material):
         return None
     return {"up": args.up or "auto", "unit": args.unit or "auto", "materials": dict(args.material)}

@@ -58,7 +58,7 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
     sources = check_document(scene, strict=True)
     for source in sources:
         if not source.is_relative_to(root) or ".." in source.parts or not is_inside(source, root):
-            raise SceneError(f"{scene}: refers to {source}, outside its own folder; copy that one by hand")
+            raise SceneError(f"{scene}: refers to {source}, outside its own folder; copy that file by hand")
         if not os.path.isfile(source):
             raise SceneError(
                 f"{scene}: refers to {source}, which does not exist; restore the file or correct the reference"

@@ -1,4 +1,4 @@
-"""Open a scene on the bench: a page with sliders that simulates the scene anew at every change."""
+"""Open a scene in the studio: a web page with sliders that simulates the scene again at every change."""
 
 import argparse
 from pathlib import Path
@@ -23,14 +23,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="OUT",
-        help="folder for what is saved (default: studio_ and the scene's name)",
+        help="folder for saved results (default: studio_ and the scene's name)",
     )
     parser.add_argument(
         "--host",
         default="127.0.0.1",
-        help="loopback address to serve at: 127.0.0.1 (default), ::1 or localhost; from another machine take ssh -L",
+        help="loopback address to serve at: 127.0.0.1 (default), ::1 or localhost; from another machine use ssh -L",
     )
-    parser.add_argument("--port", type=int, default=8080, help="(default: 8080, or the next that is free)")
+    parser.add_argument("--port", type=int, default=8080, help="(default: 8080, or the next free port)")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:

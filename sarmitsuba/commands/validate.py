@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"folder for {PAGE} and {PICTURES} (default out/validation)",
     )
     parser.add_argument(
-        "--force", action="store_true", help="replace files of these names that another program wrote there"
+        "--force", action="store_true", help="replace files of these names that another program wrote"
     )
     parser.add_argument(
         "--case", nargs="+", default=[], metavar="NAME", help="run only these cases, and write no page"
@@ -80,7 +80,7 @@ def _validate(
     images: "OutputFolder",
     console: Console,
 ) -> int:
-    """Run the cases and write what they show."""
+    """Run the cases and write their results."""
     from sarmitsuba.validation.comparison import Case
     from sarmitsuba.validation.figures import plot_case
     from sarmitsuba.validation.markdown_page import report, summary_lines, write

@@ -1,4 +1,4 @@
-"""Write a page that shows what happened: the scene in 3-D, the radar flying by, its echoes, the image and its paths."""
+"""Write a web page of a run: the scene in 3-D, the radar on its track, range profiles, the image and its ray paths."""
 
 import argparse
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from sarmitsuba.page.payload import Value
 
 NAME = "view"
-HELP = "make a page that shows a run in 3-D, to be opened in a browser"
+HELP = "write a web page that shows a run in 3-D"
 
 PAGE = "page.html"
 
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-outside",
         action="store_true",
-        help="the scene may refer to files outside its own folder, as when it was rendered so",
+        help="let the scene refer to files outside its own folder, as for render",
     )
     parser.add_argument("--channel", metavar="NAME", help="polarisation, such as HV (default: the first)")
 

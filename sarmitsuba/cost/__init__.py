@@ -1,1 +1,1 @@
-"""What accuracy costs: study, model and report."""
+"""Cost studies of error against run time: sweeps, model and report."""

@@ -1,4 +1,4 @@
-"""What a cost study's seconds are: those of this machine, or those of a stated one, counted from the work done."""
+"""Clocks of a cost study: seconds of this machine, or of a machine of stated speed, counted from the work."""
 
 import time
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from sarmitsuba.simulation.prediction.speed import USUAL_CORE, SpeedModel, Work
 
 
 class StudyClock(Protocol):
-    """Says how late it is, and how long a run took."""
+    """Clock of a cost study."""
 
     def now(self) -> float:
         """Seconds since some fixed moment."""

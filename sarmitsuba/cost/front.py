@@ -1,4 +1,4 @@
-"""Runs of the combinations that nothing beats, those about the wanted error first."""
+"""Measurement of the Pareto front, starting near the wanted error."""
 
 from collections.abc import Callable, Sequence
 

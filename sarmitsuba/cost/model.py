@@ -1,4 +1,4 @@
-"""Every combination of the swept values: errors added, times multiplied stage by stage, both corrected by runs."""
+"""Cost model of all combinations of swept values: errors add, stage times multiply, both corrected by runs."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ AFFECTS = {
 
 @dataclass
 class CostModel:
-    """What the sweeps found, and what follows for combinations.
+    """Results of the sweeps, and predictions for combinations.
 
     Parameters
     ----------

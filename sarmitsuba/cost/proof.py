@@ -1,4 +1,4 @@
-"""Where a cost study's estimates are measured and checked: a reference, error and seconds of a setting against it."""
+"""Verification of a cost study's estimates: error against a reference, and seconds of a setting."""
 
 from dataclasses import dataclass
 
@@ -42,7 +42,7 @@ class Reference:
         return Reference(mean.astype(np.complex64), _energy(a - b) / (4.0 * _energy(mean)))
 
     def error_db(self, image: Image) -> float:
-        """Energy of an image's error over that of the reference, dB, less the reference's own noise.
+        """Energy of an image's error over that of the reference, dB, minus the reference's own noise.
 
         At most half of the difference is taken to be the reference's.
         """

@@ -1,4 +1,4 @@
-"""What a cost study reports: table rows, combinations, recommendations as options of ``render``."""
+"""Report of a cost study: table rows, combinations, recommendations as options of ``render``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -84,7 +84,7 @@ class Recommendation:
 
 @dataclass(frozen=True, eq=False)
 class CostReport:
-    """What :func:`sarmitsuba.cost.study.study_cost` found.
+    """Results of :func:`sarmitsuba.cost.study.study_cost`.
 
     Parameters
     ----------

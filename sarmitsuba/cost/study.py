@@ -1,4 +1,4 @@
-"""What accuracy costs on the user's own scene: one sweep per parameter, a model of all, the cheapest setting."""
+"""Cost study of a scene: one sweep per parameter, a model of all combinations, the cheapest setting."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ SWEEP_FACTOR = 0.5
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What is studied, and within what."""
+    """Task and budget of a study."""
 
     scene: Scene
     plan: EffectsPlan

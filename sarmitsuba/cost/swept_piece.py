@@ -1,4 +1,4 @@
-"""Which part of a scene a cost study sweeps, and on which part it proves its estimates."""
+"""Choice of the scene's parts for the sweeps and for the verification of a cost study."""
 
 from collections.abc import Mapping
 

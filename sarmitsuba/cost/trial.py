@@ -100,7 +100,7 @@ def run_trial(
     pass_index: int = 0,
     clock: StudyClock = WALL_CLOCK,
 ) -> Trial:
-    """Run a setting; what Dr.Jit spends on compiling is booked apart."""
+    """Run a setting; Dr.Jit's compile time is counted separately."""
     changed = setting.apply(scene)
     method = changed.settings.method
     grid = grid or default_grid(scene.radar, scene.image)

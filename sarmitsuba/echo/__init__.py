@@ -1,1 +1,1 @@
-"""Echo stage: spreading onto grids, pulses from grids, waveform and receiver noise; NumPy only."""
+"""Raw-data formation: gridding of echoes, pulses from grids, waveform and receiver noise; NumPy only."""

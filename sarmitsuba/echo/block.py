@@ -1,4 +1,4 @@
-"""Block synthesis: paths are added once to a (range, range rate) grid and become K pulses together."""
+"""Block synthesis: paths are added once to a (range, range rate) grid, from which all K pulses are computed."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,7 +22,7 @@ from sarmitsuba.radar.radar import Radar
 # cycles per cell: flat to just past the band's edge at 1/4, then down: the inner response stays within 40 cells
 _ROLL = (0.256, 0.32)
 _GUARD = 48
-# of synthesis itself, dB: shifts by the curvature across the band to first order, and none by its part over range rate
+# error of the synthesis itself, dB: shifts by the curvature are first order over the band; its range-rate part has none
 _LEFT_DB = -84.0
 _GROUP = 2**24  # complex cells of the layers synthesised together: 128 MB a buffer
 
@@ -46,7 +46,7 @@ class BlockPlan:
     Parameters
     ----------
     key, start, stop : pulse indices; ``start <= key < stop``
-    state : the antennas at the key time; its velocities, not the tracks' own, are those of ``range_rate``
+    state : antennas at the key time; ``range_rate`` refers to its velocities, not to those of the tracks
     reference : (3,) float64, m, scene frame; P_ref
     reference_range, reference_rate : slant range of ``reference`` at the key time, m, and its change, m/s
     range0, range_step, n_range : slant range of cell 0, cell (m) and number of cells along range
@@ -54,11 +54,11 @@ class BlockPlan:
     width, range_rate_width : of the gridding kernels
     n_inner : length of the FFT over the grid's range axis
     guard : cells before the grid within ``n_inner``, for the compact response and the range walk
-    fine : how the profiles become the window's samples
-    curvature : what ``R0 + range_rate tau`` leaves out of the slant range
+    fine : resampling of the profiles to the window's samples
+    curvature : slant range beyond ``R0 + range_rate tau``
     geometry_error_db : worst over the box's sample points of the rms phase error over the block, dB
     kernel_error_db : rms error of the two gridding kernels, dB
-    in_pulse : motion of the antenna within the pulse, of the key pulse; None: it stands still
+    in_pulse : motion of the antenna within the key pulse; None: start-stop approximation
     """
 
     start: int
@@ -89,7 +89,7 @@ class BlockPlan:
 
     @property
     def tau(self) -> F64:
-        """(K,) float64, s, pulse times less the key pulse's."""
+        """Pulse times (K,) relative to the key pulse, float64, s."""
         return self.state.tau
 
     @property
@@ -99,23 +99,23 @@ class BlockPlan:
 
     @property
     def n_pulses(self) -> int:
-        """Pulses of this block, K."""
+        """Number of pulses of the block, K."""
         return self.stop - self.start
 
     @property
     def predicted_error_db(self) -> float:
-        """Relative error to expect, geometry, kernel and what synthesis leaves together, dB."""
+        """Expected relative error of geometry, kernels and synthesis together, dB."""
         parts = (self.geometry_error_db, self.kernel_error_db, _LEFT_DB)
         return float(10.0 * np.log10(sum(10.0 ** (part / 10.0) for part in parts)))
 
     @property
     def kernel(self) -> GriddingKernel:
-        """Spreading kernel along range."""
+        """Gridding kernel along range."""
         return gridding_kernel(self.width)
 
     @property
     def range_rate_kernel(self) -> GriddingKernel:
-        """Spreading kernel along the range rate."""
+        """Gridding kernel along the range rate."""
         return gridding_kernel(self.range_rate_width)
 
     def shape(self, n_layers: int) -> tuple[int, int, int]:
@@ -135,7 +135,7 @@ def plan_block(
     extra_range_rate: float = 0.0,
     range_rate_width: int | None = None,
 ) -> BlockPlan:
-    """Lay out the grid of the pulses ``start:stop`` and fit the curvature over the box.
+    """Plan of a block: grid of the pulses ``start:stop``, and curvature fitted over the box.
 
     Parameters
     ----------
@@ -144,15 +144,15 @@ def plan_block(
     reference : (3,) float64, m, scene frame; P_ref, best near the middle of the box
     box : (2, 3) float64, m, scene frame; bounds of all phase centres
     width, range_rate_width : of the gridding kernels along range and range rate (default: the same)
-    extra_slant_range : half of what multiple reflections add to the way to the box at most, m
-    extra_range_rate : what motion of the scene may add to a range rate or take off, m/s
+    extra_slant_range : half the largest extra path length by multiple reflections, m
+    extra_range_rate : largest change of a range rate by motion in the scene, m/s
 
     Notes
     -----
-    Ignores the change of a path's amplitude within the block (beam, spreading, visibility).
+    Ignores changes of a path's amplitude within the block (beam, spreading, visibility).
     The curvature is the least-squares fit, pulse by pulse, of the exact slant ranges of sample paths: points
-    throughout the box and, with ``extra_slant_range``, mirror images behind it and pairs of both. So it
-    holds for any track; what the fit leaves is the plan's ``geometry_error_db``.
+    throughout the box and, with ``extra_slant_range``, mirror images behind it and pairs of both. It is valid for
+    any track; the residual is the plan's ``geometry_error_db``.
     """
     reference = np.asarray(reference, dtype=np.float64)
     box = np.asarray(box, dtype=np.float64)
@@ -160,7 +160,7 @@ def plan_block(
     cell, window, fc = radar.waveform.range_cell, radar.window, radar.waveform.center_frequency
     state = key_state(radar, start, stop)
     centers, partners = sample_paths(box, state.position[0], extra_slant_range)
-    if len(state.position) > 1:  # either antenna may be the one that sees the image behind the mirror
+    if len(state.position) > 1:  # the leg of either antenna may be the mirrored one
         centers, partners = np.concatenate([centers, partners]), np.concatenate([partners, centers])
     fit = fit_curvature(radar, start, stop, reference, centers, partners)
 
@@ -227,17 +227,17 @@ def choose_block_length(
     max_length: int = 128,
     max_cells: int = 2**22,
 ) -> int:
-    """Largest block length K whose error stays below the target all along the track; 1 where none does.
+    """Largest block length K whose error is below the target all along the track; 1 where there is none.
 
     The error of every block examined (all of them, or 24 spread over a long track) is the worst one of the
     box's sample paths, exact slant ranges against the model, and the kernels'. A kernel too narrow for the
-    target counts as meeting it: a shorter block would not make it better. Blocks shorter than 8 pulses are
-    dearer than the direct accumulator and not considered.
+    target counts as meeting it, since shorter blocks would not reduce its error. Blocks shorter than 8 pulses
+    cost more than the direct accumulator and are not considered.
 
     Parameters
     ----------
     target_error_db : relative rms error of the data, dB, below 0
-    max_length : largest K to try, but for the sixteenth that may save a block of few pulses
+    max_length : largest K to try, apart from the sixteenth that may avoid a last block of few pulses
     max_cells : bound on the cells of one layer's grid
     (the others as for :func:`plan_block`)
     """
@@ -270,16 +270,16 @@ def choose_block_length(
 
 
 def _even(n_pulses: int, length: int) -> int:
-    """About ``length``, up to a sixteenth more, so that no block of few pulses is left over.
+    """Block length of about ``length``, up to a sixteenth more, such that no short block remains.
 
-    One would cost a tracing like all others, and a kernel of its own for the size of its grid.
+    A short block would cost a tracing like all others, and a separate kernel for the size of its grid.
     """
     count = max(1, int(np.ceil(n_pulses / length - 1.0 / 16.0)))
     return -(-n_pulses // count)
 
 
 def least_error_db(width: int, target_error_db: float) -> float:
-    """Error that blocks are held to: the target, or twice the power of what kernels so wide leave, dB."""
+    """Error bound for blocks, dB: the target, or twice the error power of kernels of this width."""
     return max(target_error_db, _kernel_error_db(width, width) + 10.0 * float(np.log10(2.0)))
 
 
@@ -350,18 +350,18 @@ def synthesise(
     beam: bool = False,
     share: RangeFilter | None = None,
 ) -> C64:
-    r"""Make the block's range-compressed profiles from a filled grid.
+    r"""Range-compressed profiles of a block's pulses from a filled grid.
 
     .. math:: S(f, t) = e^{-j 4 \pi f_c R_{ref}(t) / c} \sum_j G(f, \dot R_j) \,
               e^{-j 4 \pi (f_c + f) \dot R_j \tau / c} \, e^{-j 4 \pi f_c b(\dot R_j, t) / c} / \hat\phi
 
-    then, along range, the factor ``exp(-j 4 pi fc a(R, t) / c)`` and the shift by a; a and b are the two
-    parts of the curvature.
+    then, along range, the factor ``exp(-j 4 pi fc a(R, t) / c)`` and the shift by a; a and b are the range and
+    range-rate parts of the curvature.
 
     Parameters
     ----------
     grid : (n_layers, n_range, n_range_rate) complex, any strides
-    beam : weigh every pulse with its own azimuth pattern, which the grid then is without
+    beam : whether to apply every pulse's azimuth pattern, which the grid then does not contain
     share : factor on the spectrum, of one of several traced frequencies; None: one
 
     Returns
@@ -414,13 +414,13 @@ def _pulses_from_range_rates(
     middle = 0.5 * (range_rate[0] + range_rate[-1])
     per_bin = 2.0 * np.pi / (n * plan.range_step)  # rad per metre and bin
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-    # the part of the curvature by range is read where the path is at t, so its slope comes off here
+    # the range part of the curvature is evaluated at the path's range at time t: correct for its slope here
     bend = plan.curvature.of_range_rate(range_rate).T - plan.curvature.slope * range_rate[:, None] * plan.tau
     drift = range_rate[:, None] * plan.tau + bend  # m, (n_range_rate, K)
-    # m, by how much a path appears shifted in range because its range changes during the pulse
+    # m, range shift of a path by its Doppler frequency within the pulse
     shift = radar.range_per_rate * (range_rate[:, None] + _reference_rate(plan, radar))
     walk = per_bin * (drift - middle * plan.tau + shift)  # rad per bin
-    # what the range rate is multiplied with at each pulse: its time, where the track keeps to its line
+    # factor of the range rate at each pulse: its time, for a straight track
     lever = (drift[-1] - drift[0]) / (range_rate[-1] - range_rate[0]) if plan.n_range_rate > 1 else plan.tau
     # Within a batch of frequencies exp(-j q walk) is a short Taylor series in q, so that the matrices of all
     # its frequencies come from one: |q walk| < 0.25 and four terms leave 1.6e-4 at the outermost corner.
@@ -452,7 +452,7 @@ def _pulses_from_range_rates(
 
 @lru_cache(maxsize=16)
 def _range_weight(width: int, n: int, count: int, guard: int) -> C64:
-    """What depends on the frequency alone, -count ... count: kernel along range, roll-off, guard."""
+    """Factor by frequency alone, -count ... count: kernel along range, roll-off, guard."""
     nu = np.arange(-count, count + 1) / n
     edge = np.clip((np.abs(nu) - _ROLL[0]) / (_ROLL[1] - _ROLL[0]), 0.0, 1.0)
     roll = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * edge) ** 2) ** 2
@@ -469,7 +469,7 @@ def _pulse_weight(
     plan: BlockPlan,
     radar: Radar,
 ) -> C64:
-    """What depends on frequency and pulse, (n_m, K): kernel along the range rate, mean walk."""
+    """Factor by frequency and pulse, (n_m, K): kernel along the range rate, mean walk."""
     carrier_bins = radar.waveform.center_frequency * 2.0 * plan.n_inner * plan.range_step / SPEED_OF_LIGHT
     # cycles per range-rate cell: nearly the same for all m, so three Chebyshev points and a parabola
     span = max(float(np.abs(m - center).max()), 1.0)

@@ -1,4 +1,4 @@
-"""The azimuth pattern of every pulse on a grid over range rates, and how fine that must be for it."""
+"""Azimuth pattern of every pulse on a grid over range rates, and the cell size that it needs."""
 
 import numpy as np
 
@@ -13,14 +13,14 @@ _BEAM_DB = -48.0
 
 
 def step_within_beam(radar: Radar, start: int, stop: int, kernel: GriddingKernel, s_max: float) -> float:
-    r"""Longest cell along the range rate over which the azimuth pattern hardly changes, m/s; infinite without one.
+    r"""Largest cell along the range rate for the azimuth pattern, m/s; infinite without a pattern.
 
-    A path is spread over some cells, each of which gets the pattern's value g of its own. With the kernel's second
-    moment :math:`m_2`, the two leading terms of what that leaves at the pulse of phase slope s are
+    A path is spread over several cells, each of which is weighted by its own value g of the pattern. With the kernel's
+    second moment :math:`m_2`, the two leading error terms at the pulse of phase slope s are
 
     .. math:: \tfrac12 g'' m_2 \Delta^2, \qquad g' m_2 s \Delta^2
 
-    with the largest derivatives that the pattern has anywhere. Both are kept at ``_BEAM_DB``.
+    with the largest derivatives of the pattern. Both are kept at ``_BEAM_DB``.
     """
     if radar.antenna.pattern == "isotropic":
         return float(np.inf)
@@ -37,13 +37,13 @@ def step_within_beam(radar: Radar, start: int, stop: int, kernel: GriddingKernel
 def azimuth_gain(radar: Radar, pulses: slice, reference: F64, range_rate: F64) -> F64:
     r"""Two-way azimuth pattern of pulses over range rates, (n_range_rate, n_pulses) float64.
 
-    The range rate is the sine of a path's angle off the zero-Doppler plane times the speed, so it tells where in the
-    beam the path is, pulse by pulse: along the unit vector
+    The range rate is the speed times the sine of a path's angle off the zero-Doppler plane, so it gives the direction
+    of the path at every pulse: along the unit vector
 
     .. math:: u = -\frac{\dot R}{v} \hat v + \sqrt{1 - (\dot R / v)^2}\, \hat b_\perp
 
-    with :math:`\hat b_\perp` the boresight's direction across the velocity. Of two antennas each has the root of its
-    own pattern, at its own speed and boresight.
+    with :math:`\hat b_\perp` the boresight's direction across the velocity. With two antennas each contributes the root
+    of its pattern, at its own speed and boresight.
 
     Parameters
     ----------
@@ -54,10 +54,9 @@ def azimuth_gain(radar: Radar, pulses: slice, reference: F64, range_rate: F64) -
 
     Notes
     -----
-    Ignores the elevation within the azimuth pattern. Where out and back along a mirror chain take two directions the
-    pattern is that at their mean; the rays carry what both have over it. Of two antennas it ignores that the rates of
-    their legs, less those of ``reference``, differ by about the angle between the antennas times the scene's angular
-    size.
+    Ignores the elevation within the azimuth pattern. For paths whose first and last leg have different directions the
+    pattern is that at their mean; the rays carry the correction. For two antennas it ignores that the range rates of
+    their legs, relative to ``reference``, differ by about the bistatic angle times the scene's angular size.
     """
     gains = [
         _leg_gain(radar, track, pointing, pulses, reference, range_rate)
@@ -69,7 +68,7 @@ def azimuth_gain(radar: Radar, pulses: slice, reference: F64, range_rate: F64) -
 def _leg_gain(
     radar: Radar, track: Track, pointing: Pointing, pulses: slice, reference: F64, rate: F64
 ) -> F64:
-    """Pattern of one antenna, squared as for both ways."""
+    """Two-way pattern (squared) of one antenna."""
     position, velocity = track.position[pulses], track.velocity[pulses]
     speed = np.linalg.norm(velocity, axis=1)
     ahead = velocity / speed[:, None]

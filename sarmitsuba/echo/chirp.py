@@ -1,4 +1,4 @@
-"""From range-compressed profiles to the chirped echoes that a receiver records."""
+"""Chirped echoes, as recorded by a receiver, from range-compressed profiles."""
 
 import math
 from dataclasses import replace
@@ -15,8 +15,8 @@ from sarmitsuba.radar.waveform import Waveform
 _BATCH = 2**22  # complex samples transformed at once, 32 MB
 
 
-def pulse_samples(waveform: Waveform, sampling_rate: float) -> C128:
-    r"""Return the transmitted pulse at the receiver's sampling rate.
+def pulse_samples(waveform: Waveform, sampling_rate: float) -> NDArray[np.complex128]:
+    r"""Transmitted pulse at the receiver's sampling rate.
 
     .. math:: g_n = e^{j \pi \gamma t_n^2}, \quad t_n = n / f_s - T_p / 2, \quad 0 \le n \le T_p f_s
 
@@ -35,7 +35,7 @@ def pulse_samples(waveform: Waveform, sampling_rate: float) -> C128:
 
 
 def n_fast_chirped(radar: Radar) -> int:
-    """Samples of a chirped echo: the profile's and one pulse more."""
+    """Number of samples of a chirped echo: those of the profile and of one pulse."""
     return radar.window.n_samples + math.ceil(radar.waveform.pulse_width * radar.window.sampling_rate)
 
 
@@ -50,7 +50,7 @@ def chirp_spectrum(radar: Radar, n_fft: int) -> C128:
 
 
 def to_chirped(raw: RawData) -> RawData:
-    r"""Give every echo its pulse: range-compressed data become LFM echoes at baseband.
+    r"""LFM echoes at baseband from range-compressed data.
 
     .. math:: s_i = \frac{B}{f_s} \sum_j p_j \, g_{i - j}
 
@@ -67,7 +67,7 @@ def to_chirped(raw: RawData) -> RawData:
 
     Notes
     -----
-    Ignores what of the pulse's spectrum lies outside the band B: the receiver's filter is ideal.
+    Ignores the pulse's spectrum outside the band B: the receiver's filter is ideal.
     Echoes from outside the window whose pulses reach into it are not in the profile and so not in the record.
     """
     if raw.domain != "compressed":

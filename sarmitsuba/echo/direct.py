@@ -1,4 +1,4 @@
-"""Direct accumulator: every path is spread onto every pulse's own range grid."""
+"""Direct accumulation: every path is spread onto the range grid of its own pulse."""
 
 from dataclasses import dataclass
 
@@ -28,8 +28,8 @@ class DirectPlan:
     range0 : (stop - start,) float64, slant range of cell 0 at each pulse, m
     n_range : cells per pulse
     width : of the gridding kernel
-    fine : how the grid becomes the window's samples
-    in_pulse : motion of the antenna within the pulses; None: it stands still
+    fine : resampling of the grid to the window's samples
+    pulse_motion : motion of the antenna within the pulses; None: start-stop approximation
     """
 
     start: int
@@ -47,12 +47,12 @@ class DirectPlan:
 
     @property
     def n_pulses(self) -> int:
-        """Pulses of this plan."""
+        """Number of pulses."""
         return self.stop - self.start
 
     @property
     def kernel(self) -> GriddingKernel:
-        """The gridding kernel."""
+        """Gridding kernel."""
         return gridding_kernel(self.width)
 
     def shape(self, n_layers: int) -> tuple[int, int, int]:
@@ -89,7 +89,7 @@ def box_slant_range(box: F64, radar: Radar, pulses: slice) -> tuple[F64, F64]:
 def plan_direct(
     radar: Radar, start: int, stop: int, box: F64, width: int = 4, extra_slant_range: float = 0.0
 ) -> DirectPlan:
-    """Lay out the range grids of the pulses ``start:stop``.
+    """Plan of the range grids of the pulses ``start:stop``.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def plan_direct(
     start, stop : pulse indices
     box : (2, 3) float64, m, scene frame; bounds of all phase centres
     width : of the gridding kernel, 1 to 8
-    extra_slant_range : half of what multiple reflections add to the way to the box at most, m
+    extra_slant_range : half the largest extra path length by multiple reflections, m
     """
     cell, window = radar.waveform.range_cell, radar.window
     near, far = box_slant_range(np.asarray(box, dtype=np.float64), radar, slice(start, stop))
@@ -146,7 +146,7 @@ def spread_reference(
 def finish(
     grid: NDArray[np.complexfloating], plan: DirectPlan, radar: Radar, *, share: RangeFilter | None = None
 ) -> C64:
-    """Turn filled grids into range-compressed profiles.
+    """Range-compressed profiles from filled grids.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Spreading kernels of the non-uniform FFT, and the step from a fine range grid to the receiver's samples.
+"""Gridding kernels of the non-uniform FFT, and resampling from a fine range grid to the receiver's samples.
 
 Why not FINUFFT here. Measured with FINUFFT 2.5.1 on two cores, CPU time, float64 sums on both sides:
 
@@ -41,7 +41,7 @@ _INVERSE_DEGREE = 16
 
 @dataclass(frozen=True)
 class GriddingKernel:
-    r"""Kernel that spreads one contribution over ``width`` neighbouring cells of a uniform grid.
+    r"""Gridding kernel that spreads one contribution over ``width`` neighbouring cells of a uniform grid.
 
     .. math:: \phi(x) = \exp\left(\beta \left(\sqrt{1 - (2 x / w)^2} - 1\right)\right), \quad |x| \le w / 2
 
@@ -144,7 +144,7 @@ class GriddingKernel:
         return subsets
 
     def transform(self, nu: ArrayLike) -> F64:
-        """Fourier transform of what :meth:`taps` spreads, at ``nu`` cycles per cell, float64.
+        """Fourier transform of the kernel of :meth:`taps`, at ``nu`` cycles per cell, float64.
 
         Gauss-Legendre quadrature of the piecewise polynomial, exact to rounding for ``|nu| <= 1``.
         """
@@ -160,7 +160,7 @@ class GriddingKernel:
         return out
 
     def inverse_transform(self, nu: ArrayLike) -> F64:
-        """One over :meth:`transform`: for ``|nu| <= 1/2`` a polynomial in ``nu^2``, exact to 1e-9."""
+        """Reciprocal of :meth:`transform`: for ``|nu| <= 1/2`` a polynomial in ``nu^2``, exact to 1e-9."""
         nu = np.asarray(nu, dtype=np.float64)
         if self.width <= 2 or np.abs(nu).max(initial=0.0) > 0.5:
             return np.asarray(1.0 / self.transform(nu))
@@ -203,13 +203,13 @@ class GriddingKernel:
 
 @lru_cache(maxsize=16)
 def gridding_kernel(width: int) -> GriddingKernel:
-    """Return the kernel of that width; its coefficients are fitted once."""
+    """Gridding kernel of a given width; its coefficients are fitted once."""
     return GriddingKernel(width)
 
 
 @dataclass(frozen=True)
 class FineGrid:
-    """Lengths of the FFTs between a fine range grid and the window's samples, and the cell that ties them.
+    """Lengths of the FFTs between a fine range grid and the window's samples, and the common cell.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ class FineGrid:
 def fine_grid(
     range_cell: float, sample_spacing: float, low: float, high: float, n_least: int = 0
 ) -> FineGrid:
-    """Choose the fine grid for distances ``low`` ... ``high`` (m) between contributions and samples.
+    """Fine grid for distances ``low`` ... ``high`` (m) between contributions and samples.
 
     ``n_least`` is the least number of cells the period must have.
     """
@@ -249,7 +249,7 @@ def to_window(
     kernel: GriddingKernel | None = None,
     share: RangeFilter | None = None,
 ) -> C64:
-    r"""Turn contributions on a fine range grid into range-compressed samples of exactly the radar's band.
+    r"""Range-compressed samples of exactly the radar's band, from contributions on a fine range grid.
 
     Every contribution at x becomes ``sinc((r - x) / range_cell)`` (np.sinc) at the samples r.
 
@@ -269,9 +269,8 @@ def to_window(
 
     Notes
     -----
-    The periodic point response is made from ``sinc`` times a taper that is 1 on ``low`` ... ``high`` and 0
-    half a period away: the tails of the sinc fall off so slowly that the plain DFT's images of them are a
-    -45 dB error.
+    The periodic point response is ``sinc`` times a taper that is 1 on ``low`` ... ``high`` and 0 half a period
+    away: the tails of the sinc decay so slowly that their aliases in a plain DFT would be a -45 dB error.
     """
     n_layers, n_pulses, _ = fine.shape
     weight, count = _band_weight(grid, range_cell, kernel)

@@ -1,4 +1,4 @@
-"""The grid of the image-domain method: where its contributions go before they are focused."""
+"""Grid of the image-domain method (``image``), onto which the contributions of looks are spread before focusing."""
 
 from dataclasses import dataclass
 from types import ModuleType
@@ -14,17 +14,17 @@ from sarmitsuba.samples import Samples
 
 @dataclass(frozen=True)
 class BeamFan:
-    r"""Coordinates of places in the plane of azimuth and closest range, by the pulse whose beam axis passes over them.
+    r"""Coordinates of points in the slant plane by the pulse whose beam axis passes over them (steered beams).
 
-    A steered beam sweeps over the plane as lines from the track that meet in its rotation centre (at infinity where the
-    beam is fixed to the track). A place at the distance a along the line through the fan's centre, and b across it, has
+    The axes of a steered beam are lines from the track that intersect in its rotation centre (at infinity for a beam
+    fixed to the track). A point at the distance a along the line through the fan's centre, and b across it, has
 
     .. math:: p = \frac{2 a - \kappa (a^2 + b^2)}{1 + \sqrt{(1 - \kappa a)^2 + \kappa^2 b^2}}
 
-    its distance along its own line from the circle about the rotation centre through the fan's centre, and c, the
-    azimuth of the antenna on that line. The gradient of p is the unit vector along the line, so that
-    :math:`\exp(-4 \pi j p / \lambda)` is, to first order about every place, the phase of an echo from there when the
-    beam axis passes over it: what is left of it over the aperture is the same everywhere.
+    its distance along its line from the circle about the rotation centre through the fan's centre, and c, the azimuth
+    of the antenna on that line. The gradient of p is the unit vector along the line, so that
+    :math:`\exp(-4 \pi j p / \lambda)` is, to first order about every point, the phase of its echo when the beam axis
+    passes over it: the residual phase over the aperture is the same everywhere.
 
     Parameters
     ----------
@@ -42,12 +42,12 @@ class BeamFan:
 
     @property
     def cosine(self) -> float:
-        """Of the angle of the centre's line off the zero-Doppler plane."""
+        """Cosine of the angle of the centre's line off the zero-Doppler plane."""
         return float(np.sqrt(1.0 - self.sine**2))
 
     @property
     def stretch(self) -> float:
-        """Distance across the centre's line over change of c."""
+        """Ratio of the distance across the centre's line to the change of c."""
         return self.cosine / (1.0 + self.curvature * self.closest_range / self.cosine)
 
     def place(
@@ -58,13 +58,13 @@ class BeamFan:
         numbers: tuple[Samples, ...] | None = None,
         xp: ModuleType = np,
     ) -> tuple[Samples, Samples, Samples]:
-        """Coordinates p and c, and distance from the antenna when the beam axis passes over, of resting places, m.
+        """Coordinates p and c of points at rest, and their distance when the beam axis passes over them, m.
 
         Parameters
         ----------
         slant_range, range_rate : m and m/s, as seen from one look; float64
         antenna : m, azimuth of the antenna in that look
-        numbers : what :attr:`numbers` holds, for kernels that are not to be compiled for each value
+        numbers : as :attr:`numbers`, for kernels that must not be compiled for each value
         xp : NumPy, or Dr.Jit
         """
         azimuth, closest, sine, cosine, curvature, per_rate = numbers or self.numbers
@@ -81,7 +81,7 @@ class BeamFan:
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """What :meth:`place` goes by: azimuth, closest range, sine, cosine, curvature and -1 / speed."""
+        """Parameters of :meth:`place`: azimuth, closest range, sine, cosine, curvature and -1 / speed."""
         return (
             self.azimuth,
             self.closest_range,
@@ -94,12 +94,12 @@ class BeamFan:
 
 @dataclass(frozen=True, eq=False)
 class LookGrid:
-    """Where the contributions of looks go: a grid over a range and an azimuth coordinate.
+    """Grid of the looks over a range and an azimuth coordinate.
 
-    Where every pixel is seen by the same pulses (``fan`` None) there is one look, and a path of slant range h and range
-    rate h' goes to the cell of these two. Where a beam passes over the pixels in turn there are as many looks as
-    lit apertures follow each other, and a path goes to the cell of its coordinates in the beam's ``fan``; it
-    belongs to the two looks whose antenna was nearest when the beam passed, shared linearly.
+    If all pixels are lit by the same pulses (``fan`` None) there is one look, and a path is added at its slant range
+    and range rate. If a beam passes over the pixels in turn there is one look per aperture along the track, and a
+    path is added at its coordinates in the beam's ``fan``; it is divided linearly between the two looks whose antenna
+    was nearest when the beam passed.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class LookGrid:
 
     @property
     def kernel(self) -> GriddingKernel:
-        """Spreading kernel of both axes."""
+        """Gridding kernel of both axes."""
         return gridding_kernel(self.width)
 
     @property
@@ -137,39 +137,41 @@ class LookGrid:
 
     @property
     def spacing(self) -> float:
-        """Distance between the antenna's places in neighbouring looks, m; 1 for one look."""
+        """Distance between the antenna positions of neighbouring looks, m; 1 for one look."""
         return float(self.antenna[1] - self.antenna[0]) if self.n_looks > 1 else 1.0
 
-    def state(self, point: F64, look: int | I64 = 0) -> tuple[F64, F64]:
-        """Slant range (m) and range rate (m/s) of points (..., 3) that rest, as seen from looks (...)."""
+    def state(self, point: F64, look: int | NDArray[np.int64] = 0) -> tuple[F64, F64]:
+        """Slant range (m) and range rate (m/s) of points (..., 3) at rest, from looks (...)."""
         leg = point - self.position[look]
         distance = np.linalg.norm(leg, axis=-1)
         if isinstance(look, int):
             return distance, np.asarray(-(leg @ self.velocity[look]) / distance)
         return distance, np.asarray(-np.einsum("...i,...i->...", leg, self.velocity[look]) / distance)
 
-    def coordinates(self, slant_range: F64, range_rate: F64, look: int | I64 = 0) -> tuple[F64, F64, F64]:
-        """Range and azimuth coordinate of paths, and the distance (m) that their amplitudes are for, any shape."""
+    def coordinates(
+        self, slant_range: F64, range_rate: F64, look: int | NDArray[np.int64] = 0
+    ) -> tuple[F64, F64, F64]:
+        """Range and azimuth coordinate of paths, and the distance (m) of their amplitudes, any shape."""
         if self.fan is None:
             return slant_range, range_rate, slant_range
         return self.fan.place(slant_range, range_rate, self.antenna[look])
 
     def share(self, azimuth: F64, look: int) -> F64:
-        """Part that a look has in places of that fan coordinate c."""
+        """Weight of a look for points of the fan coordinate c."""
         if self.n_looks == 1:
             return np.ones_like(azimuth)
         inside = np.clip(azimuth, self.antenna[0], self.antenna[-1])
         return np.asarray(np.maximum(1.0 - np.abs(inside - self.antenna[look]) / self.spacing, 0.0))
 
     def cells(self, range_coordinate: F64, azimuth: F64) -> tuple[F64, F64, F64]:
-        """Range coordinate less the reference (m), and the position on the two axes in cells."""
+        """Range coordinate relative to the reference (m), and position on the two axes in cells."""
         offset = range_coordinate - self.reference_range
         x = (offset - self.range0) * (1.0 / self.range_step)
         y = (azimuth - self.azimuth0) * (1.0 / self.azimuth_step)
         return offset, x, y
 
     def filtered(self, cells: C64, share: RangeFilter | None, wavelength: float) -> C64:
-        """Cells (n_layers, n_range, n_azimuth) with a factor on their spectrum over the band; None leaves them.
+        """Cells (n_layers, n_range, n_azimuth) with a factor on their spectrum over the band; None: unchanged.
 
         In a fan's coordinates frequencies are circles about the origin of the wavenumbers, as in the response.
 

@@ -38,19 +38,19 @@ def noise_power(radar: Radar, domain: str) -> float:
 
 
 def noise_generator(radar: Radar, seed: int, channel: int, days: float = 0.0) -> np.random.Generator:
-    """Random numbers of a receiver's noise: of a channel, of the place that its antennas fly at, and of the time.
+    """Random generator of a receiver's noise, seeded by channel, antenna position and time.
 
-    Two passes of one seed see the same scatterers but have noise of their own.
+    Two passes with one seed have the same scatterers but independent noise.
 
     Parameters
     ----------
-    radar : its mid-aperture to a centimetre, and that of a receiver apart, belong to the seed
+    radar : its mid-aperture position to a centimetre, and that of a separate receiver, are part of the seed
     seed : the same seed gives the same noise
     channel : number of the channel
     days : since the first pass
     """
     tracks = [radar.track, *([radar.receiver] if radar.receiver is not None else [])]
-    # the shift keeps round figures away from where rounding flips
+    # the shift keeps round coordinates away from rounding boundaries
     place = np.round(
         100.0 * np.concatenate([t.center_position + radar.offset for t in tracks]) + 0.3718
     ).astype(np.int64)
@@ -59,7 +59,7 @@ def noise_generator(radar: Radar, seed: int, channel: int, days: float = 0.0) ->
 
 
 def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
-    """Add one independent realisation of thermal noise per channel.
+    """Raw data with one independent realisation of thermal noise per channel.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
 
     Notes
     -----
-    The planes of a channel (bounce orders, subsets) add up to the channel, so its noise goes into the plane of
-    the lowest order; where there are two subsets each gets the same noise by its share, which leaves their
-    difference free of it. Ignores quantisation, clutter and interference.
+    The planes of a channel (bounce orders, subsets) add up to the channel, so its noise is added to the plane of the
+    lowest order; of two subsets each gets the same noise by its share, so that their difference is free of noise.
+    Ignores quantisation, clutter and interference.
     """
     radar = raw.radar
     if radar.noise_temperature <= 0.0:
@@ -108,10 +108,12 @@ def _white(rng: np.random.Generator, shape: tuple[int, int], power: float) -> C6
 
 def _in_band(rng: np.random.Generator, shape: tuple[int, int], power: float, radar: Radar) -> C64:
     """Circular complex Gaussian of mean power ``power``, flat over the band B and zero outside."""
-    n_fft = int(scipy.fft.next_fast_len(shape[1] + 32))  # the noise's two ends do not meet
+    n_fft = int(scipy.fft.next_fast_len(shape[1] + 32))  # avoids correlation of both ends by periodicity
     share = radar.waveform.bandwidth / radar.window.sampling_rate
     bins = np.abs(scipy.fft.fftfreq(n_fft))
-    gain = np.clip((0.5 * share - bins) * n_fft + 0.5, 0.0, 1.0)  # an edge bin counts by its part inside
+    gain = np.clip(
+        (0.5 * share - bins) * n_fft + 0.5, 0.0, 1.0
+    )  # an edge bin is weighted by its part within the band
     gain = np.sqrt(gain * (n_fft / gain.sum())).astype(np.float32)
     white = _white(rng, (shape[0], n_fft), power) * (gain * np.float32(np.sqrt(n_fft)))
     return np.asarray(scipy.fft.ifft(white, axis=-1, workers=-1, overwrite_x=True)[:, : shape[1]])

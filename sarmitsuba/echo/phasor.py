@@ -1,4 +1,4 @@
-"""Complex exponentials of many phases, reduced in float64 and evaluated in float32."""
+"""Complex exponentials of arrays of phases, reduced in float64 and evaluated in float32."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ _STRIDE = 32  # steps of a ramp that one fine table covers
 
 
 def unit_phasor(phase: F64) -> C64:
-    """``exp(j phase)`` of any real phase (rad, float64), complex64: a tenth of the time of float64."""
+    """Phase factor ``exp(j phase)`` of any real phase (rad, float64), complex64, ten times as fast as complex128."""
     turns = phase * (0.5 / np.pi)
     turns -= np.rint(turns)
     angle = turns.astype(np.float32)
@@ -20,7 +20,7 @@ def unit_phasor(phase: F64) -> C64:
 
 
 def phase_ramp(step: F64, first: int, count: int) -> C64:
-    """``exp(j step m)`` for m = first ... first + count - 1.
+    """Phase factors ``exp(j step m)`` for m = first ... first + count - 1.
 
     Parameters
     ----------

@@ -1,9 +1,10 @@
-r"""What the antenna's motion within the pulse does to an echo of range r and range rate.
+r"""Motion of the antenna within the pulse: shift and phase of an echo of range r and range rate.
 
-The receiver's place is that for echoes of the range :math:`R_0`; others come back :math:`2 (r - R_0) / c` later. And an
-echo whose range changes during the pulse has the Doppler frequency :math:`f_D = -2 \dot r f_c / c`, which a matched
-filter takes for a delay of :math:`-f_D / \gamma`: a chirp of rate :math:`\gamma = B / T_p` shifted in frequency is one
-shifted in time. So the echo appears at the range e with the phase of the range h:
+The receiver's position is that at the arrival of echoes of the range :math:`R_0`; others arrive
+:math:`2 (r - R_0) / c` later. An echo whose range changes during the pulse has the Doppler frequency
+:math:`f_D = -2 \dot r f_c / c`, which after the matched filter is a delay of :math:`-f_D / \gamma`, since a chirp of
+rate :math:`\gamma = B / T_p` shifted in frequency equals one shifted in time. The echo appears at the range e with the
+phase of the range h:
 
 .. math:: e = r + \kappa \dot r, \quad h = r + \frac{\dot r}{c} (e - R_0), \quad \kappa = \frac{f_c T_p}{B}
 
@@ -29,7 +30,9 @@ from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.samples import Samples
 
-# samples that are turned at a time
+F64 = NDArray[np.float64]
+
+# samples processed at a time
 _BATCH = 1 << 20
 
 
@@ -40,7 +43,7 @@ class InPulse:
     Parameters
     ----------
     range_per_rate : kappa, s
-    reference : (n_pulses,) float64, m; slant range that the receiver's place is for
+    reference : (n_pulses,) float64, m; slant range of the echoes for which the receiver's position holds
     """
 
     range_per_rate: float
@@ -48,7 +51,7 @@ class InPulse:
 
     @staticmethod
     def of(radar: Radar, pulses: slice) -> "InPulse | None":
-        """That of some pulses; None where the antenna stands still during each."""
+        """Motion within some pulses; None in the start-stop approximation."""
         if radar.delay is None:
             return None
         return InPulse(radar.range_per_rate, 0.5 * SPEED_OF_LIGHT * radar.delay[pulses])
@@ -62,16 +65,15 @@ def carrier_range(
 
 
 def standing_still(raw: RawData) -> RawData:
-    r"""Echoes of an antenna that stands still during each pulse, as nearly as they follow from those recorded.
+    r"""Echoes corrected for the antenna's motion within the pulse (start-stop approximation), along the boresight.
 
-    The radar is `Radar.start_stop`'s, and every sample is turned by the phase that the boresight's range rate gives an
-    echo which appears there, :math:`\frac{4 \pi}{\lambda} \frac{\dot r}{c} (e - R_0)`. What is left is that of the
-    directions beside the boresight, a shift along the flight of :math:`v (e - R_0) / c`, which is a millimetre for a
-    radar that flies at 100 m/s, 3 km off the aim point.
+    The radar is that of `Radar.start_stop`, and every sample is corrected by the phase of an echo at the boresight's
+    range rate, :math:`\frac{4 \pi}{\lambda} \frac{\dot r}{c} (e - R_0)`. The residual for other directions is a shift
+    along the flight of :math:`v (e - R_0) / c`, a millimetre for a radar at 100 m/s, 3 km off the aim point.
 
     Parameters
     ----------
-    raw : range-compressed data; those of a radar that stands still come back as they are
+    raw : range-compressed data; returned unchanged if they are in the start-stop approximation
     """
     radar = raw.radar
     moving = InPulse.of(radar, slice(None))
@@ -93,7 +95,7 @@ def standing_still(raw: RawData) -> RawData:
 
 
 def widest_shift(radar: Radar, box: F64, pulses: slice) -> float:
-    """Most that echoes of a box (2, 3) m appear shifted in range, m."""
+    """Largest range shift of the echoes of a box (2, 3) m, m."""
     if radar.delay is None:
         return 0.0
     corners = np.array([[x, y, z] for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]])

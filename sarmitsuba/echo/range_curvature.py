@@ -1,4 +1,4 @@
-"""Curvature of slant ranges within a block of pulses, fitted to the track's own geometry."""
+"""Curvature of slant ranges within a block of pulses, fitted to the track's geometry."""
 
 from dataclasses import dataclass
 
@@ -12,13 +12,13 @@ from sarmitsuba.radar.radar import Radar
 
 _RANGE_DEGREE, _RATE_DEGREE = 4, 3
 _HELD = (
-    1.25  # beyond this multiple of the fitted span the polynomials are held: only kernel skirts live there
+    1.25  # beyond this multiple of the fitted span the polynomials are constant: only kernel tails lie there
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    r"""Slant range beyond ``R0 + range_rate tau``, per pulse: a function of range plus one of the range rate.
+    r"""Curvature: slant range beyond ``R0 + range_rate tau``, per pulse, as a function of range plus one of range rate.
 
     .. math:: c(R_0, \dot R, t_k) = \sum_n a_{nk} x^n + \sum_{n \ge 1} b_{nk} y^n, \quad
               x = (R_0 - R_c) / R_s, \; y = (\dot R - \dot R_c) / \dot R_s
@@ -56,14 +56,14 @@ class Curvature:
 
 @dataclass(frozen=True, eq=False)
 class KeyState:
-    """The antennas at a block's key pulse: one, or the transmitter and the receiver.
+    """State of the antennas at a block's key pulse: one antenna, or transmitter and receiver.
 
     Parameters
     ----------
     key : number of the pulse
-    position, velocity : (n_antennas, 3) float64, m and m/s, scene frame; the velocity is the slope of the best line
-        through the block's positions
-    tau : (K,) float64, s, when that line passes every pulse, from the key pulse
+    position, velocity : (n_antennas, 3) float64, m and m/s, scene frame; the velocity is that of the best line through
+        the block's positions
+    tau : (K,) float64, s, effective time of every pulse on that line, from the key pulse
     """
 
     key: int
@@ -72,11 +72,11 @@ class KeyState:
     tau: F64
 
     def slant_range(self, point: F64) -> float:
-        """Half the path over a point (3,), m."""
+        """Slant range of a point (3,), m: mean of the distances to both antennas."""
         return float(np.linalg.norm(point - self.position, axis=-1).mean())
 
     def rate(self, point: F64) -> float:
-        """Its change, m/s."""
+        """Range rate of a point (3,), m/s."""
         legs = self.position - point
         return float((np.einsum("ai,ai->a", legs, self.velocity) / np.linalg.norm(legs, axis=-1)).mean())
 
@@ -84,8 +84,8 @@ class KeyState:
 def key_state(radar: Radar, start: int, stop: int) -> KeyState:
     """State at a block's key pulse, from the best line through its pulses.
 
-    The times are those at which that line passes every pulse: an antenna that stands still or hurries is where it is,
-    whatever the clock says. What the line leaves is then small, as the grid over range rates needs it.
+    The times are those of the projections of the pulse positions onto the line, which also covers antennas at rest or
+    with varying speed. The residual is then small, as the grid over range rates requires.
     """
     key, tracks = start + (stop - start) // 2, radar.tracks
     positions = np.concatenate([track.position[start:stop] for track in tracks], axis=1)
@@ -105,9 +105,9 @@ def key_state(radar: Radar, start: int, stop: int) -> KeyState:
 def sample_paths(box: F64, antenna: F64, extra: float) -> tuple[F64, F64]:
     """Sample paths of the box as pairs of points, slant range = mean of the distances to both.
 
-    Direct returns and corner reflectors have both points alike. A mirror chain shifts its image point
-    along the line of sight, behind the first point hit, by at most ``2 * extra`` when only one of the two
-    ways is folded, ``extra`` when both are.
+    Direct returns and corner reflectors have identical points. A mirror chain shifts its image point along the line
+    of sight, behind the first hit, by at most ``2 * extra`` when only one of the two legs is mirrored, ``extra``
+    when both are.
     """
     axes = [np.linspace(box[0, i], box[1, i], n) for i, n in enumerate((7, 7, 3))]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -119,7 +119,7 @@ def sample_paths(box: F64, antenna: F64, extra: float) -> tuple[F64, F64]:
     partner = np.clip(points + rng.uniform(-2.0 * extra, 2.0 * extra, points.shape), box[0], box[1])
     images = [points, points + 0.5 * extra * sight, points + extra * sight, points + 2.0 * extra * sight]
     others = [points, points + 0.5 * extra * sight, points + extra * sight, partner]
-    # paths longer than promised do not belong to the samples
+    # longer paths than allowed are excluded
     a, b = np.concatenate(images), np.concatenate(others)
     half = 0.5 * (np.linalg.norm(a - antenna, axis=-1) + np.linalg.norm(b - antenna, axis=-1))
     keep = half <= np.linalg.norm(points - antenna, axis=-1).max() + extra
@@ -143,10 +143,10 @@ class CurvatureFit:
 
 
 def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b: F64) -> CurvatureFit:
-    """Fit the curvature to the exact slant ranges of sample paths; a, b (n_samples, 3)."""
+    """Curvature fitted to the exact slant ranges of sample paths; a, b (n_samples, 3)."""
     state = key_state(radar, start, stop)
     tau = state.tau
-    # the incident leg is the transmitter's, the scattered leg the receiver's, where there are two
+    # with two antennas the incident leg is the transmitter's, the scattered leg the receiver's
     out, back = 0, len(radar.tracks) - 1
 
     def distance(p: F64, antenna: int) -> F64:

@@ -1,4 +1,4 @@
-"""Raw data: what the receiver recorded, with everything needed to focus it."""
+"""Raw data: the recorded echoes of all pulses, with the parameters needed to focus them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ from sarmitsuba.registry import late
 
 @dataclass(frozen=True)
 class Layer:
-    """What one plane of the data holds; the planes of one channel add up to that channel.
+    """Label of one plane of the data (channel, order, subset); the planes of one channel add up to that channel.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def sum_of_channel(data: C64, layers: Sequence[Layer], channel: str | None, what
     data : (n_layers, ...) complex64
     layers : n_layers labels
     channel : name, or None for the first
-    what : the data's name in errors
+    what : name of the data in error messages
 
     Raises
     ------
@@ -64,7 +64,7 @@ def sum_of_channel(data: C64, layers: Sequence[Layer], channel: str | None, what
 
 @dataclass(frozen=True, eq=False)
 class RawData:
-    r"""Echoes of every pulse.
+    r"""Raw data: echoes of every pulse, with radar and metadata.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ class RawData:
         ``n_fast = n_samples + ceil(pulse_width * sampling_rate)``.
     radar : the radar that recorded it, with the track as recorded
     metadata : JSON-able facts: parameters, versions, seed, timings, warnings
-    request : image to focus from them where nothing else is asked for, in the frame of ``radar``
-    flown : the true track, in the frame of ``radar``, where it is not the recorded one; no focuser looks at it
+    request : default image to focus, in the frame of ``radar``
+    flown : the true track, in the frame of ``radar``, where it is not the recorded one; not used by focusers
 
     Notes
     -----
@@ -113,7 +113,7 @@ class RawData:
 
     @property
     def anchor(self) -> Anchor:
-        """Where on the Earth the origin of the file's frame lies."""
+        """Position on the Earth of the origin of the file's frame."""
         return self.radar.anchor
 
     def __repr__(self) -> str:
@@ -134,7 +134,7 @@ class RawData:
         return raw
 
     def of_pulses(self, pulses: slice | ArrayLike) -> "RawData":
-        """The echoes of these pulses alone: a slice, pulse numbers or a mask.
+        """Raw data of some pulses only: a slice, pulse numbers or a mask.
 
         ``raw.of_pulses(slice(None, None, 2))`` leaves out every second pulse, ``raw.of_pulses(slice(100, -100))``
         shortens the aperture. ``azimuth_resolution`` and ``prf`` in the metadata stay those of the whole flight.

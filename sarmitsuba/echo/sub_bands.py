@@ -1,4 +1,4 @@
-"""Amplitudes over a wide band: known at a few frequencies, interpolated by a polynomial in between."""
+"""Wide bands: amplitudes traced at a few frequencies and interpolated by a polynomial in between."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -23,7 +23,7 @@ class RangeFilter(Protocol):
 class SubBands:
     r"""Frequencies at which the scene is traced, and the share of each in the spectrum.
 
-    With the phase :math:`e^{-j 4 \pi f R / c}` of its slant range taken out, the amplitude A(f) of an echo is smooth.
+    Without the phase :math:`e^{-j 4 \pi f R / c}` of its slant range, the amplitude A(f) of an echo is smooth.
     It is traced at the Chebyshev points of the band,
 
     .. math:: f_i = f_c + \tfrac B 2 \cos(\pi (2 i + 1) / 2 n), \quad
@@ -43,7 +43,7 @@ class SubBands:
 
     @property
     def frequencies(self) -> F64:
-        """(n,) Hz, ascending; the carrier where there is one."""
+        """Traced frequencies (n,), Hz, ascending; the carrier if there is only one."""
         return self.center_frequency + 0.5 * self.bandwidth * self._nodes
 
     @property
@@ -51,7 +51,7 @@ class SubBands:
         return np.asarray(-np.cos(np.pi * (2 * np.arange(self.count) + 1) / (2 * self.count)))
 
     def shares(self, frequency: F64) -> F64:
-        """(n, m) share of each traced frequency at m frequencies, Hz; beyond the band that at its edge."""
+        """Share (n, m) of each traced frequency at m frequencies, Hz; constant beyond the band's edges."""
         u = np.clip((frequency - self.center_frequency) / (0.5 * self.bandwidth), -1.0, 1.0)
         nodes, out = self._nodes, np.ones((self.count, len(u)))
         for i, node in enumerate(nodes):
@@ -75,7 +75,7 @@ class SubBands:
         return out
 
     def range_filter(self, index: int) -> RangeFilter | None:
-        """Share of one traced frequency as a factor on range profiles; None where it is all."""
+        """Share of one traced frequency as a factor on the spectrum of range profiles; None for a single frequency."""
         return None if self.count == 1 else partial(self._of_range, index)
 
     def _of_range(self, index: int, cycles_per_metre: F64) -> F64:

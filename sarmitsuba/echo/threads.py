@@ -1,4 +1,4 @@
-"""Many small matrix products at once: own threads, each with a single-threaded BLAS."""
+"""Parallel evaluation of many small matrix products: a thread pool with single-threaded BLAS."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -9,26 +9,26 @@ from typing import Protocol
 
 
 class _BlasController(Protocol):
-    """What ``threadpoolctl.ThreadpoolController`` is used for."""
+    """Interface of ``threadpoolctl.ThreadpoolController`` that is used."""
 
     def limit(self, *, limits: int, user_api: str) -> AbstractContextManager[object]:
-        """Hold libraries to a number of threads meanwhile."""
+        """Context in which libraries are limited to a number of threads."""
         ...
 
 
 def n_threads() -> int:
-    """CPUs this process may use."""
+    """Number of CPUs available to the process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def parallel_map(function: Callable[[int], None], arguments: Iterable[int]) -> None:
-    """Call ``function`` once per argument; the calls must not depend on each other.
+    """Call ``function`` for each argument in a thread pool; the calls must be independent.
 
-    OpenBLAS splits even small products over its threads, which then wait for each other spinning: slower than
-    one thread on an idle machine (18 ms against 30 for a block of 64 pulses) and ten times slower on a busy
-    one. So BLAS is held to one thread (where ``threadpoolctl`` is there to do it) and the calls are spread.
+    OpenBLAS splits even small products over its threads, which then wait for each other spinning: slower than one
+    thread on an idle machine (18 ms against 30 for a block of 64 pulses) and ten times slower on a busy one. So BLAS
+    is limited to one thread (where ``threadpoolctl`` is installed) and the calls are distributed.
     """
     if _controller() is None:
         for argument in arguments:
@@ -45,13 +45,13 @@ def parallel_map(function: Callable[[int], None], arguments: Iterable[int]) -> N
 
 @lru_cache(maxsize=1)
 def _pool(process: int) -> ThreadPoolExecutor:
-    """Threads of this process, started once: a fork does not take them along."""
+    """Thread pool of the process, started once; not inherited by a fork."""
     return ThreadPoolExecutor(n_threads())
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread meanwhile; without ``threadpoolctl`` nothing changes."""
+    """Context in which BLAS has one thread; without ``threadpoolctl`` nothing changes."""
     controller = _controller()
     if controller is None:
         yield

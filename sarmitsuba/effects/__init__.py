@@ -1,1 +1,1 @@
-"""Which effects a scene calls for, why, and what leaving one out would cost."""
+"""Effects plan: which physical effects are simulated for a scene, why, and the error of leaving one out."""

@@ -1,4 +1,4 @@
-"""What effects are decided from: context of the scene and the radar, and what a pilot trace measured."""
+"""Context in which effects are decided: properties of scene and radar, and results of a pilot trace."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,11 +12,13 @@ from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 
-# a single resolution cell that is left out must stay this far below the clutter, dB: a hundredth of the power of
-# one look of speckle. Without clutter the tolerance applies, below the peak
+F64 = NDArray[np.float64]
+
+# limit for the return left out in a single resolution cell, relative to the clutter, dB: a hundredth of the power of
+# one look of speckle. Without clutter the tolerance applies, relative to the peak
 CELL_BELOW_CLUTTER_DB = -20.0
 
-# about what it takes to prove a closed body convex
+# approximate cost of proving a closed body convex
 PROOF_SECONDS_PER_FACE = 2.5e-6
 
 KINDS = ("coherent", "diffuse", "reciprocal")
@@ -24,7 +26,7 @@ KINDS = ("coherent", "diffuse", "reciprocal")
 
 @dataclass(frozen=True, eq=False)
 class SamplingFacts:
-    """How the full run will sample the scene, as far as it is known before the plan.
+    """SamplingFacts of the full run, as far as it is known before the plan.
 
     Parameters
     ----------
@@ -32,7 +34,7 @@ class SamplingFacts:
     n_rays : of one key pulse, all lattices
     cell : m, edge of a square as large as a resolution cell on level ground
     box : (2, 3) float64, m, scene frame; the lit part of the scene
-    key_pulses : pulses to trace, about
+    key_pulses : estimated number of traced pulses
     """
 
     ray_spacing: float
@@ -44,19 +46,18 @@ class SamplingFacts:
 
 @dataclass(frozen=True)
 class PairLevel:
-    """What pairs of diffuse scatterers return, from pairs drawn at random; no bias.
+    """Power of pairs of diffuse scatterers: unbiased estimate from a random sample of pairs.
 
     Parameters
     ----------
-    share : their power over that of diffuse scatterers alone
+    share : their power relative to that of single diffuse scattering
     error : standard error of ``share``
-    strongest : power in the square of the ground that has most, over mean clutter on as much ground
+    strongest : power in the strongest square of the ground, relative to mean clutter of the same area
     square : m, side of the squares
-    pairs : drawn ones that return something
-    realisation_error : energy of the error that the realisation of the run's pairs makes in the image, over that of the
-        clutter
-    cell : m, of the points that the run's pairs are drawn from
-    cross : their cross-polar power over that of diffuse scatterers alone; 0 where the radar records none
+    pairs : number of drawn pairs with an echo
+    realisation_error : energy of the image's error by the random choice of the run's pairs, relative to the clutter
+    cell : m, of the points from which the run's pairs are drawn
+    cross : their cross-polar power relative to single diffuse scattering; 0 where the radar records none
     """
 
     share: float
@@ -78,15 +79,15 @@ class PilotResult:
     pulses : traced pulse numbers
     rays : traced in all
     n_patches, n_features : patches placed at random, and on small features (all pulses together)
-    n_skipped : small features that the budget left out, the weakest
+    n_skipped : weakest small features, left out because of the budget
     mean, deviation : (4, n_orders) float64, m^2; mean power of a random patch and that mean's standard error; rows
         are ``KINDS`` and their coherent sum
     share : (n_orders,) share of the random patches with any return of the order
     peak : (4, n_orders) float64, m^2, the strongest patch, random or on a feature
-    hits : (n_orders,) hits by order
+    hits : (n_orders,) number of hits by order
     rays_per_second : pilot kernel alone, 0 when unknown
     seconds : whole pilot
-    going_on : largest share of a patch's power, as launched, that still goes on after the last order
+    going_on : largest share of a patch's launched power that continues after the last order
     """
 
     pulses: tuple[int, ...]
@@ -104,7 +105,7 @@ class PilotResult:
 
     @property
     def n_orders(self) -> int:
-        """Bounces that were followed."""
+        """Number of bounces traced."""
         return int(self.mean.shape[1])
 
     @property
@@ -118,7 +119,7 @@ class PilotResult:
         return float(self.mean[3].sum())
 
     def energy_db(self, rows: slice | int, first_order: int, *, upper: bool = False) -> float:
-        """Share of the image's energy in some kinds from an order on, dB; with ``upper``, plus two standard errors."""
+        """Share of the image's energy in some kinds of return from an order on, dB; ``upper``: plus two errors."""
         mean = np.atleast_2d(self.mean[rows])[:, first_order - 1 :].sum()
         if upper:
             mean = mean + 2.0 * np.sqrt(
@@ -127,13 +128,13 @@ class PilotResult:
         return _ratio_db(float(mean), self.total)
 
     def cell_db(self, rows: slice | int, first_order: int) -> float:
-        """Strongest patch in some kinds from an order on: dB above the clutter, or above the peak without any."""
+        """Strongest patch in some kinds of return from an order on, dB relative to the clutter, or to the peak."""
         peak = np.atleast_2d(self.peak[rows])[:, first_order - 1 :]
         strongest = float(peak.max()) if peak.size else 0.0
         return _ratio_db(strongest, self.clutter if self.clutter > 0 else float(self.peak[3].max()))
 
     def enough(self, tolerance_db: float) -> int:
-        """Fewest bounces after which what is left, two standard errors included, stays below the tolerance; 0: none."""
+        """Least number of bounces after which the rest, plus two standard errors, is below the tolerance; 0: none."""
         limit = self.cell_limit_db(tolerance_db)
         for n in range(1, self.n_orders):
             if self.energy_db(3, n + 1, upper=True) <= tolerance_db and self.cell_db(3, n + 1) <= limit:
@@ -141,11 +142,11 @@ class PilotResult:
         return 0
 
     def settled(self, tolerance_db: float) -> bool:
-        """Whether enough bounces were followed, by their returns and by what power goes on after the last."""
+        """Whether enough bounces were traced, by their returns and by the power that continues after the last."""
         return self.enough(tolerance_db) > 0 and self.going_on <= 10.0 ** (0.1 * tolerance_db)
 
     def would_be_enough(self, tolerance_db: float) -> int:
-        """Bounces that :meth:`enough` would find beyond those followed, if returns fall as over the last half."""
+        """Extrapolated number of bounces for :meth:`enough`, if returns decay as over the last half of those traced."""
         middle, last = (self.n_orders + 1) // 2, self.n_orders
         over, falls = 0.0, np.inf
         for of, limit in ((self.energy_db, tolerance_db), (self.cell_db, self.cell_limit_db(tolerance_db))):
@@ -156,7 +157,7 @@ class PilotResult:
         return last + int(np.ceil(over / max(falls, 1e-2)))
 
     def cell_limit_db(self, tolerance_db: float) -> float:
-        """What ``cell_db`` may be of a return that is left out."""
+        """Limit of ``cell_db`` for returns that are left out."""
         return CELL_BELOW_CLUTTER_DB if self.clutter > 0 else tolerance_db
 
 
@@ -166,15 +167,15 @@ def _ratio_db(power: float, reference: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SceneContext:
-    """All that an effect may look at.
+    """Information from which effects are decided.
 
     Parameters
     ----------
     scene : as loaded
     sampling : of the full run, None before it is known
-    pilot : what a pilot trace measured, None when there was none
-    known_shape : what was worked out about the geometry before, None to start anew
-    pairs : what pairs of diffuse scatterers return; None where they were not looked for
+    pilot : result of the pilot trace, None without one
+    known_shape : analysis of the geometry, None to compute it
+    pairs : power of pairs of diffuse scatterers; None if not estimated
     """
 
     scene: Scene
@@ -185,7 +186,7 @@ class SceneContext:
 
     @property
     def tolerance_db(self) -> float:
-        """Accepted error, dB of the image's clutter or peak."""
+        """Accepted error, dB relative to the image's clutter or peak."""
         return self.scene.settings.tolerance_db
 
     @property
@@ -201,20 +202,20 @@ class SceneContext:
 
     @cached_property
     def unlike_materials(self) -> tuple[Material, ...]:
-        """Of the materials that differ in name alone the first: a mesh may name thousands that are alike."""
+        """Distinct materials: the first of those that differ in name only (a mesh may have thousands of copies)."""
         return tuple({replace(m, name=""): m for m in reversed(self.materials)}.values())[::-1]
 
     @cached_property
     def shape(self) -> ShapeAnalysis:
-        """What the visible geometry proves."""
+        """Analysis of the visible geometry."""
         if self.known_shape is not None:
             return self.known_shape
         return self.shape_within(np.inf)
 
     def shape_within(self, seconds: float) -> ShapeAnalysis:
-        """The same, without proofs where they would take longer than that."""
+        """Analysis of the visible geometry, without proofs that would take longer than ``seconds``."""
         visible = np.array([not m.invisible for m in self.scene.materials], dtype=bool)
-        # proofs hold for the places at one time: what moves may come together
+        # proofs hold for positions at one time only: moving shapes may come together
         thorough = not self.scene.geometry.moves and (
             PROOF_SECONDS_PER_FACE * self.scene.geometry.n_faces <= seconds
         )
@@ -222,19 +223,19 @@ class SceneContext:
 
     @cached_property
     def seen_through(self) -> tuple[Material, ...]:
-        """Slabs that let waves through to something of the scene; see :mod:`sarmitsuba.effects.slabs_between`."""
+        """Slabs that transmit waves to objects behind them; see :mod:`sarmitsuba.effects.panes`."""
         return seen_through(self.scene, self.antenna)
 
     @cached_property
     def antenna(self) -> F64:
-        """(n, 3) antenna positions that bound the aperture: at most 65 pulses spread over it, m."""
+        """Antenna positions (n, 3), m: at most 65 pulses distributed over the aperture."""
         position = self.scene.radar.track.position
         pick = np.unique(np.linspace(0, len(position) - 1, min(len(position), 65)).round().astype(int))
         return np.asarray(position[pick])
 
     @cached_property
     def box(self) -> F64:
-        """(2, 3) bounds of what is lit, m, scene frame: the sampled box, else all geometry and points."""
+        """Bounds (2, 3) of the lit part, m, scene frame: the sampled box, else all geometry and points."""
         parts = []
         if self.sampling is not None:
             parts.append(self.sampling.box)
@@ -247,7 +248,7 @@ class SceneContext:
 
     @cached_property
     def corners(self) -> F64:
-        """(9, 3) corners of ``box`` and its middle, m."""
+        """Corners of ``box`` and its middle, (9, 3), m."""
         low, high = self.box
         grid = np.array(
             [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]

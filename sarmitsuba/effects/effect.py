@@ -1,4 +1,4 @@
-"""What an effect is: all the program knows of one is in the effect's own file in ``effects/catalog``."""
+"""Interface of effects; each effect is defined in one file in ``effects/catalog``."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -17,18 +17,18 @@ _NO_FLAGS: Mapping[str, str] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Assessment:
-    """What the context says about an effect, before the user has a word.
+    """Automatic decision on an effect, from the context, before explicit settings.
 
     Parameters
     ----------
     on : whether it must be simulated
-    why : the fact that decides
-    error_db : most that the image would change if it were the other way, energy over that of the image, dB; -inf for
-        nothing, NaN where there is no bound
-    value : for effects that are a number (bounce depth)
+    why : the deciding fact
+    error_db : upper bound of the change of the image with the opposite decision, energy relative to the image, dB;
+        -inf for no change, NaN where there is no bound
+    value : for effects that are a number (max_depth)
     measured : the pilot decided, not a fact
     asked : the user decided, by a setting other than the effect's switch
-    note : what is left though the effect is on, one line; a warning
+    note : warning about the error that remains with the effect on, one line
     """
 
     on: bool
@@ -48,15 +48,15 @@ class Decision:
     ----------
     name : of the effect
     on : whether it is simulated
-    why : the fact, the measurement or the explicit setting that decided
+    why : the deciding fact, measurement or explicit setting
     value : for effects that are a number, else None
-    error_db : change of the image if it were the other way, energy over that of the image, dB; -inf where it makes no
-        difference, NaN where nothing is known
-    measured : ``error_db`` was measured, both ways at key pulses; else it is an upper bound
-    cost : share of the simulation's processor time that it takes (on) or would take (off), measured both ways; NaN
-        where it was not
+    error_db : change of the image with the opposite decision, energy relative to the image, dB; -inf for no change, NaN
+        where it is not known
+    measured : whether ``error_db`` was measured with and without the effect; else it is an upper bound
+    cost : share of the simulation's processor time that it takes (on) or would take (off), measured; NaN if not
+        measured
     source : ``fact``, ``pilot`` or ``user``
-    deepest : of bounces: the last one that returns anything, found both ways; None where that is not known
+    deepest : of max_depth: the last bounce with an echo, from measurement; None where it is not known
     """
 
     name: str
@@ -71,27 +71,26 @@ class Decision:
 
     @property
     def error_is(self) -> str:
-        """What ``error_db`` is: ``measured``, ``at most``, ``none`` or ``unknown``."""
+        """Kind of ``error_db``: ``measured``, ``at most``, ``none`` or ``unknown``."""
         if self.measured:
             return "measured"
         return "unknown" if isnan(self.error_db) else "at most" if isfinite(self.error_db) else "none"
 
 
 class Effect(ABC):
-    """One effect: when it is needed, what it sets in the kernel, what later stages see without it.
+    """Physical effect: condition for simulating it, its kernel flags, and the scene with and without it.
 
     Attributes
     ----------
     name : in the plan, and of the switch in the scene file
     title : half a line for tables
     documentation : of the switch in the scene file, half a sentence; empty: it has no switch
-    off_when, off_means : for the table of `docs/effects_reference.md`: what makes it unnecessary, what the image is
-        without it
-    rank : position in the plan; an effect may look at the decisions of those before it
-    at_key_pulses : the echoes of single pulses show what it changes in the image; not so what changes the focusing, the
-        channels or the receiver
-    kernel_flags : the flags of the trace kernel that it sets, each with what the kernel does with it. Those that are
-        fields of `KernelFlags` set the field, others go into `KernelFlags.extra` when they are true
+    off_when, off_means : for the table of `docs/effects.md`: condition for off, and the simulation without it
+    rank : position in the plan; an effect may use the decisions of those before it
+    at_key_pulses : whether its influence on the image follows from the echoes of single pulses; false for effects on
+        focusing, channels or the receiver
+    kernel_flags : flags of the trace kernel that it sets, each with a description. Fields of `KernelFlags` are set,
+        others go into `KernelFlags.extra` when they are true
     """
 
     name: ClassVar[str]
@@ -105,7 +104,7 @@ class Effect(ABC):
 
     @abstractmethod
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
-        """Whether the context calls for it."""
+        """Automatic decision in a context."""
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
@@ -114,11 +113,11 @@ class Effect(ABC):
         return {}
 
     def within(self, scene: Scene) -> Scene:
-        """The scene that tracing and focusing see when it is on."""
+        """Scene for tracing and focusing with the effect on."""
         return scene
 
     def without(self, scene: Scene) -> Scene:
-        """The scene that tracing and focusing see when it is off."""
+        """Scene for tracing and focusing with the effect off."""
         return scene
 
 
@@ -126,10 +125,10 @@ EFFECTS: Registry[Effect] = Registry("effect", "sarmitsuba.effects.catalog")
 
 
 def effects() -> tuple[Effect, ...]:
-    """Every effect in the order of the plan."""
+    """All effects in the order of the plan."""
     return tuple(sorted(EFFECTS, key=lambda effect: (effect.rank, effect.name)))
 
 
 def switchable_effects() -> tuple[Effect, ...]:
-    """Those with a switch in the scene file, in the order of the plan."""
+    """Effects with a switch in the scene file, in the order of the plan."""
     return tuple(effect for effect in effects() if effect.documentation)

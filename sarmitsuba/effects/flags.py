@@ -1,4 +1,4 @@
-"""What the trace kernel is asked to do: one switch per effect. A switch that is off leaves no instruction behind."""
+"""Switches of the trace kernel, one per effect; an effect that is off is not compiled into the kernel."""
 
 from dataclasses import dataclass
 
@@ -12,16 +12,15 @@ FlagValue = bool | tuple[str, ...]
 class KernelFlags:
     """Effects compiled into the trace kernel, and the polarisation channels it records.
 
-    Every field is declared and explained by the effect that sets it (`Effect.kernel_flags`) but for these three and
+    Every field is declared and explained by the effect that sets it (`Effect.kernel_flags`) except these three and
     ``extra``:
 
     Parameters
     ----------
     channels : to record, such as ``HV`` (transmit H, receive V), see :mod:`sarmitsuba.radar.polarisation`
-    double_phase : lengths and phases in float64; off is for showing what float32 does
-    taper : fade the rays out at the edge of the launch window
-    extra : flags that are on and that only an extension knows: of effects of a user's own, for kernel code of a
-        user's own; the built-in kernel looks at none of them
+    double_phase : lengths and phases in float64; off demonstrates the error of float32
+    taper : taper of the rays at the edge of the launch window
+    extra : flags of extensions that are on, for the user's own stages; not used by the built-in kernel
     """
 
     channels: tuple[str, ...] = ("VV",)
@@ -52,7 +51,7 @@ class KernelFlags:
 
     @property
     def tracked(self) -> tuple[str, ...]:
-        """Transmit polarisations whose field is carried along: all that a reciprocal path needs."""
+        """Transmit polarisations whose fields are traced, including those needed for reciprocal paths."""
         letters = {c[0] for c in self.closed}
         if self._reversed:
             letters |= {c[1] for c in self.closed}
@@ -60,9 +59,9 @@ class KernelFlags:
 
     @property
     def closed(self) -> tuple[str, ...]:
-        """Channels in which paths are closed, of which those to record are sums.
+        """Channels that the kernel computes, from which the recorded channels are formed.
 
-        A compact channel is one of them where its own wave is all that is needed; a reciprocal path needs linear ones.
+        A compact channel is computed directly unless reciprocal paths are on, which need linear channels.
         """
         if not self._reversed:
             return self.channels
@@ -70,9 +69,9 @@ class KernelFlags:
 
     @property
     def _reversed(self) -> bool:
-        """Whether a path and the reversed one are both looked at."""
+        """Whether reversed paths are evaluated."""
         return self.multi_bounce and (self.coherent or (self.diffuse and self.diffuse_double))
 
     def reciprocal(self, channel: str) -> tuple[str, str]:
-        """Channels of a path and of the reversed one; after one bounce they are one path."""
+        """Channels of a path and of its reverse."""
         return (channel, channel[::-1] if self.multi_bounce else channel)

@@ -1,4 +1,4 @@
-"""The effects plan: what is simulated for this scene, and why. Every later stage obeys it."""
+"""Effects plan: the effects that are simulated for a scene, with reasons."""
 
 import warnings
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from sarmitsuba.scene.scene import Scene
 
 
 class PilotFigures(TypedDict, total=False):
-    """What the pilot trace did, as plain figures; lists have one entry per order, dB rounded to 0.1.
+    """Results of the pilot trace as plain figures; lists have one entry per order, dB rounded to 0.1.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class PilotFigures(TypedDict, total=False):
     seconds : whole pilot
     energy_from_order_db, energy_from_order_upper_db : share of the image's energy from an order on, and plus two
         standard errors; None where there is none
-    strongest_cell_from_order_db : strongest patch from an order on, above what ``strongest_cell_over`` says
+    strongest_cell_from_order_db : strongest patch from an order on, relative to ``strongest_cell_over``
     strongest_cell_over : ``clutter`` or ``peak``
     tolerance_db : accepted error
     """
@@ -49,15 +49,15 @@ class PilotFigures(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class EffectsPlan:
-    """Everything later stages obey.
+    """Effects plan of a scene: decisions, kernel flags and number of bounces.
 
     Parameters
     ----------
-    flags : what is compiled into the kernel
+    flags : switches of the trace kernel
     max_depth : most bounces
     decisions : one per effect
-    notes : one line each: explicit choices that cost accuracy, and what the pilot could not see
-    pilot : what the pilot trace did; empty without one
+    notes : one line each: explicit settings that cost accuracy, and limitations of the pilot
+    pilot : results of the pilot trace; empty without one
     """
 
     flags: KernelFlags
@@ -67,11 +67,11 @@ class EffectsPlan:
     pilot: PilotFigures = field(default_factory=PilotFigures)
 
     def decision(self, name: str) -> Decision | None:
-        """The line of an effect, None when there is none."""
+        """Decision on an effect, None when there is none."""
         return next((d for d in self.decisions if d.name == name), None)
 
     def on(self, name: str) -> bool:
-        """True when the effect is simulated."""
+        """Whether the effect is simulated."""
         decision = self.decision(name)
         return decision is not None and decision.on
 
@@ -82,14 +82,14 @@ class EffectsPlan:
         return decision.value or LEAST_SUB_BANDS if decision is not None and decision.on else 1
 
     def with_decision(self, decision: Decision) -> "EffectsPlan":
-        """The plan with one line added, or replaced where the name is there."""
+        """Plan with one decision added, or replaced where there is one of the same name."""
         kept = tuple(d for d in self.decisions if d.name != decision.name)
         return replace(self, decisions=(*kept, decision))
 
     def with_measured(
         self, name: str, error_db: float, cost: float, *, measured: bool = True, deepest: int | None = None
     ) -> "EffectsPlan":
-        """The plan with what an effect changes (dB; at most, unless measured) and takes (share), found both ways."""
+        """Plan with the measured influence (dB; upper bound unless measured) and cost (share) of an effect."""
         found = {"error_db": error_db, "cost": cost, "measured": measured, "deepest": deepest}
         decisions = tuple(
             replace(d, **found) if d.name == name else d  # type: ignore[arg-type]
@@ -100,15 +100,14 @@ class EffectsPlan:
     def with_key_pulses(
         self, interval: int, error_db: float, asked: bool, boundaries: tuple[int, int] = (0, 0)
     ) -> "EffectsPlan":
-        """The plan with the number of pulses that share one tracing, known once the run is laid out.
+        """Plan with the number of pulses that share one tracing.
 
         Parameters
         ----------
         interval : pulses per key pulse; 1 traces every pulse
-        error_db : against tracing every one, dB, as measured where blocks of pulses meet; NaN where one block holds
-            all
+        error_db : against tracing every pulse, dB, measured at block boundaries; NaN for a single block
         asked : set by the user
-        boundaries : places where blocks meet that were looked at, and how many there are; as many: all
+        seams : number of block boundaries measured, and of all boundaries
         """
         if np.isnan(error_db):
             measured = "one block holds all pulses, so that its error is not measured"
@@ -124,7 +123,7 @@ class EffectsPlan:
         elif interval > 1:
             why, source = measured, "pilot"
         else:
-            why, source = "every pulse is traced: so asked, or no block of pulses keeps the error", "fact"
+            why, source = "every pulse is traced: as set, or the error of blocks would be too large", "fact"
         return self.with_decision(
             Decision(
                 "key_pulse_interval",
@@ -138,7 +137,7 @@ class EffectsPlan:
         )
 
     def apply(self, scene: Scene) -> Scene:
-        """The scene as tracing and focusing must see it: without what is off (beam, cross channels, noise ...)."""
+        """Scene for tracing and focusing, with the effects that are off removed (beam, cross channels, noise ...)."""
         on = {d.name: d.on for d in self.decisions}
         for effect in effects():
             if effect.name in on:
@@ -146,7 +145,7 @@ class EffectsPlan:
         return scene
 
     def summary(self) -> str:
-        """One line: bounces, and the effects that are on and off, as far as off makes a difference or was asked for."""
+        """One line: bounces, effects that are on, and those off that make a difference or were switched off."""
         on = [d.name for d in self.decisions if d.on and d.value is None]
         off = [
             d.name
@@ -190,17 +189,17 @@ def plan_effects(
     warn: bool = True,
     up_to: int | None = None,
 ) -> EffectsPlan:
-    """Decide every effect; explicit settings win, and say so where they cost accuracy.
+    """Effects plan of a scene; explicit settings take precedence, with a warning where they cost accuracy.
 
     Parameters
     ----------
     scene : as loaded
-    sampling : how the run will sample the scene; without it, what depends on it stays on
-    pilot : what a pilot trace measured; without it, static context and safe defaults decide
-    shape : of this scene's geometry, to save working it out again
-    pairs : what pairs of diffuse scatterers return; without it they are on where there may be any
-    warn : issue a ``SarmitsubaWarning`` for explicit choices that cost more than the tolerance
-    up_to : last rank to decide, None for all; what is not decided stays on
+    sampling : of the run; without it, effects that depend on it stay on
+    pilot : result of a pilot trace; without it, static context and safe defaults decide
+    shape : analysis of the scene's geometry, None to compute it
+    pairs : power of pairs of diffuse scatterers; without it they are on where there may be any
+    warn : issue a ``SarmitsubaWarning`` for explicit settings that cost more than the tolerance
+    up_to : last rank to decide, None for all; effects not decided stay on
     """
     context = SceneContext(scene, sampling, pilot, shape, pairs)
     wanted = scene.settings.effects
@@ -247,7 +246,7 @@ def plan_effects(
 
 
 def _check_switches(scene: Scene) -> None:
-    """Refuse a switch that no effect has: it would have no effect."""
+    """Raise an error for a switch of an unknown effect."""
     known = [effect.name for effect in switchable_effects()]
     for name in scene.settings.effects:
         if name not in known:
@@ -267,7 +266,7 @@ def _declared(effect: Effect, values: Mapping[str, FlagValue]) -> Mapping[str, F
 
 
 def _kernel_flags(chosen: Mapping[str, FlagValue]) -> KernelFlags:
-    """Flags that the kernel knows as fields, the others by name where they are on."""
+    """Kernel flags: known ones as fields, the others by name where they are on."""
     known = {f.name for f in fields(KernelFlags)}
     extra = frozenset(name for name, value in chosen.items() if name not in known and value)
     fitting = {name: value for name, value in chosen.items() if name in known}
@@ -281,7 +280,7 @@ def _decide(name: str, switch: str, assessment: Assessment) -> Decision:
             name, assessment.on, assessment.why, assessment.value, assessment.error_db, source=source
         )
     on = switch == "on"
-    # asked for what the context says too: the error of the other way stays; asked against them: nothing is known better
+    # setting equal to the automatic decision: its error bound holds; setting against it: no better bound is known
     return Decision(
         name,
         on,
@@ -293,7 +292,7 @@ def _decide(name: str, switch: str, assessment: Assessment) -> Decision:
 
 
 def _depth_note(context: SceneContext, depth: int) -> str:
-    """What bounces that are not followed return, where that is above the tolerance, and how many it would take."""
+    """Warning about the bounces left out, where they are above the tolerance, with the number needed."""
     asked, pilot = context.scene.settings.max_depth, context.pilot
     if pilot is None or depth > pilot.n_orders:
         return ""
@@ -304,11 +303,11 @@ def _depth_note(context: SceneContext, depth: int) -> str:
         remedy = f"set max_depth = {enough} or auto"
     else:
         likely = pilot.would_be_enough(tolerance)
-        remedy = f"it would take about max_depth = {likely}" if likely <= DEEPEST else "they hardly fall"
+        remedy = f"about max_depth = {likely} is needed" if likely <= DEEPEST else "they hardly decay"
     order = min(depth + 1, pilot.n_orders)
     over = "clutter" if pilot.clutter > 0 else "peak"
     return (
-        f"{context.scene.name}: max_depth = {depth} leaves out returns: those of bounce {order} and on hold "
+        f"{context.scene.name}: max_depth = {depth} leaves out returns: those of bounce {order} and later hold "
         f"{pilot.energy_db(3, order):.0f} dB of the image's energy, strongest cell {pilot.cell_db(3, order):.0f} dB "
         f"over the {over}; {remedy}"
     )

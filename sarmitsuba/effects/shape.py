@@ -1,4 +1,4 @@
-"""What the geometry alone proves: at most one bounce, nothing hides, small features that rays may miss."""
+"""Analysis of the geometry: proofs of a single bounce and of visibility, and small features that rays may miss."""
 
 from functools import cached_property
 
@@ -15,27 +15,27 @@ from sarmitsuba.scene.geometry import Geometry
 
 # products of planes and vertices that a proof may cost; 5e7 take about 0.2 s
 _MAX_PRODUCTS = 50_000_000
-# faces up to which all pairs are looked at
+# faces up to which all pairs are examined
 _MAX_FACING = 1500
-# bounces that only faces turned towards each other can have between them
+# number of bounces possible only between faces opposite each other
 DEEP = 8
 # faces up to which edges are searched for
 _MAX_FACES = 200_000
 
 
 class ShapeAnalysis:
-    """Properties of the visible geometry, each worked out when it is asked for.
+    """Properties of the visible geometry, each computed on first use.
 
     Parameters
     ----------
     geometry : of the scene
-    visible : (n_materials,) bool, materials that rays see
+    visible : (n_materials,) bool, visible materials
     antenna : (n, 3) float64, m, positions along the aperture
-    thorough : work proofs out; otherwise only what the geometry states is proven, which costs nothing
+    thorough : whether to attempt proofs; otherwise only properties stored in the geometry are used
 
     Notes
     -----
-    A face counts with both sides: the kernel turns normals towards the ray.
+    A face counts with both sides: the kernel orients normals towards the ray.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class ShapeAnalysis:
 
     @cached_property
     def points(self) -> F64:
-        """(n, 3) vertices in use."""
+        """Vertices of visible faces, (n, 3), m."""
         used = np.zeros(len(self.vertices), dtype=bool)
         used[self.faces] = True
         return np.asarray(self.vertices[used])
@@ -64,17 +64,17 @@ class ShapeAnalysis:
 
     @property
     def slack(self) -> float:
-        """Vertices so far from a plane lie in it, m: float64 rounding of a transformed mesh, float32 of a file."""
+        """Tolerance of coplanarity, m: float64 rounding of a transformed mesh, float32 of a file."""
         return SLACK * self.size
 
     @property
     def n_faces(self) -> int:
-        """Visible faces."""
+        """Number of visible faces."""
         return int(self.faces.shape[0])
 
     @cached_property
     def normals(self) -> F64:
-        """(n_faces, 3) unit normals; zero for degenerate faces."""
+        """Unit normals (n_faces, 3); zero for degenerate faces."""
         a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
         n = np.cross(b - a, c - a)
         length = np.linalg.norm(n, axis=1, keepdims=True)
@@ -82,7 +82,7 @@ class ShapeAnalysis:
 
     @cached_property
     def areas(self) -> F64:
-        """(n_faces,) m^2."""
+        """Areas (n_faces,), m^2."""
         a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
         return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
@@ -100,7 +100,7 @@ class ShapeAnalysis:
 
     @cached_property
     def _hull(self) -> F64:
-        """Vertices that bound all others (all of them where there are few, or they are flat)."""
+        """Vertices of the convex hull (all vertices where there are few, or they are coplanar)."""
         if len(self.points) > 500:
             try:
                 return np.asarray(self.points[ConvexHull(self.points).vertices])
@@ -110,9 +110,9 @@ class ShapeAnalysis:
 
     @cached_property
     def _one_sided(self) -> bool:
-        """Nothing of the scene lies on both sides of some face's plane; tried on a few faces.
+        """Whether the scene lies on one side of the planes of a few test faces.
 
-        Every proof below needs it of all faces, and nearly every scene fails it on the first few.
+        Every proof below needs this for all faces, and nearly every scene fails for the first few.
         """
         if self.n_faces == 0 or not self.thorough:
             return False
@@ -120,7 +120,7 @@ class ShapeAnalysis:
 
     @cached_property
     def _plane_heights(self) -> tuple[F64, F64, F64, F64] | None:
-        """Least and greatest height of the vertices and of the antenna over every plane; None when useless or dear."""
+        """Least and largest height of vertices and antenna over every plane; None where useless or too expensive."""
         if not self._one_sided:
             return None
         points = self._hull
@@ -137,7 +137,7 @@ class ShapeAnalysis:
 
     @cached_property
     def flat(self) -> bool:
-        """All of it lies in one plane."""
+        """Whether the geometry lies in one plane."""
         heights = self._plane_heights
         return heights is not None and bool(
             (heights[0] >= -self.slack).all() and (heights[1] <= self.slack).all()
@@ -147,11 +147,11 @@ class ShapeAnalysis:
     def single_bounce(self) -> str:
         """Proof that no ray from the antenna can hit twice, as one phrase; empty when there is none.
 
-        A ray leaves a face into the half space it came from. When nothing lies in that half space, for any
-        face that can be hit, no ray hits again.
+        A reflected ray stays in the half space it came from. If nothing lies in that half space, for any face that can
+        be hit, no ray hits again.
         """
         if self.n_faces == 0:
-            return "no mesh to bounce off"
+            return "no mesh to reflect rays"
         if self.convex_body:
             return "one closed convex body"
         heights = self._plane_heights
@@ -167,21 +167,21 @@ class ShapeAnalysis:
         outside = np.where(empty_above, a_low > -self.slack, True) & np.where(
             empty_below, a_high < self.slack, True
         )
-        return "every face bulges towards the antenna" if outside.all() else ""
+        return "every face is convex towards the antenna" if outside.all() else ""
 
     def facing(self, *, both_sides: bool = False) -> bool:
-        """Whether two nearly parallel faces may look at each other, as those of a duct, a street, a slab and its wall.
+        """Whether nearly parallel faces may be opposite each other, as those of a duct, a street or a slab and a wall.
 
-        Between two planes at an angle a there are pi / a reflections at most: more than ``DEEP`` of them take faces
-        that are turned towards each other to within ``pi / DEEP``. True where there are too many faces to tell.
+        Between two planes at an angle a there are at most pi / a reflections: more than ``DEEP`` of them need faces
+        that are opposite within ``pi / DEEP``. True where there are too many faces to examine.
 
         Parameters
         ----------
-        both_sides : waves get within closed meshes
+        both_sides : whether waves enter closed meshes
 
         Notes
         -----
-        Ignores what stands between, and waves that creep along hollow surfaces.
+        Ignores occlusion between the faces, and waves that creep along concave surfaces.
         """
         if self.n_faces > _MAX_FACING:
             return True
@@ -191,7 +191,7 @@ class ShapeAnalysis:
         outer = np.zeros(self.n_faces, dtype=bool) if both_sides else self._of_closed_meshes
         close, away = np.cos(np.pi / DEEP), middle[None] - middle[:, None]
         turned = self.normals @ self.normals.T
-        height = np.einsum("ij,ikj->ik", self.normals, away)  # of the second face over the first
+        height = np.einsum("ij,ikj->ik", self.normals, away)  # height of the second face over the first
         aside = np.sqrt(np.maximum(np.square(away).sum(axis=2) - np.square(height), 0.0))
         near = (np.abs(turned) > close) & (np.abs(height) > self.slack) & (aside < reach + reach[:, None])
         # the first face's side that the second is on, and the second's that the first is on, must be open
@@ -200,7 +200,7 @@ class ShapeAnalysis:
 
     @cached_property
     def _of_closed_meshes(self) -> NDArray[np.bool_]:
-        """(n_faces,) of closed meshes that point outwards."""
+        """Mask (n_faces,) of faces of closed meshes with outward normals."""
         found = np.zeros(self.n_faces, dtype=bool)
         for number in np.unique(self.mesh):
             faces = self.faces[self.mesh == number]
@@ -210,7 +210,7 @@ class ShapeAnalysis:
 
     @cached_property
     def convex_body(self) -> bool:
-        """One closed convex body with the antenna outside, known from loading or proven here."""
+        """Whether the geometry is one closed convex body with the antenna outside, from loading or proven here."""
         if not self.stated_convex and (
             self.lone_mesh
             or not self._one_sided
@@ -232,8 +232,8 @@ class ShapeAnalysis:
     def open_sight(self) -> bool:
         """Proof that no face can come between any point of the scene and the antenna.
 
-        For every face, scene and antenna lie on one and the same side of its plane, so no straight line between
-        the two crosses it.
+        For every face, scene and antenna lie on the same side of its plane, so no straight line between the two crosses
+        it.
         """
         heights = self._plane_heights
         if heights is None:
@@ -245,7 +245,7 @@ class ShapeAnalysis:
 
     @cached_property
     def cosines(self) -> tuple[float, float]:
-        """Least and greatest cosine of the incidence angle on any face, mid-aperture and both ends."""
+        """Least and largest cosine of the incidence angle on any face, mid-aperture and both ends."""
         if self.n_faces == 0 or not self.thorough:
             return 0.0, 1.0
         ends = self.antenna[[0, len(self.antenna) // 2, -1]]
@@ -259,8 +259,8 @@ class ShapeAnalysis:
     # ---- connectivity
 
     @cached_property
-    def _welded(self) -> I64:
-        """(n_faces, 3) vertex numbers after merging vertices at the same place."""
+    def _welded(self) -> NDArray[np.int64]:
+        """Vertex numbers (n_faces, 3) after merging coincident vertices."""
         return joined(self.vertices, self.faces, self.slack)
 
     @cached_property
@@ -278,8 +278,8 @@ class ShapeAnalysis:
         return np.stack([face[:-1][same], face[1:][same]], axis=1), middle
 
     @cached_property
-    def component(self) -> I32:
-        """(n_faces,) number of the connected piece each face belongs to (faces that share a vertex connect)."""
+    def component(self) -> NDArray[np.int32]:
+        """Number (n_faces,) of the connected piece of each face (faces that share a vertex are connected)."""
         if self.n_faces == 0 or self.n_faces > _MAX_FACES:
             return np.zeros(self.n_faces, dtype=np.int32)
         f = self._welded
@@ -294,15 +294,15 @@ class ShapeAnalysis:
 
     @property
     def n_components(self) -> int:
-        """Connected pieces."""
+        """Number of connected pieces."""
         return int(self.component.max()) + 1 if self.n_faces else 0
 
     @cached_property
     def features(self) -> tuple[F64, F64]:
-        """Places where small returns of more than one bounce may hide: points (n, 3) and sizes (n,), m.
+        """Small features that may return more than one bounce: points (n, 3) and sizes (n,), m.
 
-        The size is what bounds such a return: its flat-plate RCS is 4 pi size^4 / lambda^2. Every connected piece,
-        and every concave edge (with the smaller of its two faces' heights over the edge), largest first.
+        The size bounds the return: the flat-plate RCS is 4 pi size^4 / lambda^2. Every connected piece, and every
+        concave edge (with the smaller of its two faces' heights over the edge), largest first.
         """
         if self.n_faces < 2 or self.n_faces > _MAX_FACES:
             return np.zeros((0, 3)), np.zeros(0)
@@ -316,11 +316,11 @@ class ShapeAnalysis:
             with np.errstate(invalid="ignore", divide="ignore"):
                 centre = np.where(total[:, None] > 0, centre / total[:, None], 0.0)
             points.append(centre)
-            sizes.append(np.sqrt(0.5 * total))  # about half of a closed body is seen
+            sizes.append(np.sqrt(0.5 * total))  # about half of a closed body is visible
         first, second = self._edges[0].T
         if len(first):
             n1, n2 = self.normals[first], self.normals[second]
-            # faces whose planes meet at less than 20 degrees return nothing that the eye of a radar would call double
+            # faces whose planes intersect at less than 20 degrees have no significant double bounce
             bend = np.linalg.norm(np.cross(n1, n2), axis=1) > 0.34
             across = middle[second] - middle[first]
             towards = self.antenna[len(self.antenna) // 2] - middle[first]
@@ -338,7 +338,7 @@ class ShapeAnalysis:
 
 
 def _one_convex_mesh(geometry: Geometry, visible: NDArray[np.bool_]) -> bool:
-    """True where all that is visible is one whole mesh that loading found convex."""
+    """Whether the visible geometry is one whole mesh found convex during loading."""
     if not any(geometry.mesh_convex):
         return False
     seen = [

@@ -1,4 +1,4 @@
-"""Which of a scene's slabs waves go through to something behind."""
+"""Search for slabs that transmit waves to objects behind them."""
 
 import numpy as np
 
@@ -7,12 +7,12 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.slab import lets_through
 from sarmitsuba.scene.scene import Scene
 
-# faces so many thicknesses behind another one of their material may be the other face of its slab
+# faces up to this many thicknesses behind one of the same material may be the other face of its slab
 SAME_SLAB = 1.5
 
 
-def seen_through(scene: Scene, antenna: F64) -> tuple[Material, ...]:
-    """Materials that are slabs, let waves through and have something of the scene behind one of their faces.
+def seen_through(scene: Scene, antenna: NDArray[np.float64]) -> tuple[Material, ...]:
+    """Slab materials that transmit and have objects of the scene behind one of their faces.
 
     Parameters
     ----------
@@ -21,7 +21,8 @@ def seen_through(scene: Scene, antenna: F64) -> tuple[Material, ...]:
 
     Notes
     -----
-    Behind is what lies beyond the plane of a face as seen from the antenna, whether or not a ray meets it there.
+    An object is behind a face if it lies beyond the plane of the face as seen from the antenna, whether or not rays hit
+    it there.
     """
     geometry = scene.geometry
     if not geometry.n_faces:

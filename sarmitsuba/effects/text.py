@@ -1,16 +1,16 @@
-"""Short phrases for the plan's reasons."""
+"""Text fragments for the reasons in the plan."""
 
 from collections.abc import Sequence
 
 
 def names(items: Sequence[str], most: int = 3) -> str:
-    """``a, b, c and 2 more``."""
+    """List of names as text: ``a, b, c and 2 more``."""
     head = ", ".join(items[:most])
     return head + (f" and {len(items) - most} more" if len(items) > most else "")
 
 
 def length(metres: float) -> str:
-    """A length with a unit that suits it."""
+    """Length as text with a suitable unit."""
     if metres < 1e-3:
         return f"{1e6 * metres:.0f} um"
     return (

@@ -1,4 +1,4 @@
-"""Focusing: raw data in, calibrated complex image out."""
+"""Focusing of raw data into calibrated complex images."""
 
 from sarmitsuba.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTask
 from sarmitsuba.focusing.focus import focus

@@ -1,4 +1,4 @@
-"""What the synthetic aperture does to one point: antenna weights, area and shape of the impulse response."""
+"""Synthetic aperture of one point: antenna weights, and area and shape of the impulse response."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,11 +15,13 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 
-# summed weight w g^2, over the image's largest, from which on a place counts as lit: a tenth in amplitude
+F64 = NDArray[np.float64]
+
+# summed weight w g^2, over the image's largest, above which a place counts as illuminated: a tenth in amplitude
 _DARK = 0.01
 # rounding of a component of a float32 unit vector along a direction, rms
 _SINE_ROUNDING = 3.5e-8
-# summed weight over the largest below which no pulse lights a place: its pixel is zero
+# summed weight over the largest below which a place counts as not illuminated: its pixel is zero
 _UNLIT = 1e-6
 
 
@@ -31,7 +33,7 @@ def direction_gain(radar: Radar, pulse: int | slice, direction: F64, pointing: P
     radar : gives the pattern and its pointing
     pulse : a pulse index, or a slice whose length matches the last but one axis of ``direction``
     direction : (..., 3) float64, scene frame, from the antenna
-    pointing : of another antenna than the one that transmits
+    pointing : of an antenna other than the transmitter
 
     Returns
     -------
@@ -48,7 +50,7 @@ def direction_gain(radar: Radar, pulse: int | slice, direction: F64, pointing: P
 
 
 def antennas_gain(radar: Radar, pulse: int | slice, directions: Sequence[F64]) -> F64:
-    """Geometric mean of :func:`direction_gain` of the antennas, in the directions (..., 3) from each: one or two."""
+    """Geometric mean of :func:`direction_gain` of one or two antennas, for the directions (..., 3) from each."""
     gains = [
         direction_gain(radar, pulse, direction, pointing)
         for direction, pointing in zip(directions, radar.pointings, strict=True)
@@ -72,7 +74,7 @@ def pulse_ranges(radar: Radar, point: ArrayLike, pulses: slice | I64 = slice(Non
 
 
 def range_gradients(radar: Radar, point: ArrayLike) -> F64:
-    """Gradient of the slant range of points (..., 3), (..., n_pulses, 3): the line of sight, or the mean of both."""
+    """Gradient of the slant range of points (..., 3), (..., n_pulses, 3): line of sight, bistatic the mean of both."""
     look = look_directions(radar, point)
     if radar.receiver is None:
         return look
@@ -84,8 +86,7 @@ def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: W
 
     .. math:: w = \mathrm{window}(o / 2 s_a) \min(1, \max(0, (s_a - |o|) / \Delta + 1/2))
 
-    A sample at the band's end counts with the part of it that lies within, so that the sum does not jump from pixel to
-    pixel.
+    A sample at the band's end counts by its part inside the band, so that the sum is continuous from pixel to pixel.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: W
 
 
 def flight(radar: Radar) -> tuple[F64, F64, F64]:
-    """Of every pulse: unit vector of flight (n_pulses, 3), boresight's sine along it, and distance to the next, m."""
+    """Per pulse: unit vector of flight (n_pulses, 3), boresight's sine along it, and distance to the next pulse, m."""
     speed = np.linalg.norm(radar.track.velocity, axis=1)
     forward = radar.track.velocity / np.maximum(speed, 1e-300)[:, None]
     gap = speed * (np.gradient(radar.track.time) if speed.size > 1 else np.ones(1))
@@ -113,7 +114,7 @@ def beam_turn(radar: Radar) -> F64:
 
 
 def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window) -> F64:
-    """Weight w of every pulse at points (..., 3), (..., n_pulses): over the pulse index, or the pixel's own band."""
+    """Azimuth weight w of every pulse at points (..., 3), (..., n_pulses): over pulse index or the pixel's own band."""
     window = parse_window(azimuth_window)
     if np.isinf(radar.half_aperture):
         return window.aperture(radar.track.n_pulses)
@@ -132,7 +133,7 @@ def matched_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window
 
 
 def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
-    """Power by which pixels differ from backprojection's because other weights are given to the pulses.
+    """Relative power of the difference to backprojection's pixels because of different pulse weights.
 
     Parameters
     ----------
@@ -142,8 +143,8 @@ def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
 
     Returns
     -------
-    that of the worst place, over the pixel's own power; pulses whose window does not hold the place count as missing.
-    Infinite where a place is all but outside of the beam: what it shows is other places' side lobes, at any level
+    largest over the places, relative to the pixel's power; pulses whose window does not contain the place count as
+    missing. Infinite where a place is nearly outside the beam and shows only side lobes of others
     """
     distance = np.linalg.norm(
         np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position, axis=-1
@@ -161,7 +162,7 @@ def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
 
 
 def image_places(grid: ImageGrid, shape: tuple[int, int] = (5, 5)) -> F64:
-    """Points over the image, its edges and corners among them, (n, 3) m; ``shape``: how many rows and columns."""
+    """Points over the image including its edges and corners, (n, 3) m; ``shape``: number of rows and columns."""
     rows, columns = (
         np.unique(np.linspace(0, n - 1, most).astype(int)) for n, most in zip(grid.shape, shape, strict=True)
     )
@@ -169,10 +170,10 @@ def image_places(grid: ImageGrid, shape: tuple[int, int] = (5, 5)) -> F64:
 
 
 def dimness(radar: Radar, point: F64) -> float:
-    """Mean of one over the summed weight w g^2 of places (n, 3), m, over that of the best lit of them; at least 1.
+    """Mean inverse of the summed weight w g^2 at places (n, 3), m, relative to the best illuminated one; at least 1.
 
-    The power by which errors of single pulses grow over an image whose pixels are divided by that sum. Places that no
-    pulse lights are left out.
+    Power gain of errors of single pulses in an image whose pixels are divided by that sum. Places that are not
+    illuminated are left out.
     """
     if radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture):
         return 1.0
@@ -182,7 +183,7 @@ def dimness(radar: Radar, point: F64) -> float:
 
 
 def ends_rounding(radar: Radar) -> float:
-    r"""Power of the error by pulses at the ends of pixels' own apertures, which are found by sines in float32.
+    r"""Relative error power because of float32 sines at the ends of the pixels' own apertures.
 
     A pulse at an end counts by its part within the band, so that an error :math:`\epsilon` of the sine is one of
     :math:`\epsilon / \Delta` of its weight, :math:`\Delta` the step to the next pulse's. Of :math:`2 s_a / \Delta`
@@ -195,20 +196,20 @@ def ends_rounding(radar: Radar) -> float:
     distance = np.linalg.norm(line, axis=1)
     ahead = np.sum(line * forward, axis=1) / distance
     step = np.abs(gap * (1.0 - ahead**2) / distance + beam_turn(radar))
-    # nothing steps while the antenna stands still
+    # an antenna at rest has no steps
     return _SINE_ROUNDING**2 / max(float(np.median(step)) * radar.half_aperture, _SINE_ROUNDING)
 
 
 def leaves_beam(radar: Radar, point: ArrayLike) -> bool:
-    """Whether one of some places (..., 3), m, is all but outside of the beam, over the brightest of them.
+    """Whether one of the places (..., 3), m, is nearly outside the beam, relative to the best illuminated one.
 
-    What a focuser shows there is other places' side lobes, at any level.
+    A pixel there shows side lobes of other places, at any level.
     """
     return _dark(matched_weights(radar, point).sum(axis=-1))
 
 
 def _dark(total: F64) -> bool:
-    """Whether a summed weight w g^2 is next to nothing beside the largest, or all are nothing."""
+    """Whether a summed weight w g^2 is negligible relative to the largest, or all are zero."""
     return bool(total.min() <= _DARK * total.max())
 
 
@@ -233,7 +234,7 @@ def ground_cell_area(
     point : (3,) m, scene frame
     weights : (n_pulses,) weight of every pulse at that point
     range_window : over the band
-    lit_alike : all clutter has the antenna's gain at the point, as in an image made without the pattern
+    lit_alike : all clutter of the cell has the antenna's gain at the point, as in an image made without the pattern
 
     Raises
     ------
@@ -246,7 +247,7 @@ def ground_cell_area(
     over the cell.
     """
     if radar.track.n_pulses < 2:
-        raise DataError("focus: 1 pulse makes no aperture; at least 2 are needed for an image")
+        raise DataError("focus: 1 pulse gives no synthetic aperture; at least 2 are needed for an image")
     narrow = 1.0 if lit_alike else beam_over_cell(radar, np.asarray(point, dtype=np.float64), weights)
     u, weights = _by_direction(range_gradients(radar, point)[:, :2], weights)
     seen = weights > 0.0
@@ -268,9 +269,9 @@ def ground_cell_area(
 
 
 def _by_direction(u: F64, weights: F64) -> tuple[F64, F64]:
-    """Horizontal lines of sight in the order of their angle, pulses from one and the same direction merged.
+    """Horizontal lines of sight sorted by angle, with pulses from the same direction merged.
 
-    A radar that stands still, or flies back and forth, samples the same spectrum again: its weights add.
+    A radar at rest, or on a track there and back, samples the same spectrum repeatedly: its weights add.
     """
     angle = np.unwrap(np.arctan2(u[:, 1], u[:, 0]))
     order = np.argsort(angle, kind="stable")

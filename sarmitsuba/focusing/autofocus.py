@@ -1,4 +1,4 @@
-"""Autofocus: the track's error along the line of sight, estimated from the data themselves, pulse by pulse."""
+"""Autofocus: estimation of the track's error along the line of sight, pulse by pulse, from the data."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
@@ -18,13 +18,16 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import Registry
 
-# zeros beyond the end of a pulse while it is moved
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# zeros beyond the end of a pulse while it is shifted
 _GUARD = 64
 
 
 @dataclass(frozen=True, eq=False)
 class AutofocusTask:
-    """What an autofocuser works on: one channel of range-compressed data, and how an image comes of them.
+    """Input of an autofocuser: one channel of range-compressed data, and the focusing of an image from them.
 
     Parameters
     ----------
@@ -43,11 +46,11 @@ class AutofocusTask:
     progress: Progress = silent
 
     def corrected(self, error: F64) -> RawData:
-        """The data with a range error (n_pulses,), m, taken out."""
+        """Data corrected for a range error (n_pulses,), m."""
         return correct_ranges(self.raw, error)
 
     def image(self, error: F64) -> C64:
-        """(n_azimuth, n_range) complex64 image of the data with a range error (n_pulses,), m, taken out."""
+        """Image (n_azimuth, n_range), complex64, of the data corrected for a range error (n_pulses,), m."""
         raw = self.corrected(error)
         task = FocusTask(raw, self.grid, self.range_window, self.azimuth_window, silent)
         return np.asarray(self.focuser.focus(task).pixels[0])
@@ -55,12 +58,12 @@ class AutofocusTask:
 
 @dataclass(frozen=True)
 class Autofocuser(WithOptions, ABC):
-    """A way to find a track's error: a frozen dataclass whose fields are its options; registered in ``AUTOFOCUSERS``.
+    """Autofocus algorithm: a frozen dataclass whose fields are its options; registered in ``AUTOFOCUSERS``.
 
     Attributes
     ----------
-    name : what users write
-    title : what it is for, one line
+    name : in commands and calls
+    title : purpose in one line
     """
 
     kind: ClassVar[str] = "autofocus"
@@ -69,7 +72,7 @@ class Autofocuser(WithOptions, ABC):
 
     @abstractmethod
     def estimate(self, task: AutofocusTask) -> F64:
-        """Range error of every pulse, (n_pulses,) float64, m: true less recorded range to the scene."""
+        """Range error of every pulse, (n_pulses,) float64, m: true minus recorded range to the scene."""
 
 
 AUTOFOCUSERS: Registry[Autofocuser] = Registry("autofocus", "sarmitsuba.focusing.autofocusers")
@@ -94,7 +97,7 @@ def parse_autofocus(text: str | Autofocuser | None) -> Autofocuser | None:
 
 
 def remove_error(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tuple[RawData, dict[str, object]]:
-    """Data with the error taken out that an autofocuser finds in one channel of them, and facts about it.
+    """Data corrected for the range error that an autofocuser estimates from one channel, and facts about it.
 
     Parameters
     ----------
@@ -110,7 +113,7 @@ def remove_error(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tupl
     if raw.radar.track.n_pulses < 16:
         raise DataError(f"autofocus: {raw.radar.track.n_pulses} pulses are too few, at least 16 are needed")
     if not np.any(task.raw.data):
-        raise DataError("autofocus: the data hold nothing but zeros")
+        raise DataError("autofocus: the data are all zero")
     error = method.estimate(task)
     facts: dict[str, object] = {
         "method": method.name,
@@ -122,7 +125,7 @@ def remove_error(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tupl
 
 
 def correct_ranges(raw: RawData, error: F64) -> RawData:
-    r"""Data whose echoes are nearer by a range error: the spectra times :math:`e^{j (k_c + \kappa) e_t}`.
+    r"""Data shifted nearer by a range error: the spectra times :math:`e^{j (k_c + \kappa) e_t}`.
 
     Parameters
     ----------
@@ -144,13 +147,13 @@ def correct_ranges(raw: RawData, error: F64) -> RawData:
 
 
 def without_trend(radar: Radar, error: F64, weight: F64) -> F64:
-    """A range error less its constant and its slope, which only move the image and which no image shows.
+    """Range error without its constant and its slope, which only shift the image.
 
     Parameters
     ----------
     radar : gives the pulses' times
     error : (n_pulses,) float64, m
-    weight : (n_pulses,) how much each pulse counts: where nothing is seen, nothing is known of the slope
+    weight : (n_pulses,) weight of each pulse in the fit of the slope; small where a pulse shows nothing
     """
     share = weight / weight.sum()
     time = radar.track.time - share @ radar.track.time

@@ -1,4 +1,4 @@
-"""The compiled inner loop of backprojection: for every pixel, sum over pulses (Dr.Jit, LLVM or CUDA)."""
+"""Compiled inner loop of backprojection: for every pixel, sum over pulses (Dr.Jit, LLVM or CUDA)."""
 
 from __future__ import annotations
 
@@ -77,20 +77,20 @@ class ApertureBand:
     window: dr.ArrayBase
 
     def share(self, offset: dr.ArrayBase, per_step: dr.ArrayBase) -> dr.ArrayBase:
-        """Part of a pulse within the band, ``offset`` from its centre; the next pulse's is 1 / ``per_step`` on."""
+        """Part of a pulse inside the band, at ``offset`` from its centre; pulses are 1 / ``per_step`` apart."""
         return dr.clip(dr.fma(self.half - dr.abs(offset), per_step, 0.5), 0.0, 1.0)
 
     def per_step(
         self, sine: dr.ArrayBase, inverse: dr.ArrayBase, gap: dr.ArrayBase, turn: dr.ArrayBase
     ) -> dr.ArrayBase:
-        """One over the distance of neighbouring pulses' offsets.
+        """Inverse distance of neighbouring pulses' offsets.
 
         Of a pixel at a sine and 1 / ``inverse`` metres, from pulses ``gap`` metres apart whose beam turns by ``turn``.
         """
         return dr.rcp(dr.maximum(dr.abs(gap * inverse * (1.0 - sine * sine) + turn), 1e-12))
 
     def shape(self, types: ModuleType, offset: dr.ArrayBase) -> dr.ArrayBase:
-        """The window ``offset`` from the band's centre; its ends go on straight, without a kink."""
+        """Window at ``offset`` from the band's centre, extrapolated linearly beyond its ends."""
         last = len(self.window) - 1
         x = dr.clip(dr.fma(offset, 0.5 / self.half, 0.5), -0.25, 1.25) * float(last)
         node = types.UInt32(dr.clip(x, 0.0, last - 1.0))
@@ -124,15 +124,15 @@ class Beam:
 
 @dataclass(frozen=True)
 class LanePixels:
-    """Pixels of one lane: equally spaced, so that their ranges and echoes follow from a few.
+    """Equally spaced pixels of one lane, whose ranges and echoes are expanded about a few of them.
 
     Parameters
     ----------
     n_pixels : in the lane; the range is expanded about pixel ``n_pixels // 2``
-    n_nodes : places where the profiles are interpolated; the pixels' values are the polynomial through them (or those
-        values, where there are as many nodes as pixels)
+    n_nodes : places where the profiles are interpolated; the pixels' values follow by the polynomial through them
+        (directly, where there are as many nodes as pixels)
     step : from one pixel to the next, x, y, z, m, float64 opaque
-    checked : whether a pixel may leave the receive window; else no sample is tested
+    checked : whether a pixel may lie outside the receive window; else no sample is tested
     """
 
     n_pixels: int
@@ -147,7 +147,7 @@ class LanePixels:
 
     @property
     def bends(self) -> tuple[int, ...]:
-        """Places where the weights are evaluated, which are parabolas in between."""
+        """Places where the weights are evaluated, between which they are parabolas."""
         return (0,) if self.n_pixels == 1 else (0, -(self.n_pixels // 2), self.n_pixels // 2)
 
     @property
@@ -215,7 +215,7 @@ class Sight:
         return cls(line, (dx, dy, dz), square, distance, inverse, slope, bend)
 
     def received_at(self, other: Sight) -> Sight:
-        """Half the way over the pixel to another antenna, and the product of both ranges; for lines of one pixel."""
+        """Bistatic slant range, half the path over the pixel to the receiver, and product of both ranges."""
         assert self.line.n_pixels == 1
         square, distance = self.distance * other.distance, 0.5 * (self.distance + other.distance)
         return replace(self, square=square, distance=distance)
@@ -234,7 +234,7 @@ class Sight:
         return scaled(gain, cis(types, self.distance * scales.turns_per_metre))
 
     def bends(self, types: ModuleType, scales: Scales) -> list[Complex]:
-        """What turns the middle pixel's phasor into that of a node, less the phase linear in the place."""
+        """Ratio of a node's phasor to the middle pixel's, without the phase linear in the place."""
         Float = types.Float32
         tilt = Float(2.0 * self.slope * self.inverse)
         curve = dr.fma(2.0 * self.bend, Float(self.inverse), 0.25 * tilt * tilt)
@@ -294,7 +294,7 @@ def parabola(line: LanePixels, values: list[dr.ArrayBase]) -> list[dr.ArrayBase]
 
 @dataclass(frozen=True)
 class Weighting:
-    """What a pulse counts for in a pixel: antenna pattern and aperture band.
+    """Weight of a pulse in a pixel: antenna pattern and aperture band.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ class Weighting:
 
     @property
     def uniform(self) -> bool:
-        """Whether a pulse counts the same for all pixels that it reaches."""
+        """Whether a pulse has equal weight in all pixels."""
         return self.beam is None and self.band is None
 
     def of_line(
@@ -451,10 +451,10 @@ def interpolate(
 def between_nodes(
     types: ModuleType, sight: Sight, scales: Scales, weight: dr.ArrayBase, at_nodes: list[list[Complex]]
 ) -> list[tuple[list[Complex], Complex]]:
-    """Of every pixel of the lane: values of all layers, and the phasor by which they are to be multiplied.
+    """Interpolated values of all layers at every pixel of the lane, and the phasors that multiply them.
 
-    All but the phase linear in the place goes into the nodes' values; the polynomial through them then serves the
-    pixels, whose phasors are powers of one number.
+    The nodes' values contain all but the phase linear in the place; the polynomial through them gives the pixels, whose
+    phasors are powers of one number.
     """
     line = sight.line
     middle = sight.middle_phasor(types, scales, weight)

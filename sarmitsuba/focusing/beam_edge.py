@@ -1,4 +1,4 @@
-"""Rows at the edge of a steered beam, where the side lobes of brighter ground stand above what belongs there."""
+"""Image rows at the edge of a steered beam, where side lobes of brighter ground exceed the local clutter."""
 
 import numpy as np
 
@@ -8,18 +8,20 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# rows at which the beam is worked out, over three times the image's extent
+F64 = NDArray[np.float64]
+
+# rows at which the beam is evaluated, over three times the image's extent
 _NODES = 385
-# azimuth cells of side lobes that are taken in, and samples per cell
+# azimuth cells of side lobes that are included, and samples per cell
 _LOBES, _FINE = 512, 9
-# false level from which rows are named, dB
+# level error above which rows are named in a warning, dB
 _FALSE_LEVEL_DB = 0.2
 
 
 def false_level(radar: Radar, grid: ImageGrid, window: Window, cell: float) -> F64:
-    r"""Level of every row of evenly bright ground over the truth, (n_azimuth,) float64.
+    r"""Level error of homogeneous clutter in every row, linear ratio to the truth, (n_azimuth,) float64.
 
-    Focusing divides the beam's gain out, from the side lobes of other rows too:
+    Focusing divides by the beam's gain, which also raises the side lobes of other rows:
 
     .. math:: l(x) = \frac{\sum_m P(x + m \delta) |h_m|^2}{P(x) \sum_m |h_m|^2}
 
@@ -57,7 +59,7 @@ def false_level(radar: Radar, grid: ImageGrid, window: Window, cell: float) -> F
 
 
 def beam_edge_warning(radar: Radar, grid: ImageGrid, window: Window, cell: float) -> str:
-    """Which rows lie so far out in a steered beam that their level is false; empty when none does."""
+    """Warning about rows so far off the centre of a steered beam that their level is wrong; empty when none are."""
     if radar.antenna.pattern == "isotropic" or radar.mode_law.own_apertures or radar.track.n_pulses < 2:
         return ""
     level = 10.0 * np.log10(false_level(radar, grid, window, cell))
@@ -68,7 +70,7 @@ def beam_edge_warning(radar: Radar, grid: ImageGrid, window: Window, cell: float
     parts = [azimuth[half & wrong] for half in (azimuth < azimuth.mean(), azimuth >= azimuth.mean())]
     spans = " and ".join(f"{part[0]:.4g} to {part[-1]:.4g} m" for part in parts if part.size)
     return (
-        f"the rows at azimuth {spans} lie at the edge of the beam or outside it: side lobes and ambiguities of the "
-        f"ground that it lights raise their level by {level[wrong].min():.2g} dB to {level.max():.3g} dB or more; "
-        "shrink image_extent_azimuth, widen the beam, or take an azimuth window of low side lobes"
+        f"the rows at azimuth {spans} lie at the edge of the beam or outside it: side lobes and ambiguities of "
+        f"illuminated ground raise their level by {level[wrong].min():.2g} dB to {level.max():.3g} dB or more; "
+        "shrink image_extent_azimuth, widen the beam, or use an azimuth window of low side lobes"
     )

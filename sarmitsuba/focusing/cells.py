@@ -1,4 +1,4 @@
-"""Azimuth cells of a whole image: what turns radar cross sections into sigma0, range column by row."""
+"""Azimuth resolution cells over an image, which convert radar cross sections into sigma0."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,16 +15,18 @@ from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# rows at which the azimuth cell is worked out where it varies, and columns
+F64 = NDArray[np.float64]
+
+# rows and columns at which a varying azimuth cell is computed
 _ROW_NODES, _COLUMN_NODES = 65, 9
 # least change of the cell over rows that is kept, log10: 0.01 dB
 _LEAST_CHANGE = 1e-3
-# azimuth cell over the middle row's from which rows are named in a warning
+# azimuth cell over the middle row's above which rows are named in a warning
 _LONG_CELL = 1.1
 
 
 class CellPolynomial(TypedDict):
-    """How the azimuth cell varies over range: a polynomial in ``(r - center) / scale``, constant first and 1.
+    """Azimuth cell over range, relative: a polynomial in ``(r - center) / scale``, constant first and 1.
 
     ``center`` and ``scale`` are in m of the grid's range coordinate.
     """
@@ -35,7 +37,7 @@ class CellPolynomial(TypedDict):
 
 
 class CellTable(TypedDict):
-    """How the azimuth cell varies over rows: its ratio to the middle row's, linear between nodes.
+    """Azimuth cell over rows: ratio to the middle row's, linear between nodes.
 
     ``azimuth`` and ``range`` are the nodes in m of the grid's coordinates; ``ratio`` is a list of rows.
     """
@@ -52,8 +54,8 @@ class AzimuthCells:
     Parameters
     ----------
     center : m, at the grid's centre
-    polynomial : how it varies over range columns
-    rows : how it varies over rows; None where it does not
+    polynomial : variation over range columns
+    rows : variation over rows; None where it is constant
     """
 
     center: float
@@ -68,7 +70,7 @@ class AzimuthCells:
 
     @property
     def warning(self) -> str:
-        """Which rows have a much longer cell than the middle one; empty when none has."""
+        """Warning about rows with a much longer cell than the middle one; empty when there are none."""
         if self.rows is None:
             return ""
         azimuth, worst = np.array(self.rows["azimuth"]), np.max(self.rows["ratio"], axis=1)
@@ -130,10 +132,10 @@ def fit_columns(grid: ImageGrid, columns: I64, cell: F64) -> tuple[float, CellPo
 def _cell_rows(
     grid: ImageGrid, pulse_weights: Callable[[F64], F64], area_of: Callable[[F64, F64], float]
 ) -> CellTable | None:
-    """How the azimuth cell varies from row to row; None where it does not by more than 0.01 dB.
+    """Azimuth cell over rows; None where it varies by less than 0.01 dB.
 
-    It does where the track or the beam gives some rows less than the whole aperture. Rows that no pulse sees have the
-    cell of the nearest row that some pulse sees.
+    It varies where the track or the beam gives some rows less than the whole aperture. Rows that no pulse illuminates
+    have the cell of the nearest illuminated row.
 
     Parameters
     ----------
@@ -152,7 +154,7 @@ def _cell_rows(
         )
         area = np.full(lines.shape[:2], np.nan)
         for index in np.ndindex(area.shape):
-            with suppress(DataError):  # not seen
+            with suppress(DataError):  # not illuminated
                 area[index] = area_of(lines[index], pulse_weights(lines[index]))
         return rows, columns, area[1:] / area[0]
 

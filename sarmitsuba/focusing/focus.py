@@ -1,4 +1,4 @@
-"""Raw data in, calibrated complex image out."""
+"""Focusing of raw data into a calibrated complex image."""
 
 import warnings
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.validity import check_radar
 from sarmitsuba.units import db_from_power, power_from_db
 
-# footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to the track: rounding
+# deviation from 1 of the footprint's speed over the antenna's up to which a beam counts as fixed to the track: rounding
 _FIXED = 1e-9
 
 
@@ -52,13 +52,13 @@ def focus(
     autofocus: str | Autofocuser | None = None,
     progress: Progress = silent,
 ) -> SarImage:
-    """Focus raw data into a calibrated image; layers stay apart.
+    """Focus raw data into a calibrated image, layer by layer.
 
     Parameters
     ----------
     raw : chirped (compressed here first) or range-compressed data
-    grid : where to focus; default: :func:`default_grid` of ``request``, or of the one that comes with the data
-    request : image request for the default grid, or a mapping with what is to change in the data's own, such as
+    grid : pixels; default: :func:`default_grid` of ``request``, or of the data's own request
+    request : image request for the default grid, or a mapping with changes of the data's own, such as
         ``{"grid": "ground", "extent_range": 40.0, "spacing_range": 0.1, "height": 3.0}``
     focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``, ``range_doppler``,
         ``chirp_scaling``: straight, level, uniform track, a grid along it), with options if wanted, such as
@@ -100,7 +100,7 @@ def focus(
     grid = replace(grid.in_frame(raw.radar.offset), anchor=raw.anchor)
     method = parse_autofocus(autofocus)
     if method is not None and raw.radar.receiver is not None:
-        raise DataError("autofocus: it moves one antenna, and these data have two; leave it out")
+        raise DataError("autofocus: not possible with bistatic data; leave it out")
     compensation = needs_compensation(focuser, raw.radar, grid, motion_compensation)
     focuser, chosen = focuser.resolved(raw.radar, grid)
     n_layers = len(raw.layers)
@@ -163,7 +163,7 @@ def focus(
 
 
 def start_stop_phase(radar: Radar) -> float:
-    r"""Phase (rad) by which an echo of the aim point is behind that of `Radar.start_stop`, at mid-aperture.
+    r"""Phase delay (rad) of an echo of the aim point against that of `Radar.start_stop`, at mid-aperture.
 
     :math:`\frac{4 \pi}{\lambda} b^2 \cos^2\psi / 8 R` for a path b of the antenna between transmission and reception:
     0.1 rad in X band from orbit, and the same for all pixels.
@@ -178,7 +178,7 @@ def start_stop_phase(radar: Radar) -> float:
 def _of_the_radar(
     radar: Radar, grid: ImageGrid, focused: Focused, range_window: Window
 ) -> dict[str, float | bool]:
-    """What quality is judged by: squint of pixels that have apertures of their own, and NESZ in the middle."""
+    """Reference figures for quality measures: squint of pixels with their own apertures, and NESZ at the centre."""
     facts: dict[str, float | bool] = {}
     middle = radar.track.center_index
     if radar.mode_law.own_apertures and (

@@ -1,4 +1,4 @@
-"""What a focuser is: it says what it can focus, and makes the pixels and the facts that calibrate them."""
+"""Focusers: interface of the focusing algorithms, with their limits, stated errors and calibration."""
 
 import math
 from abc import ABC, abstractmethod
@@ -22,14 +22,14 @@ from sarmitsuba.registry import Registry
 
 @dataclass(frozen=True, eq=False)
 class FocusTask:
-    """What is to be focused, and where.
+    """Input of a focuser: data, grid and windows.
 
     Parameters
     ----------
     raw : range-compressed data
     grid : pixels wanted
     range_window, azimuth_window : over the bandwidth and over the pulse index
-    progress : to be called now and then
+    progress : called from time to time
     """
 
     raw: RawData
@@ -41,7 +41,7 @@ class FocusTask:
 
 @dataclass(frozen=True, eq=False)
 class Focused:
-    """What a focuser hands back.
+    """Output of a focuser.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Focused:
 
 @dataclass(frozen=True)
 class Focuser(WithOptions, ABC):
-    """A way to focus: a frozen dataclass whose fields are its options, each with a default.
+    """Focusing algorithm: a frozen dataclass whose fields are its options, each with a default.
 
     One with all defaults is registered in ``FOCUSERS``; ``Backprojection(interpolation="linear")`` is another.
 
@@ -65,7 +65,7 @@ class Focuser(WithOptions, ABC):
     ----------
     name : what users write
     title : what it is for, one line
-    bistatic : whether it takes data whose receiver is apart from the transmitter
+    bistatic : whether it accepts data with a separate receiver
     """
 
     kind: ClassVar[str] = "focuser"
@@ -74,22 +74,22 @@ class Focuser(WithOptions, ABC):
     bistatic: ClassVar[bool] = False
 
     def objection(self, radar: Radar, grid: ImageGrid) -> str:
-        """Why it is not to be asked to focus: bistatic data that it does not take, or its :meth:`refusal`."""
+        """Reason against this focuser: bistatic data that it does not accept, or its :meth:`refusal`."""
         radar = radar.start_stop()
         if radar.receiver is not None and not self.bistatic:
-            return "the receiver is apart from the transmitter"
+            return "the data are bistatic (separate receiver)"
         return self.refusal(radar, grid)
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
-        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        """Reason why it cannot focus this radar's data on this grid; empty when it can."""
         return ""
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Stated bound of the image's error, dB of exact backprojection; NaN where none is stated: never chosen."""
+        """Stated bound of the error against exact backprojection, dB; NaN where none is stated: never chosen."""
         return math.nan
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """About how much processor time one layer takes on one core of today, for comparing; that of backprojection."""
+        """Approximate processor time of one layer on one core, for comparison; here that of backprojection."""
         rate = PIXEL_PULSE_SECONDS * (OWN_APERTURES if np.isfinite(radar.half_aperture) else 1.0)
         if radar.antenna.pattern != "isotropic":
             rate += PATTERN_SECONDS
@@ -98,24 +98,23 @@ class Focuser(WithOptions, ABC):
         return CALL_SECONDS + profiles + (PIXEL_SECONDS + rate * pulses) * pixels
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
-        """Most bytes at a time while it makes the pixels, those included; raw data are held already."""
+        """Peak memory in bytes while the pixels are made, pixels included, raw data not."""
         return backprojection_bytes(radar, grid, n_layers)
 
     def resolved(self, radar: Radar, grid: ImageGrid) -> tuple["Focuser", str]:
-        """The focuser that does the work, and why it was chosen; itself unless it is a choice."""
+        """The focuser that is used, and the reason of the choice; itself except for ``auto``."""
         return self, ""
 
     @abstractmethod
     def focus(self, task: FocusTask) -> Focused:
-        """Focus; ``objection`` has been asked before."""
+        """Focus; call ``objection`` before."""
 
 
 # of one core, float64 ranges and a kernel of six taps (benchmarks/suite/focusers.py measures it), how many times that
 # with apertures of the pixels' own, and what an antenna's pattern adds (benchmarks/suite/focuser_limits.py)
 PIXEL_PULSE_SECONDS, OWN_APERTURES, PATTERN_SECONDS = 1.2e-9, 1.9, 1.9e-9
-# of what small images take the most of: a call, a sample of the raw data on its way to a profile, a pixel in NumPy, and
-# the weight of a pulse at one of the places where a pattern's weights are summed (benchmarks/suite/focusers.py prints
-# both)
+# processor seconds that dominate for small images: of a call, of a raw-data sample made into a profile, of a pixel in
+# NumPy, and of the weight of a pulse at a node of the summed pattern weights (benchmarks/suite/focusers.py prints both)
 CALL_SECONDS, PROFILE_SECONDS, PIXEL_SECONDS, WEIGHT_SECONDS = 0.01, 6e-8, 4e-7, 1.0e-7
 
 
@@ -124,7 +123,7 @@ FOCUSERS: Registry[Focuser] = Registry("focuser", "sarmitsuba.focusing.focusers"
 
 @dataclass(frozen=True)
 class Auto(Focuser):
-    """The cheapest registered focuser that can do it with a wanted error; see :meth:`resolved`."""
+    """The fastest registered focuser with a wanted error; see :meth:`resolved`."""
 
     name: ClassVar[str] = "auto"
     title: ClassVar[str] = "the cheapest of these that does not refuse and states the wanted error"
@@ -133,12 +132,12 @@ class Auto(Focuser):
     error: float = option(-50.0, "largest stated error against exact backprojection, dB")
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
-        """Why no focuser will do; empty when one does."""
+        """Reason why no focuser is suitable; empty when one is."""
         found, reason = self._choose(radar, grid)
         return "" if found else reason
 
     def resolved(self, radar: Radar, grid: ImageGrid) -> tuple[Focuser, str]:
-        """Of those that do not refuse and state an error as small as wanted, the one of least processor time.
+        """The focuser of least processor time among those that accept the data and state the wanted error.
 
         Raises
         ------
@@ -151,11 +150,11 @@ class Auto(Focuser):
         return found, reason
 
     def focus(self, task: FocusTask) -> Focused:
-        """Focus with the one chosen."""
+        """Focus with the chosen focuser."""
         return self.resolved(task.raw.radar, task.grid)[0].focus(task)
 
     def _choose(self, radar: Radar, grid: ImageGrid) -> tuple[Focuser | None, str]:
-        """The choice, or None, and what spoke for it and against the others."""
+        """The choice, or None, and the reasons for it and against the others."""
         able: list[tuple[float, str, Focuser]] = []
         against = []
         for focuser in FOCUSERS:
@@ -197,7 +196,7 @@ def parse_focuser(text: str | Focuser) -> Focuser:
 
 
 def check_focuser(focuser: Focuser, radar: Radar, grid: ImageGrid) -> None:
-    """Raise a DataError where a focuser cannot do what is asked; it names the focusers that can."""
+    """Raise a DataError where a focuser cannot focus the data; it names the focusers that can."""
     reason = focuser.objection(radar, grid)
     if reason and focuser.name == Auto.name:
         raise DataError(f"focuser {focuser.name}: {reason}")

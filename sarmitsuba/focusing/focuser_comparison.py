@@ -1,4 +1,4 @@
-"""All focusers on the same data and grid, and how far each is from the one that is most exact."""
+"""Comparison of all focusers on the same data and grid against the most exact one."""
 
 import time
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ from sarmitsuba.timing import Clock
 
 @dataclass(frozen=True, eq=False)
 class FocuserResult:
-    """What one focuser made.
+    """Result of one focuser.
 
     Parameters
     ----------
     name : of the focuser
-    refusal : why it did not focus; empty when it did
+    refusal : reason why it did not focus; empty when it did
     image : None where it refused
     seconds : elapsed
     error_db : of the image against the reference, over all layers; NaN where it refused, -inf for the reference
@@ -67,7 +67,7 @@ def compare_focusers(
     window : in range and azimuth
     reference : focuser that the others are compared with; it must not refuse
     progress : called by each in turn
-    clock : what seconds are read from
+    clock : time source, s
 
     Returns
     -------
@@ -87,7 +87,7 @@ def compare_focusers(
             image = focus(
                 raw, grid, focuser=focuser, range_window=window, azimuth_window=window, progress=progress
             )
-        except DataError as error:  # it takes neither the track nor a straight one in its place
+        except DataError as error:  # it accepts neither the track nor the straightened one
             reason = str(error).removeprefix(f"focuser {focuser.name}: ").partition("; take focuser")[0]
             return None, reason, 0.0
         return image, "", clock() - start

@@ -1,4 +1,4 @@
-"""The image grid that a radar and a request imply."""
+"""Image grid from a radar and an image request."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -20,18 +20,20 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.image_request import MAX_PIXELS, ImageRequest
 from sarmitsuba.radar.radar import Radar
 
-# an image made without a request stays below this many cells along each axis
+F64 = NDArray[np.float64]
+
+# largest extent in cells of an image without a request
 _MAX_CELLS = 1024
 # largest pixel spacing as a part of the Nyquist spacing of the image's spectrum; half a cell of a plain geometry is 0.5
 _NYQUIST_FILL = 0.8
-# pulses weaker than this part of the strongest do not count for the spectrum's extent
+# pulses weaker than this share of the strongest are ignored in the spectrum's extent
 _WEAK = 0.01
 
 
 def image_request(
     raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
 ) -> ImageRequest:
-    """Which image to make: the one that comes with the data, else one of our own, with what the request changes in it.
+    """Image request: the data's own, else a default one, with the requested changes.
 
     Parameters
     ----------
@@ -40,7 +42,7 @@ def image_request(
 
     Returns
     -------
-    the request; the last resort is a square about the aim point inside the receive window
+    the request; by default a square about the aim point inside the receive window
 
     Raises
     ------
@@ -63,12 +65,12 @@ def image_request(
 def default_grid(
     raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
 ) -> ImageGrid:
-    """Make the grid of a request, or of the one that comes with the data, or one about the aim point.
+    """Image grid of a request, of the data's own request, or of a default one about the aim point.
 
     Parameters
     ----------
-    raw, request : see :func:`image_request`; a pixel spacing of 0 stands for half a resolution cell, less where the
-        image's spectrum asks for it
+    raw, request : see :func:`image_request`; a pixel spacing of 0 means half a resolution cell, less where the image's
+        spectrum is wider
 
     Returns
     -------
@@ -77,8 +79,8 @@ def default_grid(
     Raises
     ------
     DataError
-        No such grid: the centre on the wrong side or where nothing was recorded, a plane above the radar, an extent or
-        spacing that is not positive, too many pixels.
+        Invalid grid: the centre is on the wrong side or outside the recorded ranges, the plane is above the radar, an
+        extent or spacing is not positive, or there are too many pixels.
     """
     radar = raw if isinstance(raw, Radar) else raw.radar
     request = image_request(raw, request)
@@ -134,7 +136,7 @@ def default_grid(
 
 
 def _check_request(radar: Radar, request: ImageRequest) -> None:
-    """Raise a DataError for a request that no image can meet."""
+    """Raise a DataError for an invalid request."""
     if request.grid not in ("slant", "ground"):
         raise DataError(f"image grid: kind {request.grid!r} is unknown; it is slant or ground")
     for name in ("center_x", "center_y", "height"):
@@ -178,7 +180,7 @@ def _check_recorded(radar: Radar, request: ImageRequest) -> None:
 def natural_spacing(radar: Radar, center: F64, kind: str) -> tuple[float, float]:
     """Pixel spacings (azimuth, range) in m: half a cell, or less where a turned spectrum (squint) needs it.
 
-    Half the Nyquist spacing where the track goes all round the image.
+    Half the Nyquist spacing where the track encircles the image.
 
     Parameters
     ----------
@@ -203,7 +205,7 @@ def natural_spacing(radar: Radar, center: F64, kind: str) -> tuple[float, float]
     all_round = min(along.max(), -along.min(), across.max(), -across.min()) > 0.0
     wavenumber = 4.0 * np.pi / radar.waveform.wavelength * np.array([1.0 - half, 1.0 + half])
     nyquist = [2.0 * np.pi / np.ptp(np.outer(axis, wavenumber)) for axis in (along, across)]
-    if all_round:  # the spectrum is a ring: no axis of the image has a cell of its own
+    if all_round:  # the spectrum is a ring, the same along both axes of the image
         return float(0.5 * nyquist[0]), float(0.5 * nyquist[1])
     return (
         float(min(0.5 * cell_azimuth, _NYQUIST_FILL * nyquist[0])),

@@ -1,4 +1,4 @@
-"""From the slant grid of a straight track to a ground grid: range columns by band-limited interpolation."""
+"""Conversion from the slant grid of a straight track to a ground grid by band-limited interpolation over range."""
 
 import numpy as np
 import scipy.sparse
@@ -13,7 +13,7 @@ _TAPS, _BETA = 10, 9.0
 
 
 def slant_below(radar: Radar, ground: ImageGrid) -> ImageGrid:
-    """Slant grid of the track that holds a ground grid's pixels, its range columns half as far apart as is natural.
+    """Slant grid that contains a ground grid's pixels, with half the natural column spacing.
 
     The columns' spacing is at most 0.4 of the Nyquist spacing of the image's spectrum, see
     :func:`sarmitsuba.focusing.grid.natural_spacing`; rows are those of the ground grid.
@@ -43,7 +43,7 @@ def slant_ranges(radar: Radar, ground: ImageGrid) -> F64:
 
 
 def to_ground(pixels: C64, slant: ImageGrid, rho: F64, carrier: float) -> C64:
-    """Pixels at other ranges.
+    """Pixels interpolated at other ranges.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def to_ground(pixels: C64, slant: ImageGrid, rho: F64, carrier: float) -> C64:
     column = base[:, None] + np.arange(_TAPS) - (_TAPS // 2 - 1)
     offset = at[:, None] - column
     window = np.i0(_BETA * np.sqrt(np.clip(1.0 - (2.0 * offset / _TAPS) ** 2, 0.0, None))) / np.i0(_BETA)
-    # in the baseband of the pixels' range; the carrier comes back at the new ranges
+    # interpolated in baseband; the carrier is applied again at the new ranges
     turn = np.exp(1j * carrier * slant.range_spacing * offset)
     value = (np.sinc(offset) * window * turn).astype(np.complex64)
     there = (column >= 0) & (column < slant.range.size)

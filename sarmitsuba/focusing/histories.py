@@ -1,4 +1,4 @@
-"""What every pulse adds to chosen pixels: the rows that backprojection sums, kept apart."""
+"""Phase histories of selected pixels: the terms of backprojection's sum, pulse by pulse."""
 
 import numpy as np
 
@@ -8,7 +8,10 @@ from sarmitsuba.focusing.profiles import plan_profiles
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.radar.radar import Radar
 
-# (point, pulse) pairs worked on at once
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# (point, pulse) pairs processed at once
 _BATCH = 1 << 19
 
 
@@ -26,8 +29,8 @@ def pulse_contributions(
 
     Returns
     -------
-    (n, n_pulses) complex64, with one factor of the beam's gain more than the pixel, which weights the edge of the beam
-    down; zero for pulses that do not light the point or whose window does not hold it
+    (n, n_pulses) complex64, with one factor of the beam's gain more than the pixel, which reduces the weight of the
+    beam's edge; zero for pulses that do not illuminate the point or whose window does not contain it
     """
     plan = plan_profiles(radar, parse_window(range_window), interpolation="kernel:4")
     kernel = plan.kernel

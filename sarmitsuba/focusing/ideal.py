@@ -1,4 +1,4 @@
-"""Ideal data with a known answer: a plain radar, and the exact range-compressed echoes of point scatterers."""
+"""Ideal test data: a simple radar, and the exact range-compressed echoes of point scatterers."""
 
 import numpy as np
 from numpy.typing import ArrayLike

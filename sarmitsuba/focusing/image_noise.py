@@ -1,4 +1,4 @@
-"""Thermal noise in a focused image, predicted: what a pixel's weights make of the receiver's noise."""
+"""Predicted thermal noise in a focused image, from the receiver noise and a pixel's weights."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from sarmitsuba.radar.radar import Radar
 
 
 def noise_equivalent_rcs(radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window) -> float:
-    r"""Radar cross section whose peak has the mean power of the noise in a pixel, m^2.
+    r"""Noise-equivalent radar cross section of a pixel, m^2: its peak power equals the mean noise power.
 
     A pulse with the weight w and the antenna's two-way amplitude g counts as W = w g^2 in the image, because its echo
     has the amplitude :math:`K g / R^2` and is multiplied by :math:`w g R^2 / K`; its noise, of the same power in every
@@ -61,7 +61,7 @@ def noise_equivalent_rcs(radar: Radar, point: ArrayLike, weights: F64, range_win
 def noise_equivalent_sigma0(
     radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window
 ) -> float:
-    r"""The sigma0 of flat ground whose image has the mean power of the noise there, linear.
+    r"""Noise-equivalent sigma0 of flat ground, linear: its mean image power equals that of the noise.
 
     .. math:: \sigma^0_{ne} = \sigma_n / A
 

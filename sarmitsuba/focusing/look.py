@@ -1,4 +1,4 @@
-"""Looks as an image: plan of their grid, convolution with the impulse response, resampling to the pixels."""
+"""Image formation from looks: grid plan, convolution with the impulse response, resampling to the pixels."""
 
 from dataclasses import dataclass
 
@@ -14,19 +14,22 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# resolution cells about the image from which side lobes are taken in
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# resolution cells around the image whose side lobes are included
 _MARGIN = 24.0
 # pixels that are resampled together, and cells of the response that are made together; bounds the temporaries
 _BATCH = 1 << 20
-# part of a cycle per cell up to which a bent response is kept
+# largest frequency of a curved response, cycles per cell
 _USED = 0.4
-# part of the distance to the first azimuth ambiguity up to which the response is made good for the spread of pulses
+# share of the distance to the first azimuth ambiguity up to which the response is corrected for the width of the pulses
 _FADED = 0.75
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Looks at a scene and how they become an image.
+    """Looks at a scene and their image formation.
 
     Parameters
     ----------
@@ -36,10 +39,10 @@ class Look:
     offset : (n_azimuth, n_range) float64, m; range coordinate of each pixel less the grid's reference range
     x, y : (n_azimuth, n_range) float32, pixels on the grid, in cells
     gain : (n_azimuth, n_range) float32, range^2 / K: from received amplitude to square root of RCS
-    response : (n_range, n_azimuth) float32 or complex64, spectrum of the impulse response, both spreadings divided out,
-        FFT order
+    response : (n_range, n_azimuth) float32 or complex64, spectrum of the impulse response, both gridding kernels
+        divided out, FFT order
     noise_gain : rms of a pixel's noise over that of one range-compressed sample times ``gain``
-    agreement : coherence with backprojection's image of clutter where it is least, as the pulses' directions tell
+    agreement : least coherence of clutter with backprojection's image, from the pulses' directions
     """
 
     time: F64
@@ -62,15 +65,15 @@ def plan_look(
     azimuth_window: str = "rectangular",
     width: int = 5,
 ) -> Look:
-    r"""Plan the looks that stand for the apertures of all pixels.
+    r"""Plan of the looks that represent the apertures of all pixels.
 
-    Where all pixels are seen by the same pulses it is one, from the aperture's centroid as seen from the image's
-    centre. Every pulse t and frequency f of the aperture samples the spectrum of the image over (range, range rate) at
+    Where all pixels have the same pulses it is one look, from the aperture's centroid as seen from the image's centre.
+    Every pulse t and frequency f of the aperture samples the spectrum of the image over (range, range rate) at
 
     .. math:: k_R = 4 \pi f / c, \quad k_s = 4 \pi (f_c + f) (t - t_c) / c,
 
     f the baseband frequency: the support of the response is that band with its windows. Where a beam passes over the
-    pixels in turn, the coordinates are those of its fan, p and c, and there
+    pixels one after the other, the coordinates are those of its fan, p and c, with
 
     .. math:: k_p = 4 \pi ((f_c + f) \cos\delta - f_c) / c, \quad k_c = 4 \pi (f_c + f) \sin\delta \; (db / dc) / c,
 
@@ -81,12 +84,12 @@ def plan_look(
     radar : gives track, waveform and, for the weights of the pulses, antenna
     image : pixels wanted
     range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
-    width : of the gridding kernel that raw data want
+    width : of the gridding kernel of raw data
 
     Raises
     ------
     DataError
-        One impulse response does not serve all pixels: another method must be taken.
+        One impulse response is not valid for all pixels: use another method.
 
     Notes
     -----
@@ -95,7 +98,7 @@ def plan_look(
     """
     geometry = geometries(radar, image, azimuth_window)
     if geometry.fan is None:
-        # a cell less each way: adding is most of the time, and -44 dB is below what one look leaves out
+        # a narrower kernel by one cell each way: gridding dominates the time, and -44 dB is below the error of one look
         width = max(2, width - 1)
     steps = _steps(radar, geometry)
     places = image.positions()
@@ -130,7 +133,7 @@ def plan_look(
 
 
 def look_size(radar: Radar, image: ImageGrid) -> tuple[int, int, int]:
-    """Cells of range and azimuth of the grid that :func:`plan_look` makes, about, and the number of looks.
+    """Approximate cells in range and azimuth of the grid of :func:`plan_look`, and the number of looks.
 
     Raises
     ------
@@ -147,7 +150,7 @@ def look_size(radar: Radar, image: ImageGrid) -> tuple[int, int, int]:
 
 
 def _cells(values: F64, step: float) -> int:
-    """Cells that hold the values with a margin on either side, as many as transform fast."""
+    """Number of cells that contain the values with a margin on either side, of a fast FFT length."""
     return int(
         scipy.fft.next_fast_len(int(np.ceil((np.ptp(values) + 2.0 * (2.0 * _MARGIN * step)) / step)) + 1)
     )
@@ -160,9 +163,9 @@ def _steps(radar: Radar, geometry: LookGeometry) -> tuple[float, float]:
     highest = wave.center_frequency + 0.5 * wave.bandwidth
     if geometry.fan is None:
         return 0.5 * wave.range_cell, SPEED_OF_LIGHT / (8.0 * highest * reach)
-    # a band whose directions turn reaches further down along the central one
+    # a band of rotating directions extends to lower frequencies along the central one
     turned = wave.bandwidth + 2.0 * wave.center_frequency * (1.0 - np.cos(reach))
-    # side lobes of the band's ends move by what the aperture does from place to place
+    # side lobes of the band's ends shift with the aperture from place to place
     fan = geometry.fan
     lobes = 0.5 * _MARGIN * SPEED_OF_LIGHT / (4.0 * wave.center_frequency * np.sin(reach))
     bent = 1.0 + min(1.0, lobes * (fan.cosine / fan.closest_range + fan.curvature) / np.sin(reach))
@@ -172,8 +175,10 @@ def _steps(radar: Radar, geometry: LookGeometry) -> tuple[float, float]:
     )
 
 
-def _response(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str) -> F32 | C64:
-    """Spectrum of the impulse response on the grid's FFT bins, both spreadings divided out."""
+def _response(
+    radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str
+) -> NDArray[np.float32] | C64:
+    """Spectrum of the impulse response on the grid's FFT bins, both gridding kernels divided out."""
     kernel = grid.kernel
     correction = np.outer(
         kernel.transform(scipy.fft.fftfreq(grid.n_range)),
@@ -190,10 +195,10 @@ def _response(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window
 
 
 def _fan_response(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str) -> C64:
-    r"""Spectrum of a fan's response, with what the aperture of a pixel does to scatterers across its beam axis.
+    r"""Spectrum of a fan's response, with the weighting of scatterers off the pixel's beam axis by its aperture.
 
-    During the pixel's own aperture a scatterer at b across its axis is seen with its own gains, and off by the
-    curvature of the wavefront and that of the fan's circles,
+    During the pixel's aperture a scatterer at b across its axis has its own gains, and a phase from the curvature of
+    the wavefront and of the fan's circles,
 
     .. math:: \exp\left(-\frac{2 \pi j}{\lambda} b^2 (1 / R + \kappa)\right)
     """
@@ -204,7 +209,7 @@ def _fan_response(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_wi
     bend = fan.cosine / fan.closest_range + fan.curvature
     wavelength = radar.waveform.wavelength
     phase = np.exp(-2j * np.pi / wavelength * bend * (shift * fan.stretch) ** 2)
-    # pulses are single directions, and the spectrum has each spread to the next one: that fades what is far off
+    # pulses are discrete directions, and the spectrum spreads each to the next one: this attenuates distant scatterers
     apart = float(np.mean(np.diff(geometry.edges))) * 2.0 * fan.stretch / wavelength
     phase /= np.sinc(np.clip(shift * apart, -_FADED, _FADED))
     out = np.zeros((grid.n_range, grid.n_azimuth), dtype=np.complex64)
@@ -228,7 +233,7 @@ def _cumulative(range_window: str) -> tuple[F64, F64]:
 
 
 def _one_spectrum(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str) -> F64:
-    """Band over baseband frequency and range rate of pixels that the same pulses see."""
+    """Band over baseband frequency and range rate for pixels with the same pulses."""
     wave, edges = radar.waveform, geometry.edges
     bins = (
         scipy.fft.fftfreq(grid.n_range) * SPEED_OF_LIGHT / (2.0 * grid.range_step)
@@ -252,7 +257,7 @@ def _fan_spectrum(
 ) -> F64:
     """Band over the fan's coordinates: frequencies are circles about the origin, pulses are lines from there.
 
-    ``weights`` (n,) : of the lit pulses
+    ``weights`` (n,) : of the illuminating pulses
     """
     assert grid.fan is not None
     wave, edges = radar.waveform, geometry.edges
@@ -278,7 +283,7 @@ def _fan_spectrum(
 
 
 def form_image(cells: NDArray[np.complexfloating], look: Look, radar: Radar) -> C64:
-    r"""Make the pixels from the filled grid of the looks.
+    r"""Image formation: pixels from the filled grid of the looks.
 
     A path of amplitude :math:`K \sqrt\sigma / R^2` becomes the impulse response with peak :math:`\sqrt\sigma`, and
     the carrier's phase at every pixel is that of backprojection, :math:`4 \pi f_c (R_{pixel} - R_{path}) / c`.

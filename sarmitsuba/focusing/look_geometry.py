@@ -1,4 +1,4 @@
-"""From where the image-domain method looks, in which coordinates, and how well one response serves all pixels."""
+"""Geometry of the image-domain method's looks: positions, coordinates, and validity of one response for all pixels."""
 
 from dataclasses import dataclass, field, replace
 
@@ -20,34 +20,35 @@ from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.radar import Radar
 
 LEAST_AGREEMENT = 0.99
-"""Coherence of clutter with backprojection's image below which no image is made from looks."""
+"""Least coherence of clutter with backprojection's image for an image made from looks."""
 
-# part of an aperture that one look serves: a wider image takes several
+# share of an aperture covered by one look: a wider image needs several
 _ONE_LOOK = 0.5
-# distance of the places between which the beam's sweep is measured, over the slant range, and at most of the image
+# distance between the places at which the beam's sweep is measured, over the slant range, and its bound over the image
 _BASE, _BASE_OF_IMAGE = 1e-3, 0.25
-# reach of what a pixel's aperture sees beside the pixel, over the aperture, places there, and least term of its weights
+# extent beside the pixel, over the aperture, in which its aperture's illumination is tabulated; places there; and
+# smallest term of its weights
 _ACROSS, _SHIFTS, _LEAST_TERM = 1.5, 65, 3e-3
-# least and most bins over the band, in which the responses of two places are compared
+# smallest and largest number of bins over the band for comparing the responses of two places
 _BINS = (8, 256)
-# summed weight, over the largest, from which on a place counts as lit
+# summed weight, over the largest, above which a place counts as illuminated
 _DARK = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class LookGeometry:
-    """Looks at an image, and the pulses that see its centre.
+    """Looks at an image, and the pulses that illuminate its centre.
 
     Parameters
     ----------
     time : (n_looks,) float64, s
     position, velocity : (n_looks, 3) float64, m and m/s, scene frame
     fan, antenna : see :class:`sarmitsuba.echo.look_grid.LookGrid`
-    edges : (n + 1,) limits, ascending, of what each of the n lit pulses stands for: time (s) from the look's, or with a
-        fan the angle (rad) of the line of sight off the beam axis at the image's centre
+    edges : (n + 1,) ascending limits of the interval that each of the n illuminating pulses represents: time (s) from
+        the look's, or with a fan the angle (rad) of the line of sight off the beam axis at the image's centre
     weights : (n,) of these pulses
-    shifts : (m,) m, c of the middle pixel less that of a scatterer, at which ``lit_across`` is known
-    lit_across : terms, weights (n,) and factor (m,), of what the pixel's aperture weighs that scatterer with
+    shifts : (m,) m, c of the middle pixel minus that of a scatterer, nodes of ``lit_across``
+    lit_across : terms, weights (n,) and factor (m,), of that scatterer's weight in the pixel's aperture
     agreement : see :class:`sarmitsuba.focusing.look.Look`
     """
 
@@ -86,8 +87,8 @@ class LookGeometry:
             width=width,
         )
 
-    def nearest(self, grid: LookGrid, places: F64) -> int | I64:
-        """Look that is nearest when the beam passes over places (..., 3)."""
+    def nearest(self, grid: LookGrid, places: F64) -> int | NDArray[np.int64]:
+        """Nearest look to the time when the beam passes over places (..., 3)."""
         if grid.n_looks == 1:
             return 0
         middle = grid.n_looks // 2
@@ -97,17 +98,17 @@ class LookGeometry:
 
 
 def sweeps(radar: Radar) -> bool:
-    """Whether a beam passes over the pixels in turn."""
+    """Whether a beam passes over the pixels one after the other."""
     return radar.mode_law.own_apertures and radar.antenna.pattern != "isotropic"
 
 
 def geometries(radar: Radar, image: ImageGrid, azimuth_window: str) -> LookGeometry:
-    """Choose the looks whose one response is nearest to that of every pixel.
+    """Looks whose common response is closest to that of every pixel.
 
     Raises
     ------
     DataError
-        No pulse illuminates the image's centre, or none of them is near enough.
+        No pulse illuminates the image's centre, or the coherence is too low.
     """
     middle = image.positions_on_line(image.shape[0] // 2)[image.shape[1] // 2]
     weights = matched_weights(radar, middle, azimuth_window)
@@ -121,14 +122,14 @@ def geometries(radar: Radar, image: ImageGrid, azimuth_window: str) -> LookGeome
     rated = [(*_agreement(radar, image, azimuth_window, one), one) for one in found]
     if not rated:
         raise DataError(
-            "method image: the beam does not pass over the image evenly, so that no one impulse response serves all "
-            "pixels; take method hybrid"
+            "method image: the beam does not sweep uniformly over the image, so that one impulse response is not "
+            "valid for all pixels; use method hybrid"
         )
     least, place, best = max(rated, key=lambda entry: entry[0])
     if not least >= LEAST_AGREEMENT:
         off = float(np.linalg.norm(place - middle))
         raise DataError(
-            f"method image: one impulse response does not serve all pixels: {off:.4g} m off the image's centre its "
+            f"method image: one impulse response is not valid for all pixels: {off:.4g} m off the image's centre its "
             f"coherence with their own is {least:.3f}, below {LEAST_AGREEMENT:g}; take method hybrid, or shrink the "
             "image"
         )
@@ -155,7 +156,7 @@ def _one_look(radar: Radar, weights: F64) -> LookGeometry:
 def _looks_along_sweep(
     radar: Radar, image: ImageGrid, middle: F64, azimuth_window: str
 ) -> list[LookGeometry]:
-    """Looks of a beam that passes over the pixels in turn; none where it does not, or turns about a place in the image.
+    """Looks of a sweeping beam; none where it does not sweep, or rotates about a place in the image.
 
     Parameters
     ----------
@@ -196,7 +197,7 @@ def _looks_along_sweep(
     one = bare.grid(4, (1.0, 1.0))
     with np.errstate(all="ignore"):
         own = np.asarray(one.coordinates(*one.state(corners)))
-    if not np.isfinite(own).all() or own[2].min() <= 0.0:  # beyond the place that the beam turns about
+    if not np.isfinite(own).all() or own[2].min() <= 0.0:  # beyond the beam's rotation point
         return []
     low, high = float(own[1].min()), float(own[1].max())
     if high - low <= _ONE_LOOK * aperture:
@@ -267,17 +268,17 @@ def _edges(place: F64, alone: float) -> F64:
 def _agreement(
     radar: Radar, image: ImageGrid, azimuth_window: str, geometry: LookGeometry
 ) -> tuple[float, F64]:
-    r"""Coherence of clutter in the image with backprojection's, and the place (3,) where it is least of nine.
+    r"""Least coherence of clutter with backprojection's image over nine places, and that place (3,).
 
-    White clutter has the coherence of the two responses, by Parseval that of their spectra: a pulse t of weight w
-    stands in both at the gradient of its range over the grid's coordinates.
+    White clutter has the coherence of the two responses, by Parseval that of their spectra: a pulse t of weight w is in
+    both at the gradient of its range over the grid's coordinates.
 
     .. math:: \gamma = \frac{\int S_P S \, dk}{\sqrt{\int S_P^2 \, dk \int S^2 \, dk}}
 
     Notes
     -----
-    Takes the band's shape from the carrier alone: shifts along the range coordinate count by the part of the band that
-    they move out of.
+    Uses the band's shape at the carrier: shifts along the range coordinate count by the part of the band that they
+    leave.
     """
     grid = geometry.grid(4, (1.0, 1.0))
     lines = [image.positions_on_line(i) for i in (0, image.shape[0] // 2, image.shape[0] - 1)]
@@ -296,7 +297,7 @@ def _agreement(
         if light <= _DARK * total.max():
             if geometry.fan is not None:
                 return 0.0, place
-            continue  # outside of the beam of all pulses: nothing to compare with
+            continue  # outside the beam of all pulses: no comparison possible
         along, ahead = _wavenumbers(radar, grid, geometry, place)
         along, ahead = (_lit(v, weights)[0] for v in (along, ahead))
         lit = _lit(along, weights)[1]
@@ -304,7 +305,7 @@ def _agreement(
         along, ahead, lit = along[order], ahead[order], lit[order]
         own = np.concatenate([[0.0], np.cumsum(lit)])
         ends = _edges(along, 1e-9 if geometry.fan else 1e-6)
-        # no finer than the pulses: how these fall on the band's ends is another at every pixel
+        # no finer than the pulses: their position at the band's ends differs from pixel to pixel
         count = int(np.clip(lit.size, *_BINS))
         bins = np.linspace(min(ends[0], edges[0]), max(ends[-1], edges[-1]), count + 1)
         a, b = (np.diff(np.interp(bins, *pair)) for pair in ((ends, own), (edges, summed)))

@@ -1,4 +1,4 @@
-"""Bytes that focusing takes, from the sizes of data and image alone."""
+"""Memory needs of focusing, from the sizes of data and image."""
 
 import numpy as np
 
@@ -6,25 +6,25 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.memory import check_fits
 from sarmitsuba.radar.radar import Radar
 
-# pixels of a backprojection tile; bytes of one, its place in the image; of a line of them, the position in NumPy (three
+# pixels of a backprojection tile; bytes per pixel for its place in the image; per line for the position in NumPy (three
 # times while it is made) and on the device
 TILE_PIXELS, TILE_BYTES, LINE_BYTES = 1 << 20, 24, 88
-# bytes of a pixel and layer on its way: what is summed, before and after a batch of pulses
+# bytes per pixel and layer of the sums, before and after a batch of pulses
 SUMS = 24
 # bytes of a range-compressed sample as an upsampled profile, of those of one batch of pulses at most, and their copies
 PROFILE, BATCH, COPIES = 32, 5 << 20, 5
-# bytes of a pixel and layer in the finished image, and of those that error bars, files and pictures add
+# bytes per pixel and layer of the finished image, and of error bars, files and pictures
 PIXEL, FINISHING = 8, 16
-# bytes of a pixel: while a look is planned, and of its plan and one layer's field
+# bytes per pixel: while a look is planned, and of its plan and one layer's field
 LOOK_PIXEL, LOOK_FIELD = 60, 44
-# bytes of a cell of the grid that several looks fill, while its impulse response is made
+# bytes per cell of the grid of several looks, while its impulse response is made
 LOOK_CELL = 40
 
 
 def backprojection_bytes(radar: Radar, grid: ImageGrid, n_layers: int, per_line: int = 1) -> int:
-    """Most bytes at a time while backprojection makes the pixels, ``per_line`` in a line, those included.
+    """Peak memory in bytes of backprojection with ``per_line`` pixels in a line, pixels included.
 
-    The raw data are held already.
+    Raw data are not included.
     """
     pixels, samples = int(np.prod(grid.shape)), n_layers * radar.track.n_pulses * radar.window.n_samples
     tile = min(pixels, TILE_PIXELS) * (TILE_BYTES + LINE_BYTES // per_line + SUMS * min(n_layers, 4))
@@ -32,7 +32,7 @@ def backprojection_bytes(radar: Radar, grid: ImageGrid, n_layers: int, per_line:
 
 
 def focusing_bytes(grid: ImageGrid, n_layers: int, making: int) -> int:
-    """Bytes of the image with all that making and keeping it takes; ``making`` of them while its pixels are made."""
+    """Peak memory in bytes of making and storing an image; ``making``: while its pixels are made."""
     return max(making, (PIXEL + FINISHING) * int(np.prod(grid.shape)) * n_layers)
 
 
@@ -43,7 +43,7 @@ def look_bytes(grid: ImageGrid, n_layers: int, n_cells: int) -> int:
 
 
 def check_image_fits(grid: ImageGrid, n_layers: int, making: int) -> None:
-    """Refuse an image that does not fit into memory beside its raw data; ``making`` as in :func:`focusing_bytes`.
+    """Raise a ResourceError for an image that does not fit into memory; ``making`` as in :func:`focusing_bytes`.
 
     Raises
     ------

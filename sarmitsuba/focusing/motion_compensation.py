@@ -1,4 +1,4 @@
-"""Motion compensation: data of a recorded track as a straight, level, uniform track would have recorded them."""
+"""Motion compensation: conversion of data from a recorded track to a straight, level, uniform track."""
 
 from dataclasses import dataclass, replace
 
@@ -19,37 +19,37 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.units import db_from_power
 
 MOTION_COMPENSATIONS = ("auto", "off")
-# largest phase that compensation for the beam's centre may leave at any pixel of the image, rad
+# largest residual phase after compensation for the beam's centre at any pixel of the image, rad
 LARGEST_RESIDUAL = 0.25 * np.pi
 # taps of the kernel that resamples along range and track, after doubling the rate: below -120 dB
 _WIDTH = 8
 # zeros beyond the ends of pulses and of the track while they are resampled
 _GUARD = 64
-# two-way amplitude of the beam from which a pulse counts for a pixel
+# two-way amplitude of the beam above which a pulse counts for a pixel
 _LIT = 0.05
 # change from one interval between pulses to the next, over their mean, that resampling over the pulse's number allows:
-# it leaves 2 pi times that part of a turn at most, -24 dB at half the prf
+# the error is at most 2 pi times that share of a turn, -24 dB at half the prf
 _UNEVEN = 0.02
 # of the ripple of echoes cut by the receive window, see _cut_echoes; held by benchmarks/suite/stated_errors.py
 _CUT_PART = 0.1
-# what is stated lies so far above what was found at the pixels that were looked at, dB
+# margin of the stated error over the largest at the sampled pixels, dB
 _MARGIN_DB = 3.0
 _BATCH = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
 class Straightening:
-    """A recorded track beside the straight line that stands in for it.
+    """Recorded track and the straight line that replaces it.
 
     Parameters
     ----------
     radar : as recorded
     straight : the radar on the line: uniform pulses, its window moving with the reference range
     origin, along : (3,) float64, m; a point of the line, and its horizontal direction
-    x : (n_pulses,) float64, m, where the recorded pulses stand along the line
+    x : (n_pulses,) float64, m, positions of the recorded pulses along the line
     aim : (along the line m, across it m, below it m) of the reference point, or with beams that pass over the pixels
-        in turn (0, ...) of a point that goes with the antenna
-    sine : along the line, of the reference point that goes with the antenna; None where it stands still
+        one after the other (0, ...) of a point that moves with the antenna
+    sine : along the line, of the reference point that moves with the antenna; None where it is fixed
     height : of the image plane, m
     """
 
@@ -69,12 +69,12 @@ class Straightening:
 
     @property
     def uniform(self) -> F64:
-        """(n_pulses,) where the pulses stand along the line in the end, m."""
+        """Uniform positions (n_pulses,) of the compensated pulses along the line, m."""
         return np.asarray((self.straight.track.position - self.origin) @ self.along)
 
     @property
     def place(self) -> F64:
-        """(n_pulses,) numbers of the recorded pulses that stand there, with fractions."""
+        """Fractional numbers (n_pulses,) of the recorded pulses at the uniform positions."""
         return np.asarray(np.interp(self.uniform, self.x, np.arange(self.x.size)))
 
     @property
@@ -83,7 +83,7 @@ class Straightening:
         return float(np.linalg.norm(self.radar.track.position - self.line, axis=1).max())
 
     def reference_history(self, x: F64) -> F64:
-        """Range by which the reference's echo walks along the line, less a constant, m."""
+        """Range history of the reference point along the line, without a constant, m."""
         if self.sine is not None:
             return -self.sine * x
         return np.asarray(np.hypot(x - self.aim[0], np.hypot(self.aim[1], self.aim[2])))
@@ -108,7 +108,7 @@ class Straightening:
         return np.asarray(foot)
 
     def excess(self, slant: F64) -> F64:
-        """Range from the recorded positions less that from the line, (n_pulses, n), at ``slant`` (n,) or (n_pulses, n).
+        """Excess range of recorded positions over the line, (n_pulses, n), m, at ``slant`` (n,) or (n_pulses, n).
 
         For points towards the reference, see :meth:`points`.
         """
@@ -119,14 +119,14 @@ class Straightening:
 
 
 def plan_straightening(radar: Radar, grid: ImageGrid) -> Straightening:
-    """The line along the grid that a recorded track is compensated to, and the radar on it.
+    """Straight line along the grid for motion compensation, and the radar on it.
 
-    A slant grid states the line; on a ground grid it is the level line along the grid through the mean of the track.
+    A slant grid defines the line; on a ground grid it is the level line along the grid through the mean of the track.
 
     Raises
     ------
     DataError
-        The antenna does not go steadily forward along the grid, or its pulses are spaced too unevenly.
+        The antenna does not move steadily forward along the grid, or its pulse spacing is too uneven.
     """
     track, along = radar.track, grid.along
     mean = track.position.mean(axis=0)
@@ -134,13 +134,13 @@ def plan_straightening(radar: Radar, grid: ImageGrid) -> Straightening:
     x = (track.position - through) @ along
     if track.n_pulses < 8 or (np.diff(x) <= 0.0).any():
         raise DataError(
-            "the antenna does not go steadily forward along the grid, or makes fewer than 8 pulses"
+            "the antenna does not move steadily forward along the grid, or has fewer than 8 pulses"
         )
     uneven = float(np.abs(np.diff(x, 2)).max() / np.diff(x).mean())
     if uneven > _UNEVEN:
         raise DataError(
             f"neighbouring intervals between pulses differ by up to {100.0 * uneven:.3g} % (bound "
-            f"{100.0 * _UNEVEN:g} %), too much to move the pulses to even places"
+            f"{100.0 * _UNEVEN:g} %), too much to resample the pulses to uniform positions"
         )
     uniform = np.linspace(x[0], x[-1], x.size)
     # the line's own middle is its origin, as a straight track's is its centre position
@@ -169,7 +169,7 @@ def plan_straightening(radar: Radar, grid: ImageGrid) -> Straightening:
 
 @dataclass(frozen=True)
 class Residual:
-    """What motion compensation leaves at the worst of some pixels.
+    """Residual error of motion compensation at the worst of the sampled pixels.
 
     Parameters
     ----------
@@ -182,27 +182,27 @@ class Residual:
 
     @property
     def error_db(self) -> float:
-        """Energy of the error of a point's echoes over that of the echoes, dB, as it is stated."""
+        """Stated relative energy of the error of a point's echoes, dB."""
         return float(db_from_power(self.power)) + _MARGIN_DB
 
 
 def compensation_residual(plan: Straightening, grid: ImageGrid) -> Residual:
-    r"""What compensation leaves at the pixels of the grid: largest phase, and energy of the error of a point's echoes.
+    r"""Residual of motion compensation at the grid's pixels: largest phase, and relative energy of the echoes' error.
 
     .. math:: \frac{4 \pi}{\lambda} \left| (|A_t - p| - |L_t - p|) - \Delta R_t(|L_t - p|) \right|
 
     A the recorded positions, L their foot points on the line, :math:`\Delta R` what is compensated: the excess range of
     a point as far away in the direction of the reference. The energy is that of the point's echoes, compensated and
-    moved to even places as data are, less those from the line, where backprojection weighs recorded pulses alike, and
-    of what the beam's gain changes by, and the ripple of echoes that the receive window cuts. Taken at the edges of the
-    image, for pulses that light them. Ignores that what stands above or below the image's height has another direction.
+    resampled as data are, minus those from the line, where backprojection gives recorded pulses equal weight; plus the
+    change of the beam's gain and the ripple of echoes cut by the receive window. Evaluated at the edges of the image,
+    for pulses that illuminate them. Ignores the different direction of scatterers off the image plane.
     """
     rows, columns = (np.unique(np.linspace(0, n - 1, 5).astype(int)) for n in grid.shape)
     points = np.array([grid.positions_on_line(int(row))[columns] for row in rows]).reshape(-1, 3)
     radar = plan.radar
     kc = 4.0 * np.pi / radar.waveform.wavelength
     uniform, place = plan.uniform, plan.place
-    # recorded pulses for one of the even places
+    # recorded pulses per uniform position
     density = np.mean(np.diff(plan.x)) / np.interp(uniform, plan.x, np.gradient(plan.x))
     phase = power = 0.0
     for point in points:
@@ -227,11 +227,11 @@ def compensation_residual(plan: Straightening, grid: ImageGrid) -> Residual:
 
 
 def _cut_echoes(radar: Radar, grid: ImageGrid) -> float:
-    r"""Power of the ripple that moving in range makes of echoes which the ends of the receive window cut.
+    r"""Relative power of the ripple that range shifts cause in echoes cut by the ends of the receive window.
 
-    Moved pulses are periodic, and the tails that are cut off at one end come back at the other: of an amplitude of
-    :math:`1 / \pi d` after d range cells of guard and window. A measured part of the power that scatterers all over the
-    window would leave in an image of n cells, :math:`2 / \pi^2 d n`.
+    Shifted pulses are periodic, and tails cut off at one end appear at the other, with an amplitude of
+    :math:`1 / \pi d` after d range cells of guard and window. A measured share of the power from scatterers all over
+    the window in an image of n cells, :math:`2 / \pi^2 d n`.
     """
     cell, window = radar.waveform.range_cell, radar.window
     cells = max(float(np.ptp(grid.range)) / cell, 1.0)
@@ -240,7 +240,7 @@ def _cut_echoes(radar: Radar, grid: ImageGrid) -> float:
 
 
 def _beam_change(plan: Straightening, point: F64, direction: F64) -> float:
-    """Power by which a pixel's weights change: data keep the gain they were recorded with, the line has another."""
+    """Relative power of the change of a pixel's weights: data keep the gain of the recorded track."""
     if plan.radar.antenna.pattern == "isotropic":
         return 0.0
     recorded = direction_gain(plan.radar, slice(None), direction)
@@ -252,14 +252,14 @@ def _beam_change(plan: Straightening, point: F64, direction: F64) -> float:
 
 
 def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
-    r"""Range-compressed data as the antenna would have recorded them from the straight line.
+    r"""Range-compressed data converted to the straight line.
 
-    Two steps in range, then the pulses are moved to uniform places along the line:
+    Two steps in range, then the pulses are resampled to uniform positions along the line:
 
     1. the reference's excess range :math:`\Delta R_t` by a phase ramp over the band,
-       :math:`e^{j (k_c + \kappa) \Delta R_t}`, which leaves the reference's own history removed for the third step;
+       :math:`e^{j (k_c + \kappa) \Delta R_t}`, which removes the reference's own history for the third step;
     2. the difference :math:`\Delta R_t(r) - \Delta R_t` of every range r, in phase and in place;
-    3. resampling from the recorded to uniform places, after which the line's own history is put back.
+    3. resampling from the recorded to uniform places, after which the line's range history is restored.
 
     Resampling is a type-2 non-uniform FFT with the gridding kernel of width 8 at twice the rate.
 
@@ -275,8 +275,8 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
     Notes
     -----
     Formulas: A. Moreira, Y. Huang, IEEE Trans. Geosci. Remote Sens. 32 (1994), 1029; G. Fornaro, IEEE Trans. Aerosp.
-    Electron. Syst. 35 (1999), 997. Ignores how the excess range varies over the beam, which
-    :func:`compensation_residual` tells, and with terrain off the image plane, and the change of :math:`R^{-2}` and of
+    Electron. Syst. 35 (1999), 997. Ignores the variation of the excess range over the beam, which
+    :func:`compensation_residual` gives, and with terrain off the image plane, and the change of :math:`R^{-2}` and of
     the beam's gain by the displacement.
     """
     if raw.domain != "compressed":
@@ -289,7 +289,7 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
     first = plan.excess(at[:, None])[:, 0]
     walk = first + history
 
-    # u counts range from the reference's; sample 0 of pulse t stands at u = start - walk
+    # u is the range from the reference's; sample 0 of pulse t is at u = start - walk
     start = window.start_range - walk
     u0, spacing = float(start.min()), window.sample_spacing
     n_out = window.n_samples + int(np.ceil(np.ptp(start) / spacing))
@@ -319,13 +319,13 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
 
 
 def _middle_range(plan: Straightening) -> float:
-    """Range of the image's middle along the beam, where the beam passes over the pixels in turn, m."""
+    """Range of the image's middle along the beam, for a sweeping beam, m."""
     sine = float(plan.sine or 0.0)
     return float(np.hypot(plan.aim[1], plan.aim[2]) / np.sqrt(1.0 - sine**2))
 
 
 def _rows(plan: Straightening, part: slice) -> Straightening:
-    """The plan of some of the pulses."""
+    """The plan for selected pulses."""
     track = plan.radar.track
     kept = track.of_pulses(part)
     return replace(plan, radar=replace(plan.radar, track=kept), x=plan.x[part])
@@ -379,14 +379,14 @@ def _along(data: C64, place: F64) -> C64:
 def needs_compensation(
     focuser: Focuser, radar: Radar, grid: ImageGrid, option: str
 ) -> tuple[Straightening, Residual] | None:
-    """The straightening that a focuser needs before it can take a radar's data, and what it leaves; None for none.
+    """Motion compensation that a focuser needs for a radar's data, and its residual; None where none is needed.
 
-    ``auto`` compensates where the focuser refuses the recorded track and would take the straight one in its place.
+    ``auto`` compensates where the focuser refuses the recorded track and accepts the straight one.
 
     Raises
     ------
     DataError
-        Unknown option, or what the focuser refuses cannot be mended so.
+        Unknown option, or compensation does not remove the focuser's refusal.
     """
     if option not in MOTION_COMPENSATIONS:
         raise DataError(
@@ -406,7 +406,7 @@ def needs_compensation(
     residual = compensation_residual(plan, grid)
     if residual.phase > LARGEST_RESIDUAL:
         raise DataError(
-            f"focuser {focuser.name}: motion compensation over {plan.largest_displacement:.3g} m would leave "
+            f"focuser {focuser.name}: motion compensation over {plan.largest_displacement:.3g} m leaves "
             f"{residual.phase:.3g} rad at the image's edges (bound {LARGEST_RESIDUAL:.2g} rad), because the excess "
             "range varies over the beam; shrink the image or take focuser backprojection"
         )

@@ -1,21 +1,23 @@
-"""Beams whose footprint is a few azimuth cells wide: the clutter in one cell is then not lit alike."""
+"""Noise-equivalent cell for beams only a few azimuth cells wide, whose gain varies within one cell."""
 
 import numpy as np
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.radar.radar import Radar
 
-# azimuth cells from the beam's middle to its first null from which on all clutter of a cell is lit alike: 0.003 dB
+F64 = NDArray[np.float64]
+
+# azimuth cells from the beam's centre to its first null above which the gain is constant over a cell: 0.003 dB
 WIDE_BEAM = 16.0
-# samples of the aperture, samples of the ground per azimuth cell, and how many nulls away clutter is taken in
+# samples of the aperture, samples of the ground per azimuth cell, and extent of the clutter in nulls
 _PULSES, _PER_CELL, _NULLS = 128, 4, 2.0
 
 
 def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
-    r"""Noise-equivalent area of the impulse response over that which takes all clutter to be lit as the pixel is.
+    r"""Noise-equivalent area of the impulse response, relative to that with the pixel's gain for all clutter.
 
-    A pixel at p gives the echo of pulse t the weight :math:`W_t / g_t(p)` beside its phase. Clutter at q comes with its
-    own gain g(q), so that
+    A pixel at p gives the echo of pulse t the weight :math:`W_t / g_t(p)` besides its phase. Clutter at q has its own
+    gain g(q), so that
 
     .. math:: \frac{A}{A_0} = \frac{\int |\sum_t W_t \frac{g_t(q)}{g_t(p)} e^{-j k (R_t(q) - R_t(p))}|^2 dx}
               {2 \pi \sum_t W_t^2 / |\Delta \kappa_t|}, \quad \kappa = k \, \partial R_t / \partial x
@@ -31,8 +33,8 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
 
     Notes
     -----
-    Ignores range walk of the clutter within its few cells, the pattern's change in elevation over a range cell, and
-    that a receiver apart has a beam of its own.
+    Ignores range walk of the clutter within its few cells, the pattern's change in elevation over a range cell, and the
+    separate beam of a bistatic receiver.
     """
     if radar.antenna.pattern == "isotropic" or not (weights > 0.0).any():
         return 1.0
@@ -79,9 +81,9 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
     if null > WIDE_BEAM * cell or not step.all():
         return 1.0
 
-    # up to where the pulses' ghosts begin
+    # up to the pulses' ambiguities
     farthest = min(_NULLS * null, np.pi / float(step.max()))
-    # middles of whole steps: a last step cut short would jump from column to column of an image
+    # centres of whole steps: a shortened last step would vary abruptly from column to column of an image
     n = int(np.ceil(2.0 * farthest * _PER_CELL / cell))
     x = ((np.arange(n) + 0.5) * (2.0 / n) - 1.0) * farthest
     cosine, sine = np.cos(x / reach), np.sin(x / reach)

@@ -25,9 +25,9 @@ class WithOptions:
 
     Attributes
     ----------
-    kind : what it is, for messages
-    name : what users write
-    title : what it is for, one line
+    kind : word for it in messages
+    name : in commands and calls
+    title : purpose in one line
     """
 
     kind: ClassVar[str]

@@ -1,4 +1,4 @@
-"""Pixels in lines along azimuth, the work of one lane of the compiled backprojection, and how long a line may be."""
+"""Lines of pixels along azimuth, one per lane of the compiled backprojection, and their largest length."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,22 +16,23 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
 LONGEST_LINE = 32
-# where every pixel is interpolated for itself, longer lines gain nothing
+# line length where every pixel is interpolated: longer lines save no time
 _LONGEST_DIRECT = 8
-# the expansion may cost this phase, rad: -106 dB at its worst pixel and pulse, far below the best interpolation's error
+# bound of the expansion's phase error, rad: -106 dB at the worst pixel and pulse, far below the best interpolation's
+# error
 _PHASE_ERROR = 5e-6
-# and this relative error of the weights, which vary by less than a beam or a band over the line
+# bound of the relative error of the weights, which vary by less than a beam or a band over the line
 _WEIGHT_ERROR = 3e-5
-# terms of a power series: those left out are below 1e-9 where so few nodes as a line has pixels would do
+# terms of a power series: those left out are below 1e-9 where fewer nodes than pixels suffice
 _SERIES = 40
 # more nodes would cost more than shorter lines
 _MOST_NODES = 12
-# pixels per line and nodes are in the kernel's text: few values of both, so that other settings find it compiled
+# pixels per line and nodes are literals of the kernel: few values of both, so that compiled kernels are reused
 _LINES = (1, _LONGEST_DIRECT, LONGEST_LINE)
 _NODES = (4, 6, 8, 10, _MOST_NODES)
-# the polynomial between nodes may err by this part of the interpolation kernel's own worst error
+# bound of the polynomial's error between nodes, as a share of the interpolation kernel's largest error
 _NODE_ERROR = 0.5
-# but no less than rounding to float32 does
+# but at least the rounding error of float32
 _ROUNDING = 1e-6
 
 
@@ -41,11 +42,11 @@ class PixelLines:
 
     Parameters
     ----------
-    index : (pixels per line, lanes) where they go in the flat image, -1 for padding
+    index : (pixels per line, lanes) places in the flat image, -1 for padding
     middle : (lanes, 3) m, positions of the pixels ``pixels per line // 2``
     step : (3,) m, from one pixel of a line to the next
     n_nodes : places per line where the profiles are interpolated, see :func:`plan_line`
-    checked : whether a pixel, padding included, may leave some pulse's receive window
+    checked : whether a pixel, padding included, may be outside a pulse's receive window
     """
 
     index: I64
@@ -56,13 +57,12 @@ class PixelLines:
 
 
 def expansion_error(radar: Radar, near: float, half: float, cubic: float) -> tuple[float, float]:
-    r"""Bounds of what the expansions lose over ``half`` metres either way at ranges of at least ``near``.
+    r"""Error bounds of the expansions over ``half`` metres on either side at ranges of at least ``near``.
 
     With s the sine between the line of pixels and the line of sight's normal plane, the range's terms past its parabola
     are :math:`h^3 s (1 - s^2) / 2 R^2` and at most :math:`h^4 / 8 R^3`; ``cubic`` is the largest :math:`s (1 - s^2)`, 0
-    where the expansion goes on to the third order. A weight that is a
-    function of the sine with a scale of :math:`\delta` (beam or band) loses :math:`(\pi h / R \delta)^3 / 9 \sqrt 3`,
-    the cubic remainder of an interpolated sine wave.
+    where the expansion includes the third order. A weight that is a function of the sine with a scale of :math:`\delta`
+    (beam or band) loses :math:`(\pi h / R \delta)^3 / 9 \sqrt 3`, the cubic remainder of an interpolated sine wave.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def expansion_error(radar: Radar, near: float, half: float, cubic: float) -> tup
 
 
 def nodes_needed(kappa: float, bend: float, tolerance: float) -> int | None:
-    r"""Least number k of Chebyshev's points through which a polynomial follows the echo over a line.
+    r"""Least number k of Chebyshev points for polynomial interpolation of the echo over a line.
 
     The echo is :math:`e^{j (\kappa x + b x^2)}`, :math:`|x| \le 1`, whose power series has coefficients of at most
     :math:`c_n = \sum_{i + 2 q = n} \kappa^i b^q / i! q!`. Of :math:`x^n = 2^{1 - n} \sum_m \binom{n}{(n - m) / 2} T_m`
@@ -112,16 +112,16 @@ def nodes_needed(kappa: float, bend: float, tolerance: float) -> int | None:
 
 
 def plan_line(radar: Radar, plan: ProfilePlan, grid: ImageGrid, checked: bool = False) -> tuple[int, int]:
-    """Pixels per line and nodes where the profiles are interpolated, for the least work.
+    """Pixels per line and interpolation nodes with the least work.
 
-    Ranges and weights are parabolas to the accuracy wanted; between the nodes the profiles err less than their
-    interpolation kernel does at the band's edge. ``checked`` samples are tested pixel by pixel, without nodes.
+    Ranges and weights are parabolas within the bounds; between the nodes the profiles' error is below that of their
+    interpolation kernel at the band's edge. ``checked`` samples are tested pixel by pixel, without nodes.
     """
-    if radar.receiver is not None:  # two ranges, neither expanded
+    if radar.receiver is not None:  # bistatic: two ranges, not expanded
         return 1, 1
     near = float(_range_bounds(grid, grid.azimuth[[0, -1]], radar.track.position)[0].min())
     steepest = _steepest(radar, grid)
-    s = min(steepest, 1.0 / np.sqrt(3.0))  # where s (1 - s^2) peaks
+    s = min(steepest, 1.0 / np.sqrt(3.0))  # maximum of s (1 - s^2)
     cubic = s * (1.0 - s * s)
     per_metre = steepest * np.pi * radar.waveform.bandwidth * 2.0 / SPEED_OF_LIGHT
     best, cost = (1, 1), np.inf
@@ -152,7 +152,7 @@ def _steepest(radar: Radar, grid: ImageGrid) -> float:
     steepest = ahead / np.maximum(np.hypot(ahead, aside), 1e-30)
     if np.isfinite(radar.half_aperture):
         forward, center, gap = flight(radar)
-        # pulses outside a pixel's own band weigh nothing; the grid's azimuth may lie askew to the flight
+        # pulses outside a pixel's own band have weight zero; the grid's azimuth may be inclined to the flight
         askew = np.linalg.norm(forward - grid.along, axis=1)
         steepest = np.minimum(
             steepest, np.abs(center) + radar.half_aperture + askew + gap / np.maximum(aside, gap)
@@ -195,7 +195,7 @@ def point_lines(points: ArrayLike, tile_pixels: int) -> Iterator[PixelLines]:
 
 
 def may_leave_window(radar: Radar, grid: ImageGrid) -> bool:
-    """Whether a pixel of the grid, its lines' padding included, may leave some pulse's receive window."""
+    """Whether a pixel of the grid, padding included, may be outside a pulse's receive window."""
     if radar.receiver is not None:
         return True
     padded = grid.azimuth[0], grid.azimuth[-1] + LONGEST_LINE * grid.azimuth_spacing
@@ -206,7 +206,7 @@ def _within(radar: Radar, near: F64, far: F64) -> bool:
     """Whether ranges between bounds (n_pulses,) lie within every pulse's receive window."""
     start, spacing = radar.window.start_range, radar.window.sample_spacing
     end = start + (radar.window.n_samples - 1) * spacing
-    # half a sample to spare: the kernel rounds positions to float32
+    # margin of half a sample: the kernel rounds positions to float32
     return bool((near > start + 0.5 * spacing).all() and (far < end - 0.5 * spacing).all())
 
 

@@ -1,4 +1,4 @@
-"""Range profiles made ready for interpolation at any slant range: weighting, upsampling, kernel correction."""
+"""Range profiles prepared for interpolation at any slant range: weighting, upsampling, kernel correction."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ _DEFAULT_OVERSAMPLING = {2: 6, 4: 2, 6: 2, 8: 2}
 # receiver samples of zeros between the end of a profile and its periodic repetition
 _GUARD = 64
 MOST_BEYOND = _GUARD // 2
-"""Receiver samples by which a profile may be continued past either end."""
+"""Largest continuation of a profile beyond either end, receiver samples."""
 
 
 def parse_interpolation(text: str) -> int:
@@ -50,7 +50,7 @@ def band_weights(n_fft: int, sampling_rate: float, bandwidth: float, window: Win
     bins = scipy.fft.fftfreq(n_fft, 1.0 / n_fft)
     half = 0.5 * bandwidth * n_fft / sampling_rate  # half band in bins
     inside = np.clip(half - np.abs(bins) + 0.5, 0.0, 1.0)
-    if 2.0 * half >= n_fft:  # critically sampled: the one bin at the Nyquist frequency stands for both edges
+    if 2.0 * half >= n_fft:  # critically sampled: the bin at the Nyquist frequency represents both edges
         inside = np.ones(n_fft)
     weight = inside * window(np.clip(bins / (2.0 * half), -0.5, 0.5))
     return np.asarray(weight * (min(2.0 * half, n_fft) / weight.sum()))
@@ -58,7 +58,7 @@ def band_weights(n_fft: int, sampling_rate: float, bandwidth: float, window: Win
 
 @dataclass(frozen=True, eq=False)
 class ProfilePlan:
-    """How the range-compressed samples of one pulse become an interpolable profile.
+    """Conversion of a pulse's range-compressed samples into a profile for interpolation.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class ProfilePlan:
     Notes
     -----
     The profile is the band-limited periodic function through the samples, which are followed by a guard of zeros.
-    Echoes cut by the receive window's ends keep the ripple of that cut.
+    Echoes cut by the receive window's ends keep the resulting ripple.
     """
 
     n_samples: int
@@ -109,7 +109,7 @@ class ProfilePlan:
 
     @property
     def n_stored(self) -> int:
-        """Profile samples kept per pulse: the valid ones and what the kernel reads beyond them."""
+        """Profile samples stored per pulse: the valid ones and the kernel's margin."""
         return self.last + self.width
 
     def spectrum(self, data: C64, workers: int = -1) -> C64:
@@ -120,8 +120,8 @@ class ProfilePlan:
     def profiles(self, data: C64, beyond: int = 0) -> C64:
         """Upsampled profiles (..., n_stored) complex64; entry ``kernel.lead`` is the first receiver sample.
 
-        With ``beyond``, at most ``MOST_BEYOND``, the profile goes on by that many receiver samples on either side: it
-        is longer by twice as many times ``oversampling``, and the first receiver sample stands by half of that later.
+        With ``beyond``, at most ``MOST_BEYOND``, the profile is continued by that many receiver samples on either side:
+        it is longer by twice as many times ``oversampling``, and the first receiver sample is shifted by half of that.
         """
         spectrum = self.spectrum(data)
         spectrum *= np.float32(1.0 / self.n_fft)
@@ -174,7 +174,7 @@ def plan_spectrum(radar: Radar, window: Window, *, extra: int = 0) -> ProfilePla
     receive = radar.window
     n_fft = int(scipy.fft.next_fast_len(receive.n_samples + max(_GUARD, 16 + extra)))
     gains = band_weights(n_fft, receive.sampling_rate, radar.waveform.bandwidth, window)
-    # the window's finite length blurs the band's edge: rescale so that a point amid the window keeps its peak
+    # the window's finite length blurs the band's edge: rescale so that a point in the middle keeps its peak
     middle = receive.n_samples // 2
     samples = np.arange(receive.n_samples) - middle
     centred = scipy.fft.fft(np.sinc(samples * receive.sample_spacing / radar.waveform.range_cell), n=n_fft)

@@ -1,4 +1,4 @@
-"""Range compression: chirped echoes to range profiles."""
+"""Range compression of chirped echoes into range profiles."""
 
 from dataclasses import replace
 from typing import Literal
@@ -20,8 +20,8 @@ COMPRESSIONS: tuple[str, ...] = ("flat", "matched")
 _BATCH = 1 << 22  # complex samples transformed at once, 32 MB
 
 
-def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> C128:
-    r"""Frequency response of the compressor, (n_fft,) complex128 in FFT order, zero outside the bandwidth.
+def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> NDArray[np.complex128]:
+    r"""Frequency response of the compression filter, (n_fft,) complex128 in FFT order, zero outside the bandwidth.
 
     With P the spectrum of the sampled pulse and the sums over the band's bins:
 
@@ -47,7 +47,7 @@ def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> C12
 
 
 def range_compress(raw: RawData, *, method: str = "matched") -> RawData:
-    """Compress the pulse of every echo; compressed data come back as they are.
+    """Range compression of every echo; compressed data are returned unchanged.
 
     Parameters
     ----------
@@ -56,12 +56,11 @@ def range_compress(raw: RawData, *, method: str = "matched") -> RawData:
 
     Returns
     -------
-    RawData, domain ``compressed``, on the radar's receive window; range weighting is the focuser's business
+    RawData, domain ``compressed``, on the radar's receive window; range weighting is applied by the focuser
 
     Notes
     -----
-    Ignores the pulse's motion-induced Doppler shift. Echoes that the record cuts are compressed as far as
-    they were recorded.
+    Ignores the pulse's motion-induced Doppler shift. Truncated echoes are compressed as far as they were recorded.
     """
     if raw.domain == "compressed":
         return raw

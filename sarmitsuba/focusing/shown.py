@@ -8,7 +8,9 @@ from sarmitsuba.focusing.aperture_weights import antennas_gain
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# pulses and rows of pixels that energies are taken from, at most
+F64 = NDArray[np.float64]
+
+# largest number of pulses and rows from which energies are computed
 ROWS = 512
 
 
@@ -19,7 +21,7 @@ def shown_share(
     cell: tuple[float, float],
     sine: float,
 ) -> float:
-    r"""Energy of an image over that which the echoes would have there, were all of them from within it.
+    r"""Share of the echoes' energy that an image contains.
 
     An ideal point at the middle of the image has in the echoes and in the image the energies
 
@@ -71,8 +73,8 @@ def _amplitude(radar: Radar, place: F64) -> F64:
     return np.asarray(radar.amplitude_constant * gain / (ranges[0] * ranges[-1]))
 
 
-def _energy(data: C64, raw: RawData, channel: str) -> float:
-    """Energy of a channel of (n_layers, n_rows, n), from some of the rows where there are many."""
+def _energy(data: NDArray[np.complex64], raw: RawData, channel: str) -> float:
+    """Energy of a channel of (n_layers, n_rows, n), from a subset of the rows where there are many."""
     step = -(-data.shape[1] // ROWS)
     some = sum_of_channel(data[:, ::step], raw.layers, channel, "raw data")
     return float(np.vdot(some, some).real * data.shape[1] / some.shape[0])

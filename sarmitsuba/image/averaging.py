@@ -10,9 +10,9 @@ from sarmitsuba.arrays import F64
 
 
 def block_means(values: NDArray[np.floating], block: tuple[int, int]) -> F64:
-    """Means over blocks of so many rows and columns; those left over at the far ends are dropped.
+    """Means over blocks of rows and columns; remainders at the far ends are dropped.
 
-    Their middles are those of :func:`block_middles`.
+    Their centres are those of :func:`block_middles`.
     """
     rows, columns = values.shape[0] // block[0], values.shape[1] // block[1]
     kept = np.asarray(values, dtype=np.float64)[: rows * block[0], : columns * block[1]]
@@ -32,14 +32,14 @@ def sliding_means(
 
     .. math:: \bar x_i = \frac{1}{w} \sum_j x_j \, |[i - w/2, i + w/2] \cap [j - 1/2, j + 1/2]|
 
-    A pixel at the window's end counts by the part of it that lies inside, so that a window of an even or of a broken
-    number of pixels shifts nothing.
+    A pixel at the window's end counts by its part inside, so that a window of an even or fractional number of pixels
+    causes no shift.
 
     Parameters
     ----------
     values : (n_azimuth, n_range) real
     widths : pixels, at least 1
-    rim : how the values go on beyond the rim: the last one repeated, or mirrored about the rim
+    rim : continuation beyond the edges: the last value repeated, or mirrored about the edge
     """
     means = np.asarray(values, dtype=np.float64)
     for axis, width in enumerate(widths):

@@ -43,7 +43,7 @@ def backscatter(image: SarImage, quantity: Quantity = "sigma0", channel: str | N
 def calibrate(image: SarImage, measured_rcs: float, known_rcs: float) -> SarImage:
     """Scale an image so that a reference target's measured peak becomes its known RCS (both m^2).
 
-    Images focused here need none of it; those made from foreign raw data, whose gains are unknown, do.
+    Needed only for images from external raw data of unknown gain.
     """
     if not (measured_rcs > 0.0 and known_rcs > 0.0):
         raise DataError(

@@ -24,7 +24,7 @@ class CutMetrics:
     pslr_db : highest sidelobe beyond the first nulls over the peak
     islr_null_db : energy beyond the first nulls over that between them
     islr_2irw_db : energy beyond ``|x| = irw`` over that within, as far as ``extent``
-    islr_20irw_db : the same with sidelobes counted only to ``|x| = 10 irw``; NaN where the chip is smaller
+    islr_20irw_db : as ``islr_2irw_db``, with side lobes counted only to ``|x| = 10 irw``; NaN where the chip is smaller
     extent : m, slant range of the cut
     """
 
@@ -38,7 +38,7 @@ class CutMetrics:
 
 @dataclass(frozen=True)
 class PointTargetMetrics:
-    """What a point target looks like in an image.
+    """Measured point target: position, RCS, phase and cuts of the impulse response.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class PointTargetMetrics:
 
 
 class Chip:
-    """A square piece of a complex image as a band-limited function: evaluated anywhere by its Fourier series.
+    """Square chip of a complex image as a band-limited function, evaluated anywhere by its Fourier series.
 
     Parameters
     ----------

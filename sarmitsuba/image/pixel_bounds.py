@@ -1,4 +1,4 @@
-"""Bounds of an image's numbers on every way in: what a file says of its pixels is checked before it is used."""
+"""Bounds of an image's numbers, checked for every file before use."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.validity import check_anchor, check_bounds
 
 _FARTHEST = 1e10  # m
-# of unit vectors, and of steps along an axis over their mean: numbers that were kept in float32
+# tolerance of unit vectors, and of steps along an axis over their mean: stored in float32
 _ROUGH = 1e-3
 # float64 rounding of a coordinate over its size, in steps
 _ROUNDING = 8.0 * np.finfo(np.float64).eps
 
 
 def check_grid(grid: ImageGrid) -> None:
-    """Raise a DataError where pixels of a grid stand nowhere.
+    """Raise a DataError where the positions of a grid are invalid.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def check_grid(grid: ImageGrid) -> None:
     Raises
     ------
     DataError, RadarError
-        What is wrong, its value and its bounds, in one line.
+        One line: name, value and bounds.
     """
     if grid.kind not in ("slant", "ground"):
         raise DataError(f'image grid: kind "{one_line(grid.kind)}" is neither slant nor ground')
@@ -50,7 +50,7 @@ def check_grid(grid: ImageGrid) -> None:
 
 
 def check_image(image: SarImage) -> None:
-    """Raise a DataError where what an image is calibrated with is out of bounds; its grid too."""
+    """Raise a DataError where the calibration or the grid of an image is out of bounds."""
     check_grid(image.grid)
     check_bounds(
         "image",

@@ -1,4 +1,4 @@
-"""The focused complex image and the grid it stands on."""
+"""Focused complex image and its grid."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ Quantity = Literal["sigma0", "rcs"]
 
 @dataclass(frozen=True, eq=False)
 class ImageGrid:
-    """Where every pixel stands in the scene.
+    """Grid of the pixels' positions in the scene.
 
     ``slant``: zero-Doppler coordinates of a straight reference track: along-track position x from ``origin``
     (the mid-aperture antenna position) and slant range r of closest approach, on the horizontal plane z = ``height``.
@@ -34,7 +34,7 @@ class ImageGrid:
     along, across : (3,) float64 horizontal unit vectors, scene frame; across points to the look side
     height : m, scene frame
     offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
-    anchor : where on the Earth the origin of the frame of the user's file lies
+    anchor : place on the Earth of the origin of the frame of the user's file
     """
 
     kind: Literal["slant", "ground"]
@@ -47,8 +47,8 @@ class ImageGrid:
     offset: F64 = field(default_factory=lambda: np.zeros(3))
     anchor: Anchor = field(default_factory=Anchor)
 
-    def in_frame(self, offset: F64) -> "ImageGrid":
-        """The same pixels in the frame of that offset; zeros: in the frame of the user's file.
+    def in_frame(self, offset: NDArray[np.float64]) -> "ImageGrid":
+        """The grid in the frame of another offset; zeros: the frame of the user's file.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class SarImage:
     ----------
     data : (n_layers, n_azimuth, n_range) complex64, m (square root of RCS)
     layers : n_layers labels
-    grid : where the pixels stand
+    grid : positions of the pixels
     wavelength : m
     azimuth_resolution_cell, range_resolution_cell : noise-equivalent widths of the impulse response, m; the range one
         is in slant range
@@ -191,7 +191,7 @@ class SarImage:
     def multilook(
         self, azimuth: int, range: int, channel: str | None = None, quantity: Quantity = "sigma0"
     ) -> "Multilook":
-        """Mean power of blocks of ``azimuth`` x ``range`` pixels; those left over at the far ends are dropped.
+        """Mean power of blocks of ``azimuth`` x ``range`` pixels; remainders at the far ends are dropped.
 
         Raises
         ------
@@ -213,7 +213,7 @@ class SarImage:
 
     @property
     def anchor(self) -> Anchor:
-        """Where on the Earth the origin of the file's frame lies."""
+        """Place on the Earth of the origin of the file's frame."""
         return self.grid.anchor
 
     @property
@@ -230,8 +230,8 @@ class SarImage:
         return np.abs(self.total(channel).astype(np.complex128)) ** 2
 
     @property
-    def cell_area(self) -> F64:
-        """(n_azimuth, n_range) float64 ground area that divides RCS into sigma0, m^2.
+    def cell_area(self) -> NDArray[np.float64]:
+        """Ground area of the resolution cell, m^2, (n_azimuth, n_range) float64: sigma0 is RCS over it.
 
         The azimuth cell is that of the image's centre; where the focuser recorded how it varies over range (a fixed
         aperture has a cell proportional to range) and over rows (which may lack part of the aperture), that is applied.
@@ -268,7 +268,7 @@ def to_db(power: F64, floor: float = -np.inf) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class Multilook:
-    """Power of an image with speckle averaged out.
+    """Multi-looked power of an image.
 
     Parameters
     ----------

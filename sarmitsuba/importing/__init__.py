@@ -1,1 +1,1 @@
-"""Cities and terrain from elsewhere (footprints, CityGML, meshes, elevation rasters) as scene files."""
+"""Import of cities and terrain (footprints, CityGML, meshes, elevation rasters) as scene files."""

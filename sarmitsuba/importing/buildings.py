@@ -1,4 +1,4 @@
-"""Buildings as closed solids: a footprint pulled up, with a roof, and with relief on its walls."""
+"""Buildings as closed solids: an extruded footprint with a roof and facade relief."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     import shapely
 
 
-# how deep walls stand in the ground, so that no gap opens at their feet, m
+# depth of walls below the ground, which avoids gaps at their feet, m
 FOOT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Building:
-    """A house in the scene's frame.
+    """A building in the scene's frame.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ def wall_segments(polygon: "shapely.Polygon") -> F64:
 
 
 def add_building(parts: Parts, building: Building, facades: FacadeBuilder) -> Roof:
-    """Add walls, underside and roof of a building, outsides outwards, and return the roof as it was made.
+    """Add walls, underside and roof of a building, normals outwards, and return the roof.
 
     Notes
     -----
-    Ignores what OpenStreetMap cannot say: eaves, chimneys, courtyards under roofs.
+    Ignores details that OpenStreetMap does not have: overhanging eaves, chimneys, courtyards under roofs.
     """
     from shapely.geometry.polygon import orient
 

@@ -1,4 +1,4 @@
-"""From a source to a model in the scene's frame: place, ground, buildings, meshes."""
+"""Model of a city source in the scene's frame: place, ground, buildings, meshes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -48,7 +48,7 @@ _COVERED = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What was imported, in the scene's frame.
+    """Imported geometry in the scene's frame.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _materials(source: CitySource, options: ImportOptions) -> dict[str, str]:
     for name, kind in kinds.items():
         if not kind:
             source.assume(
-                f'materials whose names say nothing, {DEFAULT} taken (--material "{name}=..." changes it)',
+                f'materials with unknown names, {DEFAULT} taken (--material "{name}=..." changes it)',
                 name,
             )
     return {**MATERIALS, **{n: k or DEFAULT for n, k in kinds.items()}, **options.materials}
@@ -168,7 +168,7 @@ def _drop_unusable(source: CitySource) -> None:
 
 
 def _drop_outlines_of_parts(source: CitySource) -> None:
-    """Leave out buildings that their parts describe, which would stand in them a second time."""
+    """Remove building outlines that are also given by their parts."""
     import shapely
 
     parts = [f.polygon for f in source.footprints if f.is_part]
@@ -185,7 +185,7 @@ def _drop_outlines_of_parts(source: CitySource) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where the source lies.
+    """Place of the source on the Earth.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A source on disk to a scene file with its meshes beside it."""
+"""Conversion of a city source into a scene file with meshes in a folder beside it."""
 
 import os
 import re
@@ -67,13 +67,13 @@ _OTHER = (0.003, "lambert", -13.0)
 def import_scene(
     source: Path | str, output: Path | str, options: ImportOptions | None = None, *, force: bool = False
 ) -> Model:
-    """Turn footprints, CityGML, meshes or an elevation raster into a scene file with its meshes in a folder beside it.
+    """Convert footprints, CityGML, meshes or an elevation raster into a scene file with meshes in a folder beside it.
 
     Parameters
     ----------
     source : file, or folder of meshes
     output : scene file to write, ``.xml``; meshes go to ``NAME_meshes``
-    options : what the source does not say
+    options : properties that the source does not contain
     force : replace a scene of that name
 
     Returns

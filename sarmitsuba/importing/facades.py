@@ -1,4 +1,4 @@
-"""Relief of facades: windows set back into the wall, balconies in front of it; small corners that shine."""
+"""Facade relief: recessed windows and balconies, which form small corner reflectors."""
 
 from dataclasses import dataclass, fields
 
@@ -114,7 +114,7 @@ assert set(_BOUNDS) < {field.name for field in fields(FacadeOptions)}
 
 
 class FacadeBuilder:
-    """Makes walls, plain or with relief, and counts.
+    """Builds walls, plain or with relief, and counts windows, balconies and triangles.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a source does not say of itself: materials, heights, units, place, terrain, relief of facades."""
+"""Options of an import: materials, heights, units, place, terrain, facade relief."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ STOREY = 3.0
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """How a source becomes a scene.
+    """Options of an import.
 
     Parameters
     ----------

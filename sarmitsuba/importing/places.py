@@ -1,4 +1,4 @@
-"""From the coordinates of a file to the tangent plane of an anchor on the Earth."""
+"""Conversion of a file's coordinates to the tangent plane at an anchor on the Earth."""
 
 import re
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Polygons with holes as triangles, in the plane and in space."""
+"""Triangulation of polygons with holes, in the plane and in space."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -28,7 +28,7 @@ def require_shapely(where: str) -> None:
 
 
 def why_unusable(polygon: "shapely.Polygon") -> str:
-    """Why a polygon encloses no area that can be built on; empty where it can."""
+    """Reason why a polygon is unusable as a footprint; empty where it is usable."""
     import shapely
 
     corners = shapely.get_num_coordinates(polygon)

@@ -1,4 +1,4 @@
-"""Text and XML of strangers: sizes, numbers and entities are checked before anything is believed."""
+"""Safe reading of untrusted JSON and XML: sizes, numbers and entities are checked."""
 
 import json
 import xml.etree.ElementTree as ET
@@ -30,7 +30,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_json(path: Path) -> object:
-    """JSON without the constants that are no numbers.
+    """JSON content of a file; NaN and infinity are errors.
 
     Raises
     ------

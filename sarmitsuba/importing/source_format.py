@@ -1,4 +1,4 @@
-"""What a source of a city holds, before it has a place in the scene; and the formats that are known."""
+"""Content of a city source before placement in the scene, and the registry of source formats."""
 
 import os
 from collections import Counter
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BuildingFootprint:
-    """A building as a map has it.
+    """Footprint of a building with its attributes.
 
     Parameters
     ----------
@@ -112,12 +112,12 @@ class CitySource:
 
 @dataclass(frozen=True)
 class SourceFormat:
-    """A kind of source.
+    """Format of a city source.
 
     Parameters
     ----------
     name : e.g. ``geojson``
-    doc : what it is, one line
+    doc : description in one line
     suffixes : of its files, lower case, with the dot
     read : of a file, or of a folder where ``folders`` says so
     folders : a folder of such files is one city

@@ -1,4 +1,4 @@
-"""OpenStreetMap's tags of a building, and the properties that other maps have for the same."""
+"""Building attributes from OpenStreetMap tags and equivalent properties of other maps."""
 
 import re
 from collections.abc import Mapping

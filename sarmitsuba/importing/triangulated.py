@@ -1,4 +1,4 @@
-"""Height rasters as few triangles: right-triangulated irregular networks with a measured bound of their error."""
+"""Triangulation of height rasters: right-triangulated irregular networks with a measured error bound."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ class Network:
 
 
 def network(heights: F64, tolerance: float) -> Network:
-    r"""Triangles that pass within a tolerance of every sample, with no gaps between them.
+    r"""Triangle network within a tolerance of every sample, without gaps.
 
     Right isosceles triangles are halved at the middle of their long side while a sample that is reached by halving lies
     off by more than :math:`\tau`; the greatest deviation of all that lie below a middle is kept there, which makes

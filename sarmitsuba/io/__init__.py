@@ -1,4 +1,4 @@
-"""Files: one module per format, every file written whole or not at all."""
+"""Input and output: one module per file format, every file written atomically."""
 
 from sarmitsuba.io.formats import FORMATS, FileFormat, read_image, read_raw, write_image, write_raw
 

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all: write beside the target, then rename."""
+"""Atomic writing of files: write beside the target, then rename."""
 
 import errno
 import itertools
@@ -16,18 +16,18 @@ from sarmitsuba.unfinished import removed_if_stopped
 
 # no link is followed and no pipe waited for, where the system knows how
 _UNLINKED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-# names of files on their way: nobody else's look like these
+# pattern of the names of temporary files, unlike any other
 _PART = re.compile(r"\.sarmitsuba-part-(\d+)-\d+(\..*)?")
 _count = itertools.count()
 
 
 def part_name(suffix: str = "") -> str:
-    """A new name for a file of this process that is on its way."""
+    """New name of a temporary file of this process."""
     return f".sarmitsuba-part-{os.getpid()}-{next(_count)}{suffix}"
 
 
 def process_of_part(name: str) -> int | None:
-    """Number of the process that gave a file on its way this name; None for all other names."""
+    """Process id in the name of a temporary file; None for all other names."""
     match = _PART.fullmatch(name)
     return int(match[1]) if match else None
 
@@ -36,8 +36,7 @@ def process_of_part(name: str) -> int | None:
 def atomic_path(target: Path | str, within: Path | None = None) -> Iterator[Path]:
     """Yield a temporary path; rename it to ``target`` when the block ends well.
 
-    Whatever ends the block otherwise (Ctrl-C included) removes the temporary file and leaves an older
-    ``target`` as it was.
+    Any other end of the block (Ctrl-C included) removes the temporary file and leaves an older ``target`` unchanged.
 
     Parameters
     ----------
@@ -50,10 +49,10 @@ def atomic_path(target: Path | str, within: Path | None = None) -> Iterator[Path
         The operating system refused: full disk, permissions, a missing folder.
     """
     target = Path(target)
-    # the suffix stays: some writers choose the format by it
+    # the suffix is kept: some writers choose the format by it
     temporary = (within or target.parent) / part_name(target.suffix)
     try:
-        # whoever could write into the folder might have laid a link there, and writers would follow it
+        # another user of the folder might have placed a link there, and writers would follow it
         temporary.unlink(missing_ok=True)
         with removed_if_stopped(partial(temporary.unlink, missing_ok=True)):
             yield temporary
@@ -66,17 +65,17 @@ def atomic_path(target: Path | str, within: Path | None = None) -> Iterator[Path
 
 
 def open_own(path: Path) -> BinaryIO:
-    """Open a plain file for reading and writing, made if need be: no link that somebody may have laid there, no pipe.
+    """Open a regular file for reading and writing, created if missing; links and pipes are refused.
 
     Raises
     ------
     OSError
-        As the operating system has it; ``ELOOP`` for a link.
+        The operating system's error; ``ELOOP`` for a link.
     """
     handle = os.open(path, os.O_RDWR | os.O_CREAT | _UNLINKED, 0o666)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
-        raise OSError(errno.EINVAL, "it is no plain file; remove it, or choose another -o")
+        raise OSError(errno.EINVAL, "it is no regular file; remove it, or choose another -o")
     return os.fdopen(handle, "r+b", buffering=0)
 
 

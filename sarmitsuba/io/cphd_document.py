@@ -1,6 +1,6 @@
-"""The XML part of a CPHD 1.1 file: what the phase history of a recording says of itself.
+"""XML document of a CPHD 1.1 file.
 
-The library sarkit knows the schema; this module knows which of our figures goes where. Source: NGA.STND.0068-1_1.1.0,
+The library sarkit has the schema; this module fills in the values. Source: NGA.STND.0068-1_1.1.0,
 Compensated Phase History Data, design and implementation description.
 """
 
@@ -50,7 +50,7 @@ VECTOR_BYTES = 8 * sum(size for _, size in LAYOUT)
 
 @dataclass(frozen=True, eq=False)
 class GroundArea:
-    """Rectangle of the ground that the recording is of.
+    """Imaged rectangle of the ground.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class GroundArea:
 
 @dataclass(frozen=True, eq=False)
 class CphdRecording:
-    """What the document is made from.
+    """Content of the document.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Facts gathered along the way as plain JSON values, and JSON of strangers read."""
+"""Conversion of metadata to plain JSON values, and reading of untrusted JSON."""
 
 import dataclasses
 import json
@@ -24,7 +24,7 @@ def to_json(value: object, *, strict: bool = False) -> Json:
     def convert(item: object) -> Json:
         if item is None or isinstance(item, (bool, int)):
             return item
-        if isinstance(item, str):  # a file's name may hold what UTF-8 cannot
+        if isinstance(item, str):  # a file name may not be valid UTF-8
             return item if item.isascii() else item.encode("utf-8", "replace").decode("utf-8")
         if isinstance(item, float):
             return item if math.isfinite(item) or not strict else str(item)
@@ -46,12 +46,12 @@ def to_json(value: object, *, strict: bool = False) -> Json:
 
 
 def json_value(text: str | bytes) -> Any:
-    """Value of a JSON text of a stranger's.
+    """Value of an untrusted JSON text.
 
     Raises
     ------
     ValueError
-        It is malformed, no UTF-8, or nested deeper than the reader goes.
+        It is malformed, no UTF-8, or nested too deep.
     """
     try:
         return json.loads(text)

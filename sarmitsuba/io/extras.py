@@ -1,4 +1,4 @@
-"""Packages of the extra ``formats``, imported when a file of theirs is written or read."""
+"""Optional packages of the extra ``formats``, imported when needed."""
 
 import importlib
 from types import ModuleType
@@ -12,7 +12,7 @@ def formats_package(module: str, what: str) -> ModuleType:
     Parameters
     ----------
     module : dotted name
-    what : start of the error: what needs it
+    what : start of the error
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The file formats of raw data and images, found by name or by the file's suffix."""
+"""Registry of the file formats of raw data and images, found by name or by the file's suffix."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -20,7 +20,7 @@ Content = Literal["raw", "image"]
 
 @dataclass(frozen=True)
 class FileFormat:
-    """A file format: what it is and the functions that write and read it, None for what it cannot.
+    """File format with its write and read functions; None where it has none.
 
     Writers should go through :func:`sarmitsuba.io.atomic.atomic_path`, so that a file appears whole or not at all;
     readers raise a ``DataError`` for a file that is damaged or of another kind.
@@ -28,7 +28,7 @@ class FileFormat:
     Parameters
     ----------
     name : e.g. ``hdf5``
-    doc : what it is for, one line
+    doc : purpose in one line
     suffixes : of its files, lower case, with the dot
     write_raw, read_raw : of raw data
     write_image, read_image : of images
@@ -64,7 +64,7 @@ FORMATS: Registry[FileFormat] = Registry("file format", "sarmitsuba.io.catalog")
 
 
 def find_format(path: Path, content: Content, name: str | None = None) -> FileFormat:
-    """Format of the given name, or the one that the path's suffix tells.
+    """Format of the given name, or of the path's suffix.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def read_raw(path: Path | str, *, format: str | None = None) -> RawData:
     Raises
     ------
     DataError
-        The format cannot be read, or a number of the radar or of the image asked for is out of bounds.
+        The format cannot be read, or a number of the radar or of the image request is out of bounds.
     """
     path = Path(path)
     _check_there(path)
@@ -149,13 +149,13 @@ def read_image(path: Path | str, *, format: str | None = None) -> SarImage:
 
 
 def _check_there(path: Path) -> None:
-    if not os.path.exists(path):  # also where the system refuses the name
+    if not os.path.exists(path):  # also for names that the system rejects
         raise DataError(f"{path}: no such file or folder")
 
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Name the file in what is wrong with its numbers."""
+    """Add the file's name to errors about its numbers."""
     try:
         yield
     except (RadarError, DataError) as error:

@@ -1,4 +1,4 @@
-"""Images on a map: outline in degrees, and the magnitude on a north-up grid."""
+"""Geocoding: outline of an image in degrees, and the magnitude on a north-up map grid."""
 
 from dataclasses import dataclass, replace
 
@@ -9,7 +9,10 @@ from sarmitsuba.arrays import F32, F64
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
 
-# passes that put a place on the map onto the image's plane, whose height over the ellipsoid changes by its curvature
+F64 = NDArray[np.float64]
+F32 = NDArray[np.float32]
+
+# iterations from a map place to the image plane, whose ellipsoidal height varies by the Earth's curvature
 _PASSES = 3
 
 
@@ -32,7 +35,7 @@ def outline(image: SarImage) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class NorthUp:
-    """Magnitude of an image on a map.
+    """Geocoded magnitude of an image.
 
     Parameters
     ----------
@@ -60,7 +63,7 @@ def utm_zone(longitude: float, latitude: float) -> int:
 
 
 def north_up(image: SarImage, spacing: float = 0.0) -> NorthUp:
-    """Put the magnitude on a north-up grid of the UTM zone.
+    """Resample the magnitude to a north-up grid of the UTM zone.
 
     Parameters
     ----------
@@ -73,7 +76,7 @@ def north_up(image: SarImage, spacing: float = 0.0) -> NorthUp:
 
     Notes
     -----
-    Pixels stand on the image's plane: terrain and buildings are displaced by their layover, as in the image.
+    Pixels are placed on the image plane: terrain and buildings are displaced by layover, as in the image.
     """
     from rasterio.warp import transform
 

@@ -1,4 +1,4 @@
-"""Dataclasses as groups of an HDF5 file, and datasets read without trusting the file.
+"""Dataclasses as groups of an HDF5 file, and safe reading of datasets from untrusted files.
 
 Numbers are datasets with the attributes ``unit`` and ``description``, texts are attributes of the group.
 """
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 D = TypeVar("D", bound="DataclassInstance")
 
-# unit and meaning of every number, by the name of its field, or of class and field where that has another meaning
+# unit and meaning of every number, by field name, or by class and field where names have several meanings
 FACTS: Mapping[str, tuple[str, str]] = {
     "Anchor.height": ("m", "of the origin of the frame, over the WGS-84 ellipsoid"),
     "across": ("1", "horizontal unit vector across the track, towards the side looked to"),
-    "aim_point": ("m", "point that the geometry is referred to"),
+    "aim_point": ("m", "reference point of the geometry"),
     "along": ("1", "horizontal unit vector of flight"),
     "azimuth": ("m", "of the rows: metres along `along` from `origin`"),
     "azimuth_axis": ("1", "unit vector along the aperture, per pulse"),
@@ -37,7 +37,7 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "center_frequency": ("Hz", "carrier"),
     "center_x": ("m", "image centre, east"),
     "center_y": ("m", "image centre, north"),
-    "delay": ("s", "from transmission to reception, per pulse, where the antenna moves on meanwhile"),
+    "delay": ("s", "delay from transmission to reception, per pulse, where the antenna moves on meanwhile"),
     "elevation_axis": ("1", "unit vector across the aperture, per pulse"),
     "elevation_cut": ("rad, 1", "angle off boresight and one-way power gain over its peak"),
     "elevation_beamwidth": ("rad", "one-way half-power width"),
@@ -45,14 +45,14 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "extent_range": ("m", "image size across the track, on the ground"),
     "gain": ("1", "peak one-way power gain of the antenna"),
     "half_aperture": ("1", "half the synthetic aperture of a pixel, in sines; inf: all pulses serve every pixel"),
-    "height": ("m", "of the horizontal plane that the image stands on"),
+    "height": ("m", "height of the horizontal image plane"),
     "incidence_angle": ("rad", "at mid-aperture on the image plane, per column"),
     "latitude": ("rad", "WGS-84, of the origin of the frame"),
     "longitude": ("rad", "WGS-84, of the origin of the frame"),
     "losses": ("1", "two-way system losses, power"),
     "n_samples": ("1", "samples of a range-compressed profile"),
     "noise_temperature": ("K", "of the receiver with its antenna; 0: no noise"),
-    "origin": ("m", "that azimuth and range count from"),
+    "origin": ("m", "origin of azimuth and range"),
     "position": ("m", "of the antenna's phase centre, per pulse"),
     "pulse_width": ("s", "length of the transmitted pulse"),
     "range": ("m", "of the columns: slant range, or metres along `across` from `origin`"),
@@ -66,9 +66,9 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "velocity": ("m/s", "of the antenna, per pulse"),
     "wavelength": ("m", "at the centre frequency"),
 }  # fmt: skip
-# no compressor does better than one part in this: what claims to is damaged or a trap
+# largest compression ratio: a dataset that claims more is damaged or malicious
 _MOST_COMPRESSION = 1100
-_ALLOWANCE = 1 << 20  # bytes that a small dataset may take whatever is stored of it
+_ALLOWANCE = 1 << 20  # bytes allowed for a small dataset independent of its stored size
 
 
 def write_number(group: h5py.Group, name: str, value: object, owner: str = "") -> None:
@@ -79,7 +79,7 @@ def write_number(group: h5py.Group, name: str, value: object, owner: str = "") -
 
 
 def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tuple[str, ...] = ()) -> None:
-    """Write the fields of a dataclass into a group, dataclasses in it as groups of their own."""
+    """Write the fields of a dataclass into a group, nested dataclasses as subgroups."""
     for field in dataclasses.fields(content):
         value = getattr(content, field.name)
         if field.name in leave_out or value is None:
@@ -95,18 +95,18 @@ def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tup
 
 
 def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
-    """Make a dataclass from a group, every field with the type it is declared with.
+    """Read a dataclass from a group, every field with its declared type.
 
     Parameters
     ----------
     group : as written by :func:`write_fields`
     cls : the dataclass
-    known : fields that stand elsewhere
+    known : fields stored elsewhere
 
     Raises
     ------
     DataError
-        A field is missing, of another type, or no file of ours.
+        A field is missing or of another type, or the file is of another program.
     """
     values = dict(known)
     hints = typing.get_type_hints(cls)
@@ -142,12 +142,12 @@ def group_of(group: h5py.Group, name: str) -> h5py.Group:
 
 
 def dataset(group: h5py.Group, name: str) -> h5py.Dataset:
-    """A dataset whose numbers are in the file itself, as many as it claims.
+    """A dataset stored completely in the file itself.
 
     Raises
     ------
     DataError
-        It is missing, stands in another file, or claims more than what is stored can hold.
+        It is missing, is stored in another file, or claims more data than are stored.
     """
     found = _item(group, name)
     if not isinstance(found, h5py.Dataset) or found.shape is None:
@@ -162,7 +162,7 @@ def dataset(group: h5py.Group, name: str) -> h5py.Dataset:
 
 
 def number(group: h5py.Group, name: str, kind: type[float] | type[int]) -> float | int:
-    """A single real number; NaN is none."""
+    """A single real number; NaN is an error."""
     found = dataset(group, name)
     if found.shape != () or found.dtype.kind not in ("iu" if kind is int else "fiu"):
         raise DataError(f"{found.name} is not a single {'integer' if kind is int else 'number'}")
@@ -193,7 +193,7 @@ def texts_of(group: h5py.Group, name: str) -> tuple[str, ...]:
 
 
 def has(group: h5py.Group, name: str) -> bool:
-    """Whether there is something of that name."""
+    """Whether an entry of that name exists."""
     return group.get(name, getlink=True) is not None
 
 

@@ -1,4 +1,4 @@
-"""A file for libraries that cannot bear a failing disk: it keeps the first error instead of raising it."""
+"""File object for libraries that crash on write errors: it stores the first error instead of raising it."""
 
 import io
 import os
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 class GuardedFile(io.RawIOBase):
-    """Random-access file whose writes always seem to succeed; the first failure is kept in ``error``.
+    """Random-access file whose writes appear to succeed; the first failure is stored in ``error``.
 
     HDF5 1.14 crashes the process when a write fails while it still holds unwritten chunks (seen with a file
-    size limit). Given this file it finishes in peace, and the caller raises ``error`` afterwards.
+    size limit). With this file it finishes, and the caller raises ``error`` afterwards.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class GuardedFile(io.RawIOBase):
         self._file.truncate(0)
 
     def write(self, data: "ReadableBuffer") -> int:
-        """Write all of ``data``; drop it once the disk has refused."""
+        """Write all of ``data``; discard it after a failure."""
         view = memoryview(data).cast("B")
         done = 0
         try:

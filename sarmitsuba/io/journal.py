@@ -1,8 +1,8 @@
-"""A file that arrays are appended to, each with a checksum: what a killed writer had finished is read again.
+"""Journal file of arrays, each with a checksum, from which an interrupted run resumes.
 
 Layout: the magic line, then records. A record is a header of fixed size (magic, lengths of label and payload, CRC-32 of
 label and payload), the label as JSON, and the payload as its bytes. A record that is cut off or damaged ends the
-journal: it and what follows are dropped, everything before it holds.
+journal: it and the following ones are dropped, earlier ones are kept.
 """
 
 import json
@@ -33,7 +33,7 @@ class Journal:
 
     Parameters
     ----------
-    path : file; made where there is none, else its sound records are kept
+    path : file; created if missing, else its intact records are kept
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class Journal:
 
     Notes
     -----
-    A record is whole on the disk as soon as :meth:`append` returns, for whatever ends the process. It is not forced
-    through the system's own cache: of a power failure the checksum tells the records that arrived.
+    A record is complete in the file as soon as :meth:`append` returns, however the process ends. The system's cache is
+    not flushed: after a power failure the checksums show which records are complete.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -61,7 +61,7 @@ class Journal:
         head = self._file.read(len(MAGIC))
         if (
             head != MAGIC[: len(head)]
-        ):  # a beginning of it is what is left of a journal that was killed at birth
+        ):  # an incomplete magic line is left by a process killed while creating the journal
             self._file.close()
             raise OutputError(
                 f"{self.path}: this file is not one that the program wrote here, and would be lost; move it, or choose "
@@ -86,7 +86,7 @@ class Journal:
                 return
             magic, n_label, n_payload, expected = _HEADER.unpack(header)
             offset = self._file.tell() + n_label
-            if magic != _RECORD or offset + n_payload > end:  # asked before that much is read
+            if magic != _RECORD or offset + n_payload > end:  # checked before the data are read
                 return
             text, payload = self._file.read(n_label), self._file.read(n_payload)
             if zlib.crc32(payload, zlib.crc32(text)) != expected:
@@ -105,7 +105,7 @@ class Journal:
         Raises
         ------
         OutputError
-            The disk refused; the records before stand.
+            The disk refused; earlier records are kept.
         """
         text = json.dumps(label).encode()
         payload = memoryview(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
@@ -154,7 +154,7 @@ class Journal:
         self._end += len(view)
 
     def _cut(self, size: int) -> None:
-        """Drop what stands past a size."""
+        """Truncate the file to a size."""
         try:
             self._file.truncate(size)
         except OSError as error:
@@ -162,7 +162,7 @@ class Journal:
 
 
 def remove_journal(path: Path) -> None:
-    """Delete a journal; a file that is none, and whatever is no plain file, stays."""
+    """Delete a journal; other files and irregular files are kept."""
     try:
         if path.is_symlink():
             return

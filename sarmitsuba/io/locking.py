@@ -1,4 +1,4 @@
-"""One writer at a time in a folder, and what killed writers left behind there."""
+"""Exclusive writing in a folder, and removal of temporary files of killed writers."""
 
 import errno
 import os
@@ -17,9 +17,9 @@ except ImportError:  # Windows
 
 @contextmanager
 def sole_writer(folder: Path) -> Iterator[None]:
-    """Hold a folder for this process; files that processes no longer alive left half written there are removed.
+    """Lock a folder for this process; temporary files of dead processes are removed.
 
-    The operating system gives the folder back when the process ends, however it ends, and no file marks it.
+    The operating system releases the lock when the process ends, however it ends, without a lock file.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
     Notes
     -----
-    File systems and systems without such locks (some network drives, Windows) do not notice a second writer.
+    File systems and systems without such locks (some network drives, Windows) do not detect a second writer.
     """
     if fcntl is None:
         yield
@@ -52,13 +52,15 @@ def _sweep(folder: Path) -> None:
     for path in folder.iterdir():
         process = process_of_part(path.name)
         if process is not None and not _alive(process):
-            with suppress(OSError):  # a folder is none of ours; what cannot be removed is in nobody's way
+            with suppress(
+                OSError
+            ):  # folders are not temporary files; files that cannot be removed do no harm
                 path.unlink()
 
 
 def _alive(process: int) -> bool:
     try:
-        os.kill(process, 0)  # asks, and sends nothing
+        os.kill(process, 0)  # signal 0 only checks whether the process exists
     except (ProcessLookupError, OverflowError):
         return False
     except OSError:

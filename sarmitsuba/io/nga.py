@@ -1,4 +1,4 @@
-"""What the NGA's formats CPHD and SICD share: dates, names of modes and polarisations, and how sarkit fails."""
+"""Common parts of the NGA's formats CPHD and SICD: dates, names of modes and polarisations, sarkit's errors."""
 
 import datetime
 import logging
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 # an element of a document, as sarkit wraps it: a mapping by the names of the standard
 Element: TypeAlias = Any
 
-# simulated flights have no date of their own
+# simulated flights have no date
 EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.timezone.utc)
 MODE_TYPES = {"spotlight": "SPOTLIGHT", "circular": "SPOTLIGHT", "stripmap": "STRIPMAP"}
 OTHER_MODE = "DYNAMIC STRIPMAP"
 POLARISATIONS = {"H": "H", "V": "V", "R": "RHC", "L": "LHC"}
 LETTERS = {name: letter for letter, name in POLARISATIONS.items()}
 
-# what sarkit and lxml raise for a damaged file; lxml's own errors are syntax errors
+# exceptions of sarkit and lxml for damaged files; lxml's own are syntax errors
 DAMAGED = (
     ArithmeticError,
     AssertionError,
@@ -52,9 +52,9 @@ def polarisations(channel: str, what: str) -> tuple[str, str]:
 
 @contextmanager
 def plain_xml() -> Iterator[None]:
-    """Within it lxml, which sarkit reads documents with, expands no entity and opens no other file or address.
+    """Context in which lxml, sarkit's XML reader, expands no entities and opens no other files or addresses.
 
-    What jbpy logs about every field of a damaged NITF file is dropped: the error says it in one line.
+    jbpy's log messages about damaged NITF files are suppressed: the error is one line.
     """
     import lxml.etree
 

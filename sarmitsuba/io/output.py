@@ -1,4 +1,4 @@
-"""Where results go: what the program wrote there is replaced, nothing else is touched."""
+"""Output folders: files that the program wrote are replaced, others are never changed."""
 
 import os
 import re
@@ -20,10 +20,8 @@ from sarmitsuba.regular_files import read_text
 from sarmitsuba.unfinished import removed_if_stopped
 
 MANIFEST = ".sarmitsuba.json"
-_ON_THE_WAY = (
-    -1
-)  # bytes in the list of a file that is being written: it may be the old one, the new one or none
-# files that commands write: no list, whoever made it, can call another one the program's own
+_ON_THE_WAY = -1  # size in the list of a file being written: it may be the old one, the new one or missing
+# names that commands write: a manipulated list cannot claim other files
 RESULTS = re.compile(
     r"(raw|image|second_on_first|quicklook|focusers|page|parameters|passes|quality|interferogram|heights|rcs|cost|"
     r"polarimetry|pauli|h_a_alpha|h_alpha_plane|m_chi|m_delta)"
@@ -33,11 +31,11 @@ _LARGEST_LIST = 1 << 23  # bytes; an import of ten thousand meshes takes less th
 
 
 class OutputFolder:
-    """A folder, and the list of what the program wrote into it.
+    """Output folder with the list of files that the program wrote into it.
 
-    The list is a file of the folder: names with their bytes, and a run hash of what was simulated. A file of another
-    size, one that is not in the list, and whatever is no plain file of the folder (a link, a file elsewhere) is the
-    user's own. So is every name that no command writes: a list may come from anybody.
+    The list is a file in the folder: names with sizes in bytes, and the run hash. A file of another size, one that is
+    not in the list, and one that is not a regular file in the folder (a link) belongs to the user. So does every name
+    that no command writes: the list is not trusted.
 
     Parameters
     ----------
@@ -89,7 +87,7 @@ class OutputFolder:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Files that the program wrote, as they are now."""
+        """Unchanged files that the program wrote."""
         return tuple(name for name in self._bytes if self.owns(name))
 
     def check_names(self, names: Iterable[str]) -> None:
@@ -102,11 +100,11 @@ class OutputFolder:
                 )
 
     def adopt(self, names: Iterable[str]) -> None:
-        """Take plain files of these names for the program's own, whoever wrote them, where the user says so."""
+        """Treat regular files of these names as the program's own, at the user's request."""
         self.enter(*(name for name in names if _is_plain(self.path / name)))
 
     def check(self, run_hash: str, names: Iterable[str], *, force: bool) -> None:
-        """Ask whether results may be written, before any work goes into them.
+        """Check that results may be written, before the run.
 
         Parameters
         ----------
@@ -129,7 +127,7 @@ class OutputFolder:
             )
 
     def check_space(self, needed: float) -> None:
-        """Raise an OutputError where so many bytes do not fit, what they replace left aside."""
+        """Raise an OutputError where the results do not fit on the disk, without counting replaced files."""
         free = shutil.disk_usage(self.path).free + sum(
             (self.path / name).stat().st_size for name in self.names
         )
@@ -140,7 +138,7 @@ class OutputFolder:
             )
 
     def clear(self, run_hash: str, keep: Iterable[Path] = ()) -> None:
-        """Remove what the program wrote, so that old and new results never stand side by side.
+        """Remove the program's files, so that old and new results are never mixed.
 
         Parameters
         ----------
@@ -153,7 +151,7 @@ class OutputFolder:
         self.drop([name for name in self._bytes if name not in stay])
 
     def enter(self, *names: str) -> None:
-        """List files that the program wrote, as they are now; one that is not there is left out."""
+        """Add written files to the list with their present sizes; missing ones are left out."""
         for name in names:
             if _is_plain(self.path / name):
                 self._bytes[name] = (self.path / name).stat().st_size
@@ -162,7 +160,7 @@ class OutputFolder:
         self._save()
 
     def announce(self, *names: str) -> None:
-        """List files that will be written, so that they are the program's own whenever the process is killed.
+        """Add files to the list before they are written, so that they stay the program's own if the process is killed.
 
         Raises
         ------
@@ -177,7 +175,7 @@ class OutputFolder:
         self._save()
 
     def drop(self, names: Iterable[str]) -> None:
-        """Remove files that the program wrote, and take them off the list; others of these names stay."""
+        """Remove files that the program wrote, also from the list; others of these names are kept."""
         for name in names:
             if self.owns(name):
                 (self.path / name).unlink()
@@ -186,7 +184,7 @@ class OutputFolder:
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
-        """Path of a file that the block writes; it is listed when the block ends, however it ends.
+        """Path of a file for the block to write; it is listed at the end of the block, also after an error.
 
         Raises
         ------
@@ -208,7 +206,7 @@ class OutputFolder:
 
 
 def _is_plain(path: Path) -> bool:
-    """Whether there is a file of the folder's own: no link, folder or device."""
+    """Whether a regular file exists: no link, folder or device."""
     try:
         return stat.S_ISREG(path.lstat().st_mode)
     except OSError:
@@ -217,7 +215,7 @@ def _is_plain(path: Path) -> bool:
 
 @contextmanager
 def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Iterator[OutputFolder]:
-    """Yield the folder. It is made if needed, and removed again if nothing was put into it.
+    """Yield the output folder. It is created if needed, and removed again if it stays empty.
 
     Parameters
     ----------
@@ -258,19 +256,19 @@ def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Itera
 
 
 class OutputFile:
-    """A file that the user named to be written: nothing that stands there is replaced without being told to.
+    """Output file named by the user: an existing file is replaced only with ``force``.
 
-    One that the list of its folder knows is a result as any other, and stays in that list.
+    A file in its folder's list is a result like any other, and stays in that list.
 
     Parameters
     ----------
     path : of the file
-    force : replace what stands there
+    force : replace an existing file
 
     Raises
     ------
     OutputError
-        The program did not write what stands there, and ``force`` is off; or it is a folder.
+        The file exists and was not written by the program, and ``force`` is off; or it is a folder.
     """
 
     def __init__(self, path: Path | str, *, force: bool = False) -> None:
@@ -286,7 +284,7 @@ class OutputFile:
 
     @contextmanager
     def writing(self) -> Iterator[Path]:
-        """Path of the file, which the block writes whole or not at all."""
+        """Path of the file, for atomic writing by the block."""
         if self._folder is None:
             yield self.path
         elif self._others:

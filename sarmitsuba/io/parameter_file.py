@@ -1,4 +1,4 @@
-"""parameters.json: what was asked for and what happened, for a person and for the next program."""
+"""parameters.json: record of a run's parameters and results."""
 
 import json
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Phase histories from elsewhere: samples over frequency and pulse, made into raw data without resampling error."""
+"""Conversion of external phase histories (samples over frequency and pulse) into raw data without resampling error."""
 
 import warnings
 from collections.abc import Sequence
@@ -25,9 +25,9 @@ from sarmitsuba.radar.waveform import Waveform
 _OVERSAMPLING = 1.25
 # largest unevenness of the frequencies, in steps: pi times as much is the phase error at the ends of the swath, rad
 _UNEVEN = 1e-2
-# Where a file holds no times pulses are given those of this speed, m/s. No image depends on it
+# assumed speed for pulse times that a file does not contain, m/s; no image depends on it
 _NOMINAL_SPEED = 100.0
-# of the unambiguous swath, the part that an image nobody described covers
+# share of the unambiguous swath covered by a default image
 _SWATH_SHARE = 0.7
 # complex samples transformed at once
 _BATCH = 1 << 22
@@ -49,7 +49,7 @@ class PhaseHistory:
     reference_range : (n_pulses,) float64, m; the r_n above
     channel : polarisation, transmit first
     source : name for messages
-    receiver : (n_pulses, 3) float64, m, of the receiving antenna where that is another
+    receiver : (n_pulses, 3) float64, m, of a separate receiver
     time : (n_pulses,) float64, s, strictly increasing, where it is known
     """
 
@@ -63,7 +63,7 @@ class PhaseHistory:
     time: F64 | None = None
 
     def check(self) -> None:
-        """Raise a DataError for lengths that differ, numbers that are none, and frequencies out of step."""
+        """Raise a DataError for inconsistent lengths, invalid numbers and non-uniform frequencies."""
         if self.samples.ndim != 2 or min(self.samples.shape) < 2:
             raise DataError(
                 f"{self.source}: fp has the shape {self.samples.shape}; at least 2 frequencies x 2 pulses are needed"
@@ -118,7 +118,7 @@ class PhaseHistory:
 
 
 def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
-    """One history out of several that follow each other along the track.
+    """Concatenation of phase histories along the track.
 
     Raises
     ------
@@ -131,14 +131,14 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
         if part.samples.shape[0] != first.samples.shape[0]:
             raise DataError(
                 f"{part.source}: {part.samples.shape[0]} frequencies, {first.source} has {first.samples.shape[0]}; "
-                "focus them apart"
+                "focus them separately"
             )
     if len(parts) == 1:
         return first
     apart = [p.receiver for p in parts if p.receiver is not None]
     if apart and len(apart) < len(parts):
         raise DataError(
-            f"{first.source} ... {parts[-1].source}: some have a receiver apart, others none; focus them apart"
+            f"{first.source} ... {parts[-1].source}: some are bistatic, others monostatic; focus them separately"
         )
     same = all(p.frequency.ndim == 1 and np.array_equal(p.frequency, first.frequency) for p in parts)
     frequency = (
@@ -164,7 +164,7 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
     r"""Raw data of phase histories, one per polarisation.
 
     Every pulse becomes a range profile whose samples start at its own :math:`r_n - P / 2`, P the unambiguous swath
-    :math:`c / (2 \Delta f)`, so that a whole-sample inverse transform does it, whatever r_n:
+    :math:`c / (2 \Delta f)`, so that an inverse transform on whole samples is exact for any r_n:
 
     .. math:: s_n(r) = \frac{K}{r_n^2} e^{-j 4 \pi f_c r_n / c} \frac{1}{N}
               \sum_k F_{kn} e^{j 4 \pi (f_{kn} - f_c) (r - r_n) / c}
@@ -175,18 +175,18 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
 
     Returns
     -------
-    RawData, range compressed, with an isotropic antenna, of two the one that flies further first; a focused
+    RawData, range compressed, with an isotropic antenna, of two antennas the one with the longer track first; a focused
     pixel has the amplitude of F, so that |pixel|^2 is in m^2 only where |F|^2 is
     (:func:`sarmitsuba.image.calibration.calibrate`)
 
     Raises
     ------
     DataError
-        The numbers do not fit together, or the pulses are not in the order of flight.
+        The numbers are inconsistent, or the pulses are not in the order of flight.
 
     Notes
     -----
-    Ignores the antenna pattern. What lies beyond the unambiguous swath is folded in already. Pulse times are
+    Ignores the antenna pattern. Echoes from beyond the unambiguous swath are aliased in the data. Pulse times are
     nominal where the history has none. The spread R^2 is counted from r_n, that of two antennas from the point that
     the ranges are referred to.
     """
@@ -201,7 +201,7 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
             and np.array_equal(other.frequency, first.frequency)
         ):
             raise DataError(
-                f"{other.source}: its pulses or frequencies are not those of {first.source}; focus them apart"
+                f"{other.source}: its pulses or frequencies are not those of {first.source}; focus them separately"
             )
     histories = [_leading(history) for history in histories]
     first = histories[0]
@@ -225,12 +225,12 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
 
 
 def _same(one: F64 | None, other: F64 | None) -> bool:
-    """Whether two histories have the same receiver, or neither has one apart."""
+    """Whether two histories have the same receiver, or both are monostatic."""
     return one is other if one is None or other is None else np.array_equal(one, other)
 
 
 def _leading(history: PhaseHistory) -> PhaseHistory:
-    """The same history with the antenna that flies further as the first; ranges are the same both ways."""
+    """The history with the antenna of the longer track first; ranges are reciprocal."""
     if history.receiver is None:
         return history
     lengths = [
@@ -259,7 +259,7 @@ def _check_order(history: PhaseHistory) -> None:
 
 
 def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
-    """The radar that such data imply: isotropic, its beam on the point that the ranges are referred to."""
+    """Radar implied by the data: isotropic, its beam on the reference point of the ranges."""
     n_frequencies = history.samples.shape[0]
     step, center, bandwidth = _band(history)
     swath = SPEED_OF_LIGHT / (2.0 * step)
@@ -278,7 +278,7 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
     return Radar(
         mode="spotlight",
         track=track,
-        # the pulse is compressed already: a width that only noise would need
+        # the pulse is compressed already: its width matters for noise only
         waveform=Waveform(center, bandwidth, 1.0 / step),
         antenna=Antenna(),
         pointing=MODES["spotlight"].pointing(
@@ -295,7 +295,7 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
 
 
 def _band(history: PhaseHistory) -> tuple[float, float, float]:
-    """Frequency step, centre and width of what all pulses together cover, Hz."""
+    """Frequency step, and centre and width of the band of all pulses, Hz."""
     f = history.frequency if history.frequency.ndim == 2 else history.frequency[:, None]
     step = float(np.mean((f[-1] - f[0]) / (f.shape[0] - 1)))
     return step, 0.5 * float(f.min() + f.max()), float(f.max() - f.min()) + step

@@ -1,6 +1,6 @@
-"""The XML part of a SICD 1.3 file: how the pixels of an image came about and where they stand.
+"""XML document of a SICD 1.3 file.
 
-The library sarkit knows the schema; this module knows which of our figures goes where. Source: NGA.STND.0024-1_1.3.0,
+The library sarkit has the schema; this module fills in the values. Source: NGA.STND.0024-1_1.3.0,
 Sensor Independent Complex Data, design and implementation description.
 
 A ``ground`` grid is a uniform grid in a plane (``PLANE``), a ``slant`` grid one in range and zero-Doppler time
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 UP = np.array([0.0, 0.0, 1.0])
 
 NAMESPACE = "urn:SICD:1.3.0"
-# cosine of the inclination of what counts as level somewhere near, and m / s^2 of what counts as straight
+# smallest cosine of the inclination of a plane that counts as level, and largest acceleration, m / s^2, of a straight
+# track
 _LEVEL, _STRAIGHT = 0.9999, 1e-6
 # half-power over noise-equivalent width of a uniform band; of the usual windows within 3 %
 _UNIFORM_WIDTH = 0.885892941378905
@@ -48,7 +49,7 @@ class Axes:
     ----------
     scp : (3,) m, file frame; scene centre point, that of the pixel ``pixel``
     pixel : row and column of the scene centre point
-    turned : whether columns go against the flight
+    turned : whether columns run against the flight
     units : (2, 3) unit vectors of rows and columns, file frame
     spacing : m, of rows and columns
     carrier : cycles/m, centre of the pixels' spatial frequencies along rows and columns
@@ -101,7 +102,7 @@ class Axes:
         )
 
     def ramp(self, shape: tuple[int, int]) -> tuple[F64, F64]:
-        """Cycles of the carrier at every row and every column of an array of that shape."""
+        """Phase of the carrier in cycles at every row and column of an array."""
         rows, columns = (
             np.asarray((np.arange(n) - at) * step * k, dtype=np.float64)
             for n, at, step, k in zip(shape, self.pixel, self.spacing, self.carrier, strict=True)
@@ -125,7 +126,7 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
     ----------
     image : on the grid of ``axes``
     channel : polarisation, transmit first
-    flight : what it was made from
+    flight : of the radar
     name : of the image
     """
     import lxml.etree
@@ -293,7 +294,7 @@ def _range_migration(top: Element, axes: Axes, flight: Collection) -> None:
 
 
 def image_of(top: Element, pixels: C64, what: str) -> SarImage:
-    """The image that a SICD document and its pixels are, in a frame (east, north, up) whose level plane is the image's.
+    """Image of a SICD document and its pixels, in a frame (east, north, up) whose level plane is the image's.
 
     Parameters
     ----------
@@ -365,7 +366,7 @@ def image_of(top: Element, pixels: C64, what: str) -> SarImage:
 
 
 def _level_anchor(top: Element, anchor: Anchor, kind: str, what: str) -> Anchor:
-    """The place, kilometres away at most, whose level plane is the image's; of slant range, the flight's."""
+    """Anchor, at most kilometres away, whose level plane is the image plane; for slant range, that of the flight."""
     if kind == "ground":
         normal = np.cross(*(top["Grid"][name]["UVectECF"] for name in ("Row", "Col")))
     else:
@@ -378,7 +379,7 @@ def _level_anchor(top: Element, anchor: Anchor, kind: str, what: str) -> Anchor:
 
 
 def _pair(top: Element, name: str) -> tuple[float, float]:
-    """A parameter of rows and of columns."""
+    """A parameter of rows and columns."""
     return float(top["Grid"]["Row"][name]), float(top["Grid"]["Col"][name])
 
 
@@ -396,7 +397,7 @@ def _kind(top: Element, what: str) -> Literal["ground", "slant"]:
 
 
 def _constant(poly: F64 | None, what: str) -> float:
-    """The only coefficient of a polynomial; 1 where there is none."""
+    """Single coefficient of a polynomial; 1 where there is none."""
     if poly is None:
         return 1.0
     if np.asarray(poly).size > 1:

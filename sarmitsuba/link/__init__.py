@@ -1,4 +1,4 @@
-"""What a radar can do on a scene, before anything is traced: signal, noise, timing, data, and what cannot be."""
+"""Link budget of a radar on a scene before tracing: signal, noise, timing, data volume, contradictions."""
 
 from sarmitsuba.link.budget import LinkBudget, link_budget
 from sarmitsuba.link.findings import Finding

@@ -1,4 +1,4 @@
-"""The link budget of a scene: what its radar will see, worked out before anything is traced."""
+"""Link budget of a scene's radar, computed before tracing."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -60,7 +60,7 @@ class DataVolume:
 
 @dataclass(frozen=True)
 class LinkBudget:
-    """What a radar can do on a scene; ``str`` of it is a readable table.
+    """Link budget of a radar on a scene; ``str`` of it is a readable table.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class LinkBudget:
 
     @property
     def impossible(self) -> tuple[Finding, ...]:
-        """What cannot be."""
+        """Findings that make the radar impossible."""
         return tuple(finding for finding in self.findings if finding.impossible)
 
     def as_dict(self) -> Mapping[str, object]:

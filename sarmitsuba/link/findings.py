@@ -1,4 +1,4 @@
-"""Combinations of parameters that cannot be, or that a designer would not want: one line each."""
+"""Findings about impossible or unfavourable combinations of radar parameters, one line each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Ambiguities of the image, by the closed forms: ghosts in azimuth, echoes of other pulses in range."""
+"""Azimuth and range ambiguity ratios of the image, by closed forms."""
 
 from dataclasses import dataclass
 

@@ -25,7 +25,7 @@ _STEP, _REACH = 0.25, 4.0
 
 @dataclass(frozen=True)
 class PlaceBudget:
-    """What the radar makes of one place on the image's plane.
+    """Link budget of one place on the image plane.
 
     Parameters
     ----------

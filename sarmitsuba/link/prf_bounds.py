@@ -1,4 +1,4 @@
-"""When pulses leave and echoes come: bounds of the pulse repetition frequency, blind ranges, the nadir's echo."""
+"""Pulse timing: bounds of the pulse repetition frequency, blind ranges, nadir echo."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Surfaces, points and parameters put together into a scene: cleaned, grouped, centred, seen by a radar."""
+"""Assemble a scene from surfaces, points and parameters: clean and centre the meshes, group faces, build the radar."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -31,18 +31,22 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.scene.wires import WireTarget, wire_ends
 
-# Farther from the file's origin than this the scene gets its own: float32 positions stay exact to 1 mm
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+# beyond this distance from the file's origin the scene gets an origin near the geometry: float32 positions stay exact
+# to 1 mm
 RECENTRE_DISTANCE = 5e3
-# Coordinates beyond this are a mistake of units
+# coordinates beyond this are taken as an error of units
 MAX_COORDINATE = 1e9
 _MAX_MESH_NOTES = 12
-# faces up to which a lone mesh is tried to be proven convex: about 0.2 s
+# most faces of a single mesh that is tested for convexity: about 0.2 s
 MAX_PROVEN_FACES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class MeshSurface:
-    """Triangles of one mesh and what they are made of.
+    """Triangles of one mesh and their material.
 
     Parameters
     ----------
@@ -51,9 +55,9 @@ class MeshSurface:
     faces : (n_f, 3) int32
     material : index into the scene's materials
     smooth : all faces belong to one smooth surface, however much they bend
-    convex : one closed convex body by its kind
-    motion : how it moves from there
-    corner_values : attributes that maps lie on, see `Geometry.corner_values`
+    convex : the shape is always one closed convex body
+    motion : translation from that place
+    corner_values : mesh attributes used by material maps, see `Geometry.corner_values`
     """
 
     name: str
@@ -79,13 +83,13 @@ def assemble(
     volumes: Sequence[Volume] = (),
     scatterers: Sequence[ScattererTarget] = (),
 ) -> Scene:
-    """Clean and centre the geometry, let the radar see it and freeze everything into a scene.
+    """Scene of cleaned and centred geometry with its radar.
 
     Parameters
     ----------
     name, path : of the file
     surfaces, points, wires : in the file frame
-    materials : that ``surfaces`` point into
+    materials : list that ``Surface.material`` indexes
     radar : validated parameters of sensor and film
     settings : of the integrator
     notes : collected so far
@@ -93,19 +97,19 @@ def assemble(
 
     Raises
     ------
-    SceneError : there is nothing to see, or a mesh cannot be repaired
+    SceneError : the scene has no scatterers, or a mesh cannot be repaired
     RadarError : the radar does not see the scene
     """
     label = printable(path.name if path else name)
     visible = any(not materials[s.material].invisible for s in surfaces)
     if volumes and not visible:
         raise SceneError(
-            f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
+            f'{label}: no surface below the volume "{volumes[0].name}"; add ground, a shape with a radar_material'
         )
     if not visible and not points and not wires and not scatterers:
         what = "every shape is invisible" if surfaces else "there is no shape"
         raise SceneError(
-            f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
+            f"{label}: the scene has no scatterers: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
         )
     geometry, repairs = _geometry(label, surfaces)
     doubts: list[str] = []
@@ -164,8 +168,8 @@ def seen_by(
     ----------
     label : start of notes
     geometry : in the scene frame
-    places : (n, 3) m, of what there is to see beside it
-    materials : that occur in the geometry
+    places : (n, 3) m, positions of scatterers that are not in the mesh
+    materials : those that occur in the geometry
     radar : in the file frame
     offset : (3,) m, of the scene frame
     """
@@ -177,18 +181,18 @@ def seen_by(
 
 
 def _black(label: str, surfaces: Sequence[MeshSurface], materials: Sequence[Material]) -> list[str]:
-    """Say that a scene which is all mirrors will be black but for them."""
+    """Warn that a scene without any diffuse return gives a black image except for mirror reflections."""
     seen = with_parts([m for m in (materials[s.material] for s in surfaces) if not m.invisible])
     if not seen or any(material.diffuse_law != "none" for material in seen):
         return []
     return [
-        f"{label}: no material has a diffuse law: the image is black but for edges, corners and faces that mirror the "
-        "radar; give diffuse_law, or rms_height and correlation_length, to what should show as clutter"
+        f"{label}: no material has a diffuse law: the image is black except for edges, corners and faces in specular "
+        "direction; give diffuse_law, or rms_height and correlation_length, to materials that should show as clutter"
     ]
 
 
 def _check_angle(label: str, material: Material, radar: Radar, image: ImageRequest, notes: list[str]) -> None:
-    """Say when level ground is seen at an angle where the material's diffuse law does not hold."""
+    """Warn where level ground is seen at an incidence angle outside the validity of the material's diffuse law."""
     table = diffuse_tables(material, radar.waveform.wavelength)
     look = np.array([image.center_x, image.center_y, image.height]) - radar.track.center_position
     incidence = float(np.arccos(np.clip(-look[2] / np.linalg.norm(look), -1.0, 1.0)))
@@ -215,7 +219,7 @@ def _geometry(label: str, surfaces: Sequence[MeshSurface]) -> tuple[Geometry, li
     v, f, notes = joined.vertices, joined.faces, joined.notes
     convex = [s.convex and not repaired for s, repaired in zip(surfaces, joined.repaired, strict=True)]
     if len(surfaces) == 1 and f.shape[0] <= MAX_PROVEN_FACES:
-        # of several bodies it would be of no use to know which are convex
+        # convexity is of no use with several bodies
         convex = [convex[0] or is_convex_body(v, f)]
     if len(notes) > _MAX_MESH_NOTES:
         notes = [
@@ -238,7 +242,7 @@ def _geometry(label: str, surfaces: Sequence[MeshSurface]) -> tuple[Geometry, li
 
 
 def _corner_values(surfaces: Sequence[MeshSurface], joined: JoinedMeshes) -> dict[str, F64]:
-    """Attributes of all meshes at the corners of the faces that are left; NaN where a mesh has none."""
+    """Attributes of all meshes at the corners of the remaining faces; NaN where a mesh has none."""
     out = {}
     for name in sorted({name for s in surfaces for name in s.corner_values}):
         columns = 2 if name == "uv" else 1
@@ -248,10 +252,10 @@ def _corner_values(surfaces: Sequence[MeshSurface], joined: JoinedMeshes) -> dic
 
 
 def _groups(joined: JoinedMeshes, smooth: NDArray[np.bool_]) -> I32:
-    """(n_f,) int32 smooth groups of all meshes; those that are ``smooth``, (n_meshes,), are one group each."""
+    """Smooth group of every face, (n_f,) int32; a mesh marked in ``smooth``, (n_meshes,), is one group."""
     whole = smooth[joined.mesh]
     facets = ~whole
-    label = joined.mesh + joined.mesh.size  # beyond every group of facets
+    label = joined.mesh + joined.mesh.size  # numbers above those of all other groups
     label[facets] = smooth_groups(joined.vertices, joined.faces[facets], mesh=joined.mesh[facets])
     if not whole.any():
         return label.astype(np.int32)
@@ -263,7 +267,7 @@ def _groups(joined: JoinedMeshes, smooth: NDArray[np.bool_]) -> I32:
 
 
 def _check_size(what: str, coordinates: F64) -> None:
-    """Raise a SceneError where a finite coordinate is a mistake of units; the mesh check counts the others."""
+    """Raise a SceneError for a finite coordinate beyond `MAX_COORDINATE`; the mesh check handles others."""
     size = np.abs(coordinates)
     if (
         not (size <= MAX_COORDINATE).all()
@@ -282,7 +286,7 @@ def _bounds(geometry: Geometry, places: F64) -> F64:
 
 
 def _extent(geometry: Geometry, places: F64) -> Extent:
-    """Outline of everything; in its middle at the height of the ground is what a radar aims at."""
+    """Extent of all scatterers; the default aim point is its middle, at the height of the ground."""
     low, high = _bounds(geometry, places)
     height = geometry.ground_height if geometry.n_faces else float(np.median(places[:, 2]))
     middle = np.array([*(0.5 * (low + high)[:2]), height])

@@ -1,4 +1,4 @@
-"""Attributes of meshes that maps lie on: texture coordinates, and numbers at vertices or faces."""
+"""Mesh attributes used by material maps: texture coordinates, and numbers at vertices or faces."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -28,12 +28,12 @@ def corner_values(element: Element, path: Path | None, faces: I32, names: Sequen
 
     Returns
     -------
-    by name (n_faces, 3, 2) for ``uv`` and (n_faces, 3, 1) for numbers, float64; whole numbers of a file count from 0 to
-    1 over what their type can hold
+    by name (n_faces, 3, 2) for ``uv`` and (n_faces, 3, 1) for numbers, float64; integers of a file are scaled by the
+    largest value of their type, to 0 ... 1
 
     Raises
     ------
-    SceneError : the shape has none of a name, or its file is of a kind that is not read for them
+    SceneError : the shape lacks an attribute, or its file format has none that are read
     """
     where = element.where
     if element.plugin == "rectangle" and set(names) <= {"uv"}:
@@ -44,7 +44,7 @@ def corner_values(element: Element, path: Path | None, faces: I32, names: Sequen
         return {name: _flipped(_of_obj(path, faces, where), element, default=True) for name in names}
     else:
         raise SceneError(
-            f"{where}: a map lies on {', '.join(names)} of a {element.plugin}, which has none here; give map_extent, "
+            f"{where}: a map needs {', '.join(names)}, which a {element.plugin} does not have here; give map_extent, "
             "or the mesh as a ply file (uv also as obj or rectangle)"
         )
     values = at_corners(at_vertices, faces, where)
@@ -54,11 +54,11 @@ def corner_values(element: Element, path: Path | None, faces: I32, names: Sequen
 
 
 def at_corners(attributes: Mapping[str, ArrayLike], faces: I32, where: str) -> dict[str, F64]:
-    """Values at vertices, or of faces (names that begin with ``face_``), at the corners of faces.
+    """Values at the corners of faces, from values at vertices or (names that begin with ``face_``) of faces.
 
     Raises
     ------
-    SceneError : there are not as many as there are vertices or faces
+    SceneError : their number is not that of the vertices or faces
     """
     out = {}
     for name, given in attributes.items():
@@ -80,7 +80,7 @@ def at_corners(attributes: Mapping[str, ArrayLike], faces: I32, where: str) -> d
 
 
 def _flipped(uv: F64, element: Element, *, default: bool) -> F64:
-    """Texture coordinates as Mitsuba takes them: v upside down where ``flip_tex_coords`` says so."""
+    """Texture coordinates as in Mitsuba: v inverted with ``flip_tex_coords``."""
     if not element.values.get("flip_tex_coords", default):
         return uv
     return np.stack([uv[..., 0], 1.0 - uv[..., 1]], axis=-1)
@@ -100,11 +100,11 @@ def _of_ply(path: Path, faces: I32, names: Sequence[str], where: str) -> dict[st
     indices = next(
         (np.asarray(face[key]) for key in ("vertex_indices", "vertex_index") if _has(face, key)), None
     )
-    if indices is not None and indices.dtype.names:  # a list with its length beside it
+    if indices is not None and indices.dtype.names:  # a list with its own length
         indices = indices["f1"]
     if indices is None or not np.array_equal(np.asarray(indices).reshape(-1, 3), faces):
         raise SceneError(
-            f"{where}: {path.name} holds other faces than triangles; triangulate it, its attributes are used"
+            f"{where}: {path.name} holds faces that are not triangles; triangulate it, since its attributes are used"
         )
     out: dict[str, NDArray[np.generic]] = {}
     for name in names:

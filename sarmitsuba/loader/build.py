@@ -1,4 +1,4 @@
-"""Scenes made in Python: meshes, points and a radar description in, the same `Scene` as from a file out."""
+"""Scenes made in Python: the same `Scene` as from a file, from meshes, points and a radar description."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -41,7 +41,7 @@ MaterialLike = Material | str | Mapping[str, Value]
 
 @dataclass(frozen=True, eq=False)
 class SceneMesh:
-    """Triangles and what they are made of.
+    """Triangles and their material.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ class SceneMesh:
     name : for notes and errors
     smooth : all faces belong to one smooth surface, however much they bend
     to_world : (4, 4) affine matrix applied to the vertices; None leaves them
-    motion : how it moves from there, such as ``Motion(velocity=(0.0, 8.0, 0.0))``
-    attributes : that maps of the material lie on: ``uv`` (n_vertices, 2), ``vertex_NAME`` (n_vertices,) or
+    motion : translation from that place, such as ``Motion(velocity=(0.0, 8.0, 0.0))``
+    attributes : used by maps of the material: ``uv`` (n_vertices, 2), ``vertex_NAME`` (n_vertices,) or
         ``face_NAME`` (n_faces,), 0 to 1
     """
 
@@ -76,7 +76,7 @@ class SceneMesh:
         to_world: ArrayLike | None = None,
         motion: Motion = STILL,
     ) -> "SceneMesh":
-        """Triangles of a `trimesh.Trimesh`; the other arguments as above."""
+        """Mesh from the triangles of a `trimesh.Trimesh`; the other arguments are those of the class."""
         return SceneMesh(mesh.vertices, mesh.faces, material, name, smooth, to_world, motion)
 
 
@@ -119,14 +119,14 @@ def build_scene(
     ----------
     meshes, points, wires, volumes, scatterers : what there is to see, m
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
-    settings : how to trace; None takes the defaults and the film's ``gridding_width``
+    settings : of the tracing; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
         number of pulses and azimuth resolution
     name : of the scene
 
     Returns
     -------
-    the scene, in a frame of its own when the geometry lies far from the origin (``Scene.offset``)
+    the scene; its frame is shifted by ``Scene.offset`` when the geometry lies far from the origin
 
     Raises
     ------
@@ -134,7 +134,7 @@ def build_scene(
 
     Warns
     -----
-    SarmitsubaWarning : about ambiguities and laws used outside their domain
+    SarmitsubaWarning : ambiguities, or diffuse laws used outside their domain
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""The same geometry under other parameters: what `sarmitsuba.scene.scene.Scene.replace` does."""
+"""A scene with changed parameters and the same geometry, for `sarmitsuba.scene.scene.Scene.replace`."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -13,12 +13,12 @@ from sarmitsuba.radar.description import SENSOR, RadarDescription, RadarInput
 from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.scene.scene import Scene
 
-# what shapes and materials are made for while loading
+# parameters that shapes and materials depend on while loading
 _LOADED_FOR = ("center_frequency", "default_rms_height")
 
 
 def changed(scene: Scene, changes: Mapping[str, object]) -> Scene:
-    """A scene with other parameters of its radar, film or settings, seen anew; geometry and materials are shared.
+    """A scene with other parameters of radar, film or settings; geometry and materials are shared.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def changed(scene: Scene, changes: Mapping[str, object]) -> Scene:
 
     Raises
     ------
-    SceneError, RadarError : one line: an unknown name, a value out of bounds, or one that loading depends on
+    SceneError, RadarError : one line: an unknown name, a value out of bounds, or a parameter that loading depends on
     """
     settings = tuple(f.name for f in fields(scene.settings) if f.name != "effects")
     effects = tuple(effect.name for effect in switchable_effects())
@@ -57,7 +57,7 @@ def _check_name(scene: Scene, name: str, known: tuple[str, ...]) -> None:
 
 
 def _seen_anew(scene: Scene, changes: Mapping[str, object], label: str) -> Scene:
-    """The scene under a changed radar or film; notes about the old one go."""
+    """The scene with a changed radar or film; notes about the old radar are dropped."""
     old = scene.description
     if old is None:
         raise SceneError(f"{label}: the scene holds no description of its radar; load or build it again")
@@ -80,7 +80,7 @@ def _seen_anew(scene: Scene, changes: Mapping[str, object], label: str) -> Scene
 
 
 def _given(description: RadarDescription | FilmDescription, names: frozenset[str]) -> dict[str, object]:
-    """What was given, by name; parameters of the mode too."""
+    """Parameters that were given, by name, including those of the mode."""
     values = {name: getattr(description, name) for name in names if hasattr(description, name)}
     if isinstance(description, RadarDescription):
         values |= {name: v for name, v in description.mode_parameters.items() if name in names}

@@ -1,4 +1,4 @@
-"""Shapes of a scene collected one after the other: surfaces with their materials, ideal points and wires."""
+"""Shapes of a scene collected one after the other: surfaces with their materials, ideal points, wires and volumes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,17 +32,19 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.units import power_from_db
 
-# facets of curved shapes: at 1/32 they act as a grating whose lobes move a sphere's return by up to 1 dB with
-# the direction, a cylinder's by as much; at 1/512 by 0.1 dB
+F64 = NDArray[np.float64]
+
+# sagitta of facets over the wavelength: at 1/32 facets act as a grating whose lobes change a sphere's return by up to 1
+# dB with the direction, a cylinder's by as much; at 1/512 by 0.1 dB
 SAGITTA_OVER_WAVELENGTH = 1.0 / 512.0
-# bytes that cleaning and joining take for a triangle, beyond the triangle itself; triangles between two looks at the
-# memory that is free
+# bytes that cleaning and joining need per triangle, beyond the triangle itself; triangles between two checks of the
+# free memory
 BYTES_PER_FACE, COUNTED = 300, 1_000_000
 
 
 @dataclass
 class Collector:
-    """Takes shapes in and gives the scene out.
+    """Collects shapes and assembles the scene.
 
     Parameters
     ----------
@@ -71,7 +73,7 @@ class Collector:
         self.reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, self.notes)
 
     def add_shape(self, placed: Placed, bsdf: Element | None) -> None:
-        """Take in a shape element: a surface, or by its bsdf an ideal point, wires or a volume.
+        """Add a shape element: a surface, or by its bsdf an ideal point, wires or a volume.
 
         Raises
         ------
@@ -120,19 +122,19 @@ class Collector:
         chosen: Mapping[str, str],
         motion: Motion = STILL,
     ) -> None:
-        """Take in parts of a mesh file, with materials by the file's names of them.
+        """Add parts of a mesh file, with materials by their names in the file.
 
         Parameters
         ----------
         label : start of notes and warnings
         parts : with the file's names
         vertices : of every part, (n, 3) float64 m, file frame of the scene
-        chosen : material of the library by name, in place of what the name says
+        chosen : material of the library by the file's name of it, in place of the guess from that name
         motion : of all parts
 
         Warns
         -----
-        SarmitsubaWarning : about names that say nothing
+        SarmitsubaWarning : a name matches no material
         """
         kinds = {name: kind_of(name, chosen) for name in dict.fromkeys(part.material for part in parts)}
         known = [f'"{name}" {kind}' for name, kind in kinds.items() if kind]
@@ -142,7 +144,7 @@ class Collector:
         if unknown:
             warn_once(
                 self.notes,
-                f"{label}: materials whose names say nothing are read as {DEFAULT}: {', '.join(unknown)}; name them "
+                f"{label}: materials with unknown names are read as {DEFAULT}: {', '.join(unknown)}; name them "
                 "brick, glass, metal, ... in the file, or choose with --material NAME=MATERIAL",
             )
         for part, corners in zip(parts, vertices, strict=True):
@@ -152,7 +154,7 @@ class Collector:
             self.surfaces.append(MeshSurface(part.name, corners, part.faces, index, motion=motion))
 
     def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:
-        """Take in an obj file by its own materials where the shape has none; say where the shape's replaces them."""
+        """Add an obj file with its own materials where the shape has none; note where the shape's bsdf replaces any."""
         path, where = mesh_path(placed.element), placed.element.where
         names = obj_materials(path)
         if not names:
@@ -161,7 +163,7 @@ class Collector:
         if bsdf is not None:
             self.notes.append(
                 f'{where}: the bsdf "{bsdf.id or bsdf.plugin}" replaces the materials of {path.name}: '
-                f"{', '.join(names)}; leave the bsdf out to have these by their names"
+                f"{', '.join(names)}; leave the bsdf out to use these by their names"
             )
             return False
         parts = read_parts(path, where)
@@ -170,7 +172,7 @@ class Collector:
         return True
 
     def scene(self) -> Scene:
-        """Everything put together, see `sarmitsuba.loader.assemble.assemble`."""
+        """The assembled scene, see `sarmitsuba.loader.assemble.assemble`."""
         return assemble(
             self.name,
             self.path,
@@ -186,7 +188,7 @@ class Collector:
         )
 
     def _check_faces(self, where: str, more: int) -> None:
-        """Count triangles; refuse more than the machine can join."""
+        """Count triangles; raise a SceneError for more than fit into the memory."""
         before, self.n_faces = self.n_faces, self.n_faces + more
         if before // COUNTED != self.n_faces // COUNTED:
             check_fits(
@@ -196,7 +198,7 @@ class Collector:
             )
 
     def _wires(self, placed: Placed, bsdf: Element) -> list[WireTarget]:
-        """Wires of a shape that is made of them."""
+        """Wires of a shape with ``radar_wire``."""
         values, given = self.overrides.read(bsdf, tables.RADAR_WIRE)
         permittivity, note = wire_permittivity(values, given, self.book.frequency, bsdf.where)
         if note:

@@ -1,4 +1,4 @@
-"""What a scene says of its radar: sensor, film and integrator, read from their elements."""
+"""Radar and settings of a scene, read from the elements of sensor, film and integrator."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ from sarmitsuba.parameters import filled
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.scene.settings import TraceSettings
 
-# where the origin of the file's frame lies on the Earth
+# parameters of the place of the file's origin on the Earth
 _ANCHOR = ("latitude_deg", "longitude_deg", "height")
 
 
@@ -59,7 +59,7 @@ def _sensor(root: Element, radar_root: Element | None, label: str) -> tuple[Elem
     found = [_pick_sensor(tree) for tree in (radar_root, root) if tree is not None]
     sensor = next((s for s in found if s is not None), None)
     if sensor is not None and found[-1] is not None and sensor is not found[-1]:
-        # the frame on the Earth is the geometry's, whatever radar looks at it
+        # the place on the Earth belongs to the geometry, not to the radar file
         place = {name: value for name, value in found[-1].values.items() if name in _ANCHOR}
         sensor = replace(sensor, values={**sensor.values, **place})
     if sensor is None:

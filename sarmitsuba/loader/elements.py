@@ -1,4 +1,4 @@
-"""Objects of a scene as a tree of plain elements, wherever they come from: a file, a dict or a loaded scene."""
+"""Objects of a scene as a tree of plain elements, read from a file, a dict or a loaded scene."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from sarmitsuba.arrays import F64
 
 
 class Opaque:
-    """Stands for a value that has no meaning for a radar: a colour, a spectrum, a texture."""
+    """Placeholder of a value without a meaning for a radar: a colour, a spectrum, a texture."""
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
@@ -19,8 +19,8 @@ class Opaque:
         return f"a {self.kind}"
 
 
-# what a property of an element can be: numbers, text, a (3,) point or a (4, 4) transform
-Property = float | int | bool | str | F64 | Opaque
+# types of an element's property: numbers, text, a (3,) point or a (4, 4) transform
+Property = float | int | bool | str | NDArray[np.float64] | Opaque
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Element:
     plugin : its ``type`` attribute
     id : its ``id`` attribute, or empty
     where : start of every error about it: ``scene.xml: sensor "radar"``
-    folder : that its file names are relative to
+    folder : base of its relative file names
     values : name to float, int, bool, str, (3,) or (4, 4) float64 array, or `Opaque`
     children : argument name and element; references are resolved: one element may be at several places
     """
@@ -55,7 +55,7 @@ class Element:
         return (element for _, element in self.children if element.kind == kind)
 
     def given(self) -> dict[str, Property]:
-        """Values together with the named children (a texture where a number belongs has to be refused)."""
+        """Values together with the named children (a texture in place of a number is an error)."""
         named = {name: Opaque(child.kind) for name, child in self.children if not name.startswith("_arg_")}
         return {**self.values, **named}
 

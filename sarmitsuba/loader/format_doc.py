@@ -1,4 +1,4 @@
-"""Tables of the pages on scene files and effects, generated from what the program itself goes by."""
+"""Generated tables of the documentation pages on scene files and effects, from the program's own parameter tables."""
 
 import re
 
@@ -14,9 +14,9 @@ _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re
 
 
 def fill_tables(page: str) -> str:
-    """Return a page with the text between ``<!-- table: NAME -->`` and ``<!-- end -->`` made anew.
+    """Return a page with the text between ``<!-- table: NAME -->`` and ``<!-- end -->`` generated again.
 
-    NAME is a plugin, ``effects``, ``laws``, ``modes``, ``itu``, ``bsdfs`` or ``shapes``. To bring pages up to date::
+    NAME is a plugin, ``effects``, ``laws``, ``modes``, ``itu``, ``bsdfs`` or ``shapes``. To update pages::
 
         python -m sarmitsuba.loader.format_doc docs/scene_format.md docs/effects_reference.md
     """

@@ -23,13 +23,13 @@ _GLTF = (".glb", ".gltf")
 
 @dataclass(frozen=True)
 class MeshOptions:
-    """What a mesh file does not say of itself.
+    """Properties that a mesh file does not contain.
 
     Parameters
     ----------
-    up : axis of the file that points up; ``auto`` is y in glTF, as its standard says, and else guessed
-    unit : of the file's coordinates, a name of ``UNITS``; ``auto`` is metres where that can be
-    materials : material of the library by the file's name of it, in place of what the name says
+    up : axis of the file that points up; ``auto`` is y in glTF, as its standard says, else a guess from the shape
+    unit : of the file's coordinates, a name of ``UNITS``; ``auto`` is metres where that is plausible
+    materials : material of the library by the file's name of it, in place of the guess from that name
     """
 
     up: Up = "auto"
@@ -43,7 +43,7 @@ def is_mesh_file(path: Path) -> bool:
 
 
 def add_mesh_file(collector: Collector, path: Path, options: MeshOptions) -> None:
-    """Take in every part of a mesh file, turned upright and in metres, and say what was assumed.
+    """Add every part of a mesh file, with z up and in metres, and note the assumptions.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def add_mesh_file(collector: Collector, path: Path, options: MeshOptions) -> Non
 
     Warns
     -----
-    SarmitsubaWarning : about materials whose names say nothing, which are read as concrete
+    SarmitsubaWarning : materials with unknown names, which are read as concrete
     """
     parts = read_parts(path, path.name)
     check_chosen(options.materials, {part.material for part in parts if part.material}, path.name)
@@ -62,7 +62,7 @@ def add_mesh_file(collector: Collector, path: Path, options: MeshOptions) -> Non
 
 
 def upright(name: str, suffix: str, parts: list[MeshPart], options: MeshOptions) -> tuple[F64, str]:
-    """(3, 3) matrix from a file's coordinates to metres east, north and up, and what is said of it.
+    """Matrix (3, 3) from a file's coordinates to metres east, north and up, and the note about it.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def upright(name: str, suffix: str, parts: list[MeshPart], options: MeshOptions)
 
 
 def _turn(suffix: str, parts: list[MeshPart], options: MeshOptions) -> tuple[F64, str]:
-    """(3, 3) rotation of the file's axes into east, north, up, and what is said of it."""
+    """Rotation (3, 3) of the file's axes into east, north, up, and the note about it."""
     if options.up != "auto":
         up, said = options.up, f"{options.up} up as asked"
     elif suffix.lower() in _GLTF:
@@ -86,7 +86,7 @@ def _turn(suffix: str, parts: list[MeshPart], options: MeshOptions) -> tuple[F64
     else:
         up = "y" if up_axis(_triangles(parts)) == 1 else "z"
         said = f"{up} up by its shape"
-    if up == "y":  # x stays, y turns to z
+    if up == "y":  # x stays, y becomes z
         return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), said
     return np.eye(3), said
 

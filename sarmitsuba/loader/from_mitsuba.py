@@ -1,4 +1,4 @@
-"""The same `Scene` from an already loaded ``mi.Scene``, so that ``mi.load_file`` and ``mi.render`` work."""
+"""`Scene` from an already loaded ``mi.Scene``, so that ``mi.load_file`` and ``mi.render`` work."""
 
 from pathlib import Path
 
@@ -43,7 +43,7 @@ def scene_from_mitsuba(
     Parameters
     ----------
     mi_scene : what ``mi.load_file`` or ``mi.load_dict`` returns
-    sensor : a sensor or its index in the scene; None takes the first ``sar_antenna``, whatever cameras there are
+    sensor : a sensor or its index in the scene; None takes the first ``sar_antenna``
     integrator : None takes the scene's
     radar_root : of a radar file that replaces sensor, film and integrator
     overrides : of plugin parameters
@@ -55,8 +55,8 @@ def scene_from_mitsuba(
     Notes
     -----
     Mitsuba has merged meshes by material and holds vertices in float32, good to 1e-7 of their distance from
-    the origin; a file or a dict given to `load_scene` keeps both. Instances keep their shape group to themselves
-    and are refused.
+    the origin; a file or a dict given to `load_scene` keeps both. Instances give no access to their shape group and are
+    refused.
     """
     overrides = overrides or Overrides()
     root = Element("scene", "scene", "", _NAME, Path(), {})
@@ -99,7 +99,7 @@ def _sensor(mi_scene: "mi.Scene", sensor: "int | mi.Sensor | None") -> Element:
 
 
 def _own(plugin: "mi.Object", name: str, kind: str) -> Element:
-    """Element of one of our own plugin objects."""
+    """Element of an object of one of this package's plugins."""
     label = f'{kind} "{plugin.id()}"' if plugin.id() else f"{kind} {name}"
     return Element(kind, name, plugin.id(), f"{_NAME}: {label}", Path(), dict(plugin.given))
 
@@ -136,7 +136,7 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
     element = Element("bsdf", plugin, name, where, Path(), switches)
     if plugin in ADAPTER_BSDFS:
         numbers = mi.traverse(bsdf)
-        for key in ("opacity", "weight"):  # where it is a number, not a texture
+        for key in ("opacity", "weight"):  # only where it is a number, not a texture
             if f"{key}.value" in numbers:
                 switches[key] = _scalar(numbers[f"{key}.value"])
         element.children.extend(("_arg_0", _bsdf(inner)) for inner in _nested(bsdf))
@@ -144,7 +144,7 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
 
 
 def _nested(bsdf: "mi.BSDF") -> "list[mi.BSDF]":
-    """BSDFs inside another one, in turn: the objects themselves, which only a traversal hands out."""
+    """BSDF objects nested inside another one, in order; only a traversal gives access to them."""
     found = []
 
     class Callback(mi.TraversalCallback):
@@ -172,7 +172,7 @@ def _mesh(shape: "mi.Shape") -> tuple[F64, I32]:
 
 
 def _placed(shape: "mi.Shape", name: str) -> Placed:
-    """Shape without triangles of its own; its matrix maps the unit shape to the world."""
+    """Shape without triangles (sphere, cylinder ...); its matrix maps the unit shape to the world."""
     plugin = shape.class_name().lower()
     where = f'{_NAME}: shape "{name}"'
     if plugin not in _SHAPES:

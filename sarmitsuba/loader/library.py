@@ -1,4 +1,4 @@
-"""The scenes and radars that come with the program, found by bare name wherever it is installed."""
+"""Shipped scenes and radars, found by bare name."""
 
 import os
 import re
@@ -54,8 +54,8 @@ def list_radars() -> tuple[LibraryEntry, ...]:
 def resolve(name_or_path: str | Path) -> Path:
     """Return the file of a scene: a path, or the bare name of a shipped scene.
 
-    An existing file wins over a shipped scene of the same name, with or without its suffix ``.xml``. A folder of that
-    name, such as one of results, does not count.
+    An existing file has precedence over a shipped scene of the same name, with or without its suffix ``.xml``; a folder
+    of that name, such as one of results, has not.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def resolve(name_or_path: str | Path) -> Path:
     Warns
     -----
     SarmitsubaWarning
-        A bare name that is shipped stands for a file of the user's own.
+        A file in the working folder hides the shipped one of that bare name.
     """
     return _resolve(name_or_path, scenes_dir(), "scene")
 
@@ -96,7 +96,7 @@ def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
     if os.path.isfile(own):
         if there:
             warnings.warn(
-                f"{text}: the file {own} in this folder is taken, not the shipped {what} of that name",
+                f"{text}: the file {own} in this folder is used, not the shipped {what} of that name",
                 SarmitsubaWarning,
                 stacklevel=3,
             )

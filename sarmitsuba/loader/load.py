@@ -1,4 +1,4 @@
-"""Load a scene, wherever it comes from: one frozen, validated `Scene` out."""
+"""Load a scene from any source as one frozen, validated `Scene`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -46,7 +46,7 @@ def load_scene(
 
     Returns
     -------
-    the scene, in a frame of its own when the geometry lies far from the file's origin (``Scene.offset``)
+    the scene; its frame is shifted by ``Scene.offset`` when the geometry lies far from the file's origin
 
     Raises
     ------
@@ -54,7 +54,7 @@ def load_scene(
 
     Warns
     -----
-    SarmitsubaWarning : once for every kind of BSDF that has no radar parameters, and about ambiguities
+    SarmitsubaWarning : ambiguities; and once for every kind of BSDF that has no radar parameters
 
     Notes
     -----
@@ -104,10 +104,10 @@ def _holds_objects(value: object) -> bool:
         return any([_holds_objects(item) for item in value.values()])
     if not isinstance(value, mi.Object):
         return False
-    made = value.variant_name()  # empty for what is the same in all
+    made = value.variant_name()  # empty for objects that are the same in all variants
     if made not in ("", mi.variant()):
         raise SceneError(
-            f"{type(value).__name__}: made by Mitsuba under the variant {made}, not {mi.variant()}; make it again "
+            f"{type(value).__name__}: made by Mitsuba under the variant {made}, not {mi.variant()}; create it again "
             "after sarmitsuba.register_plugins()"
         )
     return True

@@ -1,4 +1,4 @@
-"""Maps on materials as a scene file has them: bitmaps and attributes of the mesh, nested in a BSDF."""
+"""Maps of materials in a scene file: bitmaps and mesh attributes, nested in a BSDF."""
 
 import os
 import warnings
@@ -39,12 +39,12 @@ _TEXTURES = {
 # a bitmap takes about 20 bytes a pixel while it is read: 1.3 GB
 MOST_PIXELS = 1 << 26
 _EXR = b"\x76\x2f\x31\x01"
-_EXR_CHANNEL = 4  # bytes of a number; halves are unpacked to such
+_EXR_CHANNEL = 4  # bytes of a number; half floats are unpacked to this size
 _NUMBER, _COLOUR = "class_", "color_"
 
 
 def with_maps(material: Material, bsdf: Element, values: Mapping[str, Value | None]) -> Material:
-    """A material with the maps that its element holds; itself where it holds none.
+    """Material with the maps of its element; unchanged where there are none.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def with_maps(material: Material, bsdf: Element, values: Mapping[str, Value | No
 
     Raises
     ------
-    SceneError : a map cannot be read or means nothing
+    SceneError : a map cannot be read or has no effect
     """
     found = {name: child for name, child in bsdf.children if name in MATERIAL_MAPS}
     for name in MATERIAL_MAPS:
@@ -95,7 +95,7 @@ def with_maps(material: Material, bsdf: Element, values: Mapping[str, Value | No
 def land_cover(
     name: str, bsdf: Element, values: Mapping[str, Value | None], materials: Callable[[Element], Material]
 ) -> Material:
-    """Material of a ``land_cover`` element: that of most of the map, with the map of all.
+    """Material of a ``land_cover`` element: the most frequent one of the map, with the map of all classes.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def land_cover(
 
     Raises
     ------
-    SceneError : map or classes are missing, or do not fit
+    SceneError : map or classes are missing, or do not match
     """
     where = bsdf.where
     texture = next((child for key, child in bsdf.children if key == CLASS_MAP), None)
@@ -166,7 +166,7 @@ def _properties(
     found: Mapping[str, Element],
     extent: list[float] | None,
 ) -> ClassMap:
-    """Map of the materials that permittivity and roughness make."""
+    """Map of materials made from maps of permittivity and roughness."""
     bitmaps: dict[str, Bitmap] = {}
     numbers: dict[str, F64] = {}
     for name, unit in ((PERMITTIVITY_MAP, ""), (ROUGHNESS_MAP, "m")):
@@ -192,7 +192,8 @@ def _properties(
             or not np.array_equal(placement.matrix, last.placement.matrix)
         ):
             raise SceneError(
-                f"{bsdf.where}: {PERMITTIVITY_MAP} and {ROUGHNESS_MAP} lie differently on the surface; give both the "
+                f"{bsdf.where}: {PERMITTIVITY_MAP} and {ROUGHNESS_MAP} have different placements on the surface; "
+                "give both the "
                 "same to_uv, or take attributes of the mesh for both"
             )
     number, parts = _made(
@@ -202,7 +203,7 @@ def _properties(
 
 
 def _bitmap(texture: Element, extent: list[float] | None, *, whole: bool = False) -> Bitmap:
-    """Pixels of 0 ... 1 (of a file of floating-point numbers: as they are) and where they lie."""
+    """Pixels of 0 ... 1 (floating-point files: as stored) and their placement."""
     _check_texture(texture)
     if texture.plugin == "mesh_attribute":
         name = texture.values.get("name")
@@ -211,7 +212,7 @@ def _bitmap(texture: Element, extent: list[float] | None, *, whole: bool = False
                 f"{texture.where}: name = {one_line(name)} is no attribute of a mesh; give vertex_... or face_..."
             )
         if extent is not None:
-            raise SceneError(f"{texture.where}: an attribute of the mesh has no map_extent; leave that out")
+            raise SceneError(f"{texture.where}: an attribute of the mesh takes no map_extent; leave that out")
         bitmap = Bitmap(np.zeros((1, 2)), on_mesh((name,)), smooth=not whole)
         return _fine(bitmap) if whole else _ramp(bitmap, 2)
     path = _file(texture)
@@ -227,14 +228,14 @@ def _bitmap(texture: Element, extent: list[float] | None, *, whole: bool = False
 
 
 def _ramp(bitmap: Bitmap, n: int) -> Bitmap:
-    """An attribute of 0 ... 1 as a row of ``n`` texels, 0 at the first one's middle and 1 at the last one's."""
+    """Row of ``n`` texels for an attribute of 0 ... 1: 0 at the middle of the first texel, 1 at that of the last."""
     ends = np.array([[1.0 - 1.0 / n, 0.0, 0.5 / n], [0.0, 0.0, 0.5]])
     placement = Placement(ends, bitmap.placement.attributes)
     return replace(bitmap, values=np.linspace(0.0, 1.0, n)[None], placement=placement)
 
 
 def _fine(bitmap: Bitmap) -> Bitmap:
-    """The same in steps of 1 / 256 of the attribute."""
+    """Row of texels as `_ramp`, in steps of 1 / 256 of the attribute."""
     if bitmap.smooth:
         return _ramp(bitmap, ATTRIBUTE_TEXELS)
     values = (np.arange(ATTRIBUTE_TEXELS) + 0.5)[None] / ATTRIBUTE_TEXELS
@@ -248,11 +249,11 @@ def _placed(
     *,
     whole: bool,
 ) -> Bitmap:
-    """Where pixels lie; ``whole``: each is one value up to its edges."""
+    """Placement of the pixels; ``whole``: constant within each pixel, not interpolated."""
     given = texture.values
     kind = given.get("filter_type", "nearest" if whole else "bilinear")
     if kind not in (("nearest",) if whole else ("nearest", "bilinear")):
-        allowed = "nearest: there is nothing between two materials" if whole else "nearest or bilinear"
+        allowed = "nearest: materials are not interpolated" if whole else "nearest or bilinear"
         raise SceneError(f"{texture.where}: filter_type = {one_line(kind)} is not {allowed}")
     wrap = given.get("wrap_mode", "repeat" if extent is None else "clamp")
     if wrap not in ("repeat", "clamp"):
@@ -262,7 +263,7 @@ def _placed(
     if matrix is not None:
         if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or not np.isfinite(matrix).all():
             raise SceneError(f'{texture.where}: to_uv is not a transform; give <transform name="to_uv">')
-        transform = matrix[np.ix_([0, 1, 3], [0, 1, 3])]  # as Mitsuba takes it
+        transform = matrix[np.ix_([0, 1, 3], [0, 1, 3])]  # as in Mitsuba
     placement = (
         on_mesh(("uv",), transform) if extent is None else _made(texture, lambda: in_plan(extent, transform))
     )
@@ -270,7 +271,7 @@ def _placed(
 
 
 def _check_texture(texture: Element) -> None:
-    """Refuse what is no map, and parameters that would have no effect."""
+    """Raise a SceneError for a texture that is no map, or for parameters without effect."""
     known = _TEXTURES.get(texture.plugin)
     if known is None:
         raise SceneError(
@@ -287,7 +288,7 @@ def _check_texture(texture: Element) -> None:
 
 
 def map_file(texture: Element) -> Path | None:
-    """Path of a bitmap's file, None where it has none."""
+    """Path of a bitmap's file; None for an attribute of the mesh."""
     name = texture.values.get("filename")
     return texture.folder / name if isinstance(name, str) and name else None
 
@@ -304,7 +305,7 @@ def _file(texture: Element) -> Path:
 
 
 def _pixels(path: Path, where: str) -> NDArray[np.generic]:
-    """(rows, columns, channels) numbers of a bitmap file as they are, first row on top."""
+    """Values of a bitmap file as stored, (rows, columns, channels), first row on top."""
     _check_size(path, where)
     try:
         pixels = np.array(mi.Bitmap(str(path)))
@@ -320,7 +321,7 @@ def _pixels(path: Path, where: str) -> NDArray[np.generic]:
 
 
 def _check_size(path: Path, where: str) -> None:
-    """Raise a SceneError where a bitmap's header promises more pixels than `MOST_PIXELS`, before any is decoded."""
+    """Raise a SceneError where a bitmap's header states more pixels than `MOST_PIXELS`, before decoding."""
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -343,7 +344,7 @@ def _check_size(path: Path, where: str) -> None:
         ) from None
     except Image.DecompressionBombError:
         raise SceneError(
-            f"{where}: bitmap {path.name} has more pixels than the {MOST_PIXELS} that are taken; resample it"
+            f"{where}: bitmap {path.name} has more pixels than the bound {MOST_PIXELS}; resample it"
         ) from None
     except (
         RuntimeError,
@@ -357,7 +358,7 @@ def _check_size(path: Path, where: str) -> None:
         ) from None
     if not 0 < width * height <= MOST_PIXELS:
         raise SceneError(
-            f"{where}: bitmap {path.name} has {width} x {height} pixels; at most {MOST_PIXELS} are taken, resample it"
+            f"{where}: bitmap {path.name} has {width} x {height} pixels, more than the bound {MOST_PIXELS}; resample it"
         )
     try:
         check_unpacked(unpacked, size)
@@ -366,7 +367,7 @@ def _check_size(path: Path, where: str) -> None:
 
 
 def _exr_size(path: Path) -> tuple[int, int, int]:
-    """Columns and rows of an OpenEXR file, and bytes that all channels of all its parts unpack to."""
+    """Columns and rows of an OpenEXR file, and unpacked bytes of all channels and parts."""
     import OpenEXR
 
     sizes, unpacked = [], 0
@@ -379,7 +380,7 @@ def _exr_size(path: Path) -> tuple[int, int, int]:
 
 
 def _code(key: str, where: str) -> int:
-    """Number of a class by the name of its BSDF: a grey value, or below 0 a colour."""
+    """Number of a class from the name of its BSDF: a grey value, or negative for a colour."""
     try:
         if key.startswith(_COLOUR) and len(key) == len(_COLOUR) + 6:
             return -1 - int(key.removeprefix(_COLOUR), 16)
@@ -406,7 +407,7 @@ def _range(bsdf: Element, values: Mapping[str, Value | None], name: str, unit: s
 
 
 def _numbers(bsdf: Element, name: str, text: str, count: int, what: str) -> list[float] | None:
-    """Numbers of a text with blanks or commas between; None where it is empty."""
+    """Numbers in a text, separated by blanks or commas; None for an empty text."""
     if not text:
         return None
     try:
@@ -419,7 +420,7 @@ def _numbers(bsdf: Element, name: str, text: str, count: int, what: str) -> list
 
 
 def _made(element: Element, make: Callable[[], T]) -> T:
-    """What a function makes, whose errors are the element's."""
+    """Result of a function; its errors are raised with the element's place."""
     try:
         return make()
     except SceneError as error:

@@ -30,7 +30,7 @@ _SIONNA = ("itu-radio-material", "radio-material", "absorber-radio-material")
 _MAX_NESTING = 16
 
 
-# what is no surface, and the shapes that take it
+# BSDFs that are no surface, and the shapes that they belong to
 _ALONE = {
     tables.POINT_SCATTERER.plugin: "a sphere",
     tables.RADAR_WIRE.plugin: "a cylinder or a linearcurve",
@@ -44,10 +44,10 @@ class MaterialBook:
 
     Parameters
     ----------
-    frequency : Hz, that permittivities are taken at
+    frequency : Hz, of the permittivities
     overrides : from the command line
     notes : filled with one line for every assumption
-    rms_height : m, of materials that state no roughness
+    rms_height : m, of materials without a roughness
     """
 
     frequency: float
@@ -60,7 +60,7 @@ class MaterialBook:
     _taken: set[str] = field(default_factory=set)  # names of the materials
     _kept: list[Element] = field(
         default_factory=list
-    )  # an element that is gone would leave its id to another
+    )  # elements are kept: a deleted one would leave its Python id to another
 
     def index(self, bsdf: Element | None, where: str) -> int:
         """Index of the material of a BSDF element; None is Mitsuba's default, ``diffuse``."""
@@ -75,7 +75,7 @@ class MaterialBook:
         return self._index[key]
 
     def add(self, material: Material, label: str) -> int:
-        """Index of a material that is made already; ``label`` starts every warning."""
+        """Index of an existing material; ``label`` starts every warning."""
         for part in {(m.name, m.diffuse_law, m.pec): m for m in with_parts([material])}.values():
             self._check_law(part, label)
         self.materials.append(material)
@@ -83,7 +83,7 @@ class MaterialBook:
         return len(self.materials) - 1
 
     def named(self, name: str, kind: str, label: str) -> int:
-        """Index of the material of a name in a mesh file, rough as all that state no roughness.
+        """Index of the material of a name in a mesh file, with the default roughness.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class MaterialBook:
             self.notes.append(text)
 
     def _check_law(self, material: Material, label: str) -> None:
-        """Say when a diffuse law is used outside its domain of validity."""
+        """Warn where a diffuse law is used outside its domain of validity."""
         try:
             table = diffuse_tables(material, SPEED_OF_LIGHT / self.frequency)
         except SceneError as error:
@@ -137,7 +137,7 @@ class MaterialBook:
                 and "scattering_coefficient" not in given
                 and self.rms_height
             ):
-                # Sionna's usual case: worth knowing, no warning
+                # Sionna's usual case: a note, no warning
                 self._say(f"{where.partition(':')[0]}: {rough_note(plugin, self.rms_height)}")
         elif plugin in _ALONE:
             raise SceneError(f"{where}: {plugin} cannot be nested; put it directly on {_ALONE[plugin]}")

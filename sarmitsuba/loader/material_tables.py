@@ -11,7 +11,7 @@ from sarmitsuba.parameters import Param, ParamTable
 
 
 def _own_parameters() -> tuple[Param, ...]:
-    """Numbers that only one diffuse law or named material needs, as they declare them."""
+    """Parameters declared by single diffuse laws or named materials."""
     laws = {p: " or ".join(law.name for law in LAWS if p in law.parameters) for p in law_parameters()}
     named = {p: " or ".join(m.name for m in MATERIALS if p in m.parameters) for p in material_parameters()}
     return (
@@ -60,7 +60,7 @@ RADAR_MATERIAL = ParamTable(
             "thickness",
             "float",
             0.0,
-            "of a slab, of which every facet is one (a pane, a partition); 0 = a half space",
+            "thickness of a slab, which every facet then is (window, partition); 0 = a half space",
             "m",
             0.0,
             100.0,
@@ -69,7 +69,7 @@ RADAR_MATERIAL = ParamTable(
             "sheet_resistance",
             "float",
             0.0,
-            "per square, of a metal coat on the slab's face away from the facet's normal; 0 = none",
+            "sheet resistance of a metal coating on the slab's face opposite to the facet's normal; 0 = none",
             "ohm",
             0.0,
             1e9,
@@ -78,8 +78,8 @@ RADAR_MATERIAL = ParamTable(
             "facet_depth",
             "float",
             0.0,
-            "where in the slab its facets lie, as a share of its thickness: 0 = at the face on their normals' side, "
-            "0.5 = in the middle, 1 = at the other face",
+            "position of the facets in the slab, as a share of its thickness: 0 = at the face on their normals' "
+            "side, 0.5 = in the middle, 1 = at the other face",
             "",
             0.0,
             1.0,
@@ -96,7 +96,7 @@ RADAR_MATERIAL = ParamTable(
             "diffuse_level_db",
             "float",
             -20.0,
-            "level of the empirical laws; what it is the level of depends on diffuse_law",
+            "level of the empirical laws; its quantity depends on diffuse_law",
             "dB",
             -200.0,
             60.0,
@@ -173,8 +173,8 @@ POINT_SCATTERER = ParamTable(
 RADAR_WIRE = ParamTable(
     plugin="radar_wire",
     element="bsdf",
-    doc="On a `cylinder` or `linearcurve`: wires that scatter by the series of the infinite cylinder; no ray hits "
-    "them, and they cast no shadow. Perfect conductors where nothing is given.",
+    doc="On a `cylinder` or `linearcurve`: wires, which scatter by the series of the infinite cylinder; no ray hits "
+    "them, and they cast no shadow. Perfect conductors by default.",
     hints={"rms_height": "wires are smooth", "diffuse_law": "wires are smooth"},
     params=_PERMITTIVITY,
 )

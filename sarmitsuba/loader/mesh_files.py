@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import trimesh
 
 
-# what a reader that meets arbitrary bytes raises
+# exceptions of the readers on malformed files
 _READER_ERRORS = (
     ValueError,
     LookupError,
@@ -43,9 +43,9 @@ _READER_ERRORS = (
 
 
 class _Beside:
-    """Files that a glTF file names: ordinary ones in its own folder and below, of bounded size, and no others.
+    """Files that a glTF file refers to: regular files of bounded size in its own folder and below.
 
-    Raises an ``OSError`` for any other, whatever the version of the reader checks.
+    Raises an ``OSError`` for any other, whether or not the reader checks.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -60,7 +60,7 @@ class _Beside:
     get = __getitem__
 
 
-# of files whose parts have names of their own
+# suffixes of files whose parts have names
 _NAMED_PARTS = (".glb", ".gltf")
 
 
@@ -83,7 +83,7 @@ class MeshPart:
 
 
 def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
-    """Triangles of a ply, obj or stl file, vertices as they are."""
+    """Triangles of a ply, obj or stl file, vertices as stored."""
     with _reading(path, where):
         check_regular(path)
         if path.suffix.lower() == ".ply" and (read := read_ply(path)) is not None:
@@ -95,11 +95,13 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
 
         loaded = _load(path)
         parts = list(loaded.geometry.values())
-        # these formats place nothing: an only mesh is taken as it is, without the copies that joining parts makes
+        # these formats have no transforms: a single mesh is used without the copies of joining parts
         alone = len(parts) == 1 and isinstance(parts[0], trimesh.Trimesh)
         joined = parts[0] if alone else loaded.to_mesh()
         vertices = np.array(joined.vertices, dtype=np.float64)
-        faces = np.array(getattr(joined, "faces", np.zeros((0, 3))), dtype=np.int64)  # points alone have none
+        faces = np.array(
+            getattr(joined, "faces", np.zeros((0, 3))), dtype=np.int64
+        )  # point clouds have no faces
     return vertices, _checked(vertices, faces, path, where)
 
 
@@ -118,7 +120,7 @@ def read_parts(path: Path, where: str) -> list[MeshPart]:
 
 
 def _obj_parts(mesh: ObjMesh) -> list[MeshPart]:
-    """The faces of every material, each with the vertices that they use, in order of the parts' names."""
+    """Parts of an obj file: the faces of every material with their vertices, in order of the names."""
     order = np.argsort(mesh.group, kind="stable")
     used, starts = np.unique(mesh.group[order], return_index=True)
     parts, taken = [], Counter[str]()
@@ -162,7 +164,7 @@ def obj_materials(path: Path) -> tuple[str, ...]:
 
 
 def _load(path: Path) -> "trimesh.Scene":
-    """A mesh file of any other kind, with the buffers that it names if they lie beside it."""
+    """A mesh file of any other format, with the buffers that it refers to in its own folder."""
     import trimesh
 
     kind, beside = path.suffix.lower().removeprefix("."), _Beside(path.parent)
@@ -176,7 +178,7 @@ def _load(path: Path) -> "trimesh.Scene":
 
 @contextmanager
 def _reading(path: Path, where: str) -> Iterator[None]:
-    """Turn what readers raise into one line."""
+    """Turn the readers' exceptions into one line."""
     try:
         yield
     except SceneError:
@@ -204,7 +206,7 @@ def _checked(vertices: F64, faces: I64, path: Path, where: str) -> I32:
 
 
 def read_shape(path: Path, index: int, where: str) -> tuple[F64, I32]:
-    """Triangles of one shape of a file of Mitsuba's own binary format."""
+    """Triangles of one shape of a ``serialized`` file, Mitsuba's binary format."""
     with _reading(path, where):
         vertices, faces = read_serialized(path, index)
         return vertices, _checked(vertices, faces, path, where)

@@ -1,4 +1,4 @@
-"""Materials of mesh files by their names: what a word such as `brick` or `window` in a name says of the surface."""
+"""Radar materials of mesh files from words in their names, such as `brick` or `window`."""
 
 import re
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.parameters import did_you_mean, one_line
 
-# material of the library: beginnings of words in a name, tried in this order
+# material of the library: beginnings of words in a name, tested in this order
 WORDS: dict[str, tuple[str, ...]] = {
     "metal": ("metal", "steel", "iron", "alumin", "copper", "zinc", "chrome", "rail"),
     "glass": ("glass", "window", "glazing", "pane"),
@@ -18,12 +18,12 @@ WORDS: dict[str, tuple[str, ...]] = {
     "concrete": ("concrete", "cement", "wall", "facade", "building", "plaster", "stucco"),
     "medium_dry_ground": ("ground", "grass", "soil", "earth", "terrain", "lawn", "garden", "gravel", "dirt"),
 }
-# of names that say nothing, and of meshes without any
+# for unknown names, and for meshes without any
 DEFAULT = "concrete"
 
 
 def kind_of(name: str, chosen: Mapping[str, str]) -> str:
-    """Material of the library that a name in a mesh file stands for; empty where the name says nothing.
+    """Material of the library for a name in a mesh file; empty for an unknown name.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What was assumed while loading: kept in the scene's notes, and said once as a warning."""
+"""Assumptions made while loading: kept in the scene's notes, and given once as a warning."""
 
 import warnings
 
@@ -6,7 +6,7 @@ from sarmitsuba.errors import SarmitsubaWarning
 
 
 def warn_once(notes: list[str], text: str) -> None:
-    """Add a note and give it as a warning, unless it is there already."""
+    """Add a note and give it as a warning, unless the notes have it already."""
     if text not in notes:
         notes.append(text)
         warnings.warn(text, SarmitsubaWarning, stacklevel=4)

@@ -1,4 +1,4 @@
-"""Parameters given from outside: values of a file's ``$name``, and overrides such as ``sar_path.max_depth=5``."""
+"""Parameters given by the caller: values of a file's ``$name``, and overrides such as ``sar_path.max_depth=5``."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ Given = Property | Value | None
 
 @dataclass(frozen=True)
 class Overrides:
-    """Values given from outside for parameters of plugins: ``sar_path.max_depth=5``.
+    """Overrides of plugin parameters, such as ``sar_path.max_depth=5``.
 
     Parameters
     ----------

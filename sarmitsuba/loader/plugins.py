@@ -1,4 +1,4 @@
-"""Register the Mitsuba plugins, which lie beside the package in a checkout and inside it when installed."""
+"""Registration of the Mitsuba plugins, which are beside the package in a checkout and inside it when installed."""
 
 import importlib
 import os
@@ -17,7 +17,7 @@ from sarmitsuba.loader.elements import Property, plain_value
 from sarmitsuba.parameters import ParamTable
 
 _PACKAGE = "sarmitsuba_plugins"
-_NAME = "registered_name"  # attribute of a plugin class that Mitsuba knows
+_NAME = "registered_name"  # attribute of a registered plugin class
 
 Plugin = TypeVar("Plugin", bound="type[mi.Object]")
 
@@ -39,7 +39,7 @@ def plugins_dir() -> Path:
 
 @exclusive
 def register_plugins() -> tuple[str, ...]:
-    """Make ``sar_path``, ``sar_antenna``, ``range_film``, ``radar_material`` ... known to Mitsuba.
+    """Register ``sar_path``, ``sar_antenna``, ``range_film``, ``radar_material`` ... with Mitsuba.
 
     Afterwards ``mi.load_file`` and ``mi.render`` take radar scenes. A back end is started and its variant set
     when none is. Plugins belong to one variant: call again after changing it. Sionna RT's names are left to
@@ -66,12 +66,12 @@ def register_plugins() -> tuple[str, ...]:
 
 
 def register(table: ParamTable, *, sionna: bool = False) -> Callable[[Plugin], Plugin]:
-    """Class decorator: make a plugin known to Mitsuba under its table's name, as what the table says it is.
+    """Class decorator that registers a plugin with Mitsuba under the name and kind of its parameter table.
 
     Parameters
     ----------
     table : its parameters; becomes the attribute ``table`` of the class
-    sionna : left to Sionna RT where that is imported
+    sionna : not registered where Sionna RT is imported, which has its own
     """
 
     def decorate(cls: Plugin) -> Plugin:
@@ -86,7 +86,7 @@ def register(table: ParamTable, *, sionna: bool = False) -> Callable[[Plugin], P
 
 
 def given_values(props: "mi.Properties", table: ParamTable) -> dict[str, Property]:
-    """Values that a Mitsuba object is created with, validated; nested objects under other names are left out.
+    """Validated values of a Mitsuba object's properties; nested objects under other names are left out.
 
     Parameters
     ----------

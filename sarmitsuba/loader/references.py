@@ -1,4 +1,4 @@
-"""What a scene file refers to: nothing outside its own folder, unless that is allowed, and no document type."""
+"""Checks of a scene file's references: no file outside its own folder, unless allowed, and no document type."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -19,14 +19,14 @@ _FOLLOWED = ("include", "path")
 # files that include each other in a row, as Mitsuba's parser has it
 _MAX_DEPTH = 15
 _MOST_LOOKUPS = 1_000_000
-# elements that are read more often than once, and bytes beyond the files' own, when all is written out
+# bounds of the expanded document: repeated elements, and bytes beyond those of the files
 _MOST_REPEATED, _MOST_EXPANDED = 100_000, 1 << 24
 # bytes of a spectrum that a scene names
 _LARGEST_SPECTRUM = 1 << 20
 
 
 def check_document(path: Path, *, allow_outside: bool = False, strict: bool = False) -> list[Path]:
-    """Look at a scene file and what it includes before the parser opens any of it.
+    """Check a scene file and its includes before the parser opens them.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ def check_document(path: Path, *, allow_outside: bool = False, strict: bool = Fa
     ------
     SceneError
         A file is not in UTF-8, has a document type, names what is not there or no ordinary file, or, unless allowed,
-        includes or searches outside the folder of the scene; or the files come to far more than they are when every
-        include and parameter is written out.
+        includes or searches outside the folder of the scene; or expanding every include and parameter would exceed the
+        bounds.
 
     Notes
     -----
@@ -71,10 +71,10 @@ class _Included:
         self.root, self.name, self.folder = _real(path), path.name, _real(path.parent)
         self.allow_outside, self.strict = allow_outside, strict
         self.texts = {self.root: read_scene_text(path, strict=strict)}
-        self.found: dict[str, list[Path]] = {}  # where the names in includes lead
-        self.below: dict[Path, list[Path]] = {}  # what every file includes, as often as it does
+        self.found: dict[str, list[Path]] = {}  # places by name of an include
+        self.below: dict[Path, list[Path]] = {}  # includes of every file, repeated ones included
         self._lookups = 0
-        # that the parser searches, in any order; never the one that the program runs in
+        # folders that the parser searches, in any order; never the working folder
         self.folders = {self.folder: None}
         known = (0, 0)
         while known != (known := (len(self.texts), len(self.folders))):
@@ -93,16 +93,16 @@ class _Included:
                 raise SceneError(f"{self.name}: more than {_MAX_INCLUDES} files are included; join some")
 
     def places(self, name: str) -> list[Path]:
-        """Where a name may lead."""
+        """Places of a file name."""
         self._lookups += len(self.folders)
         if self._lookups > _MOST_LOOKUPS:
             raise SceneError(f"{self.name}: names too many files in too many folders; use fewer folders")
-        # the parser takes the bytes of the name, whatever the system's encoding is
+        # the parser uses the bytes of the name, independent of the system's encoding
         native = os.fsdecode(name.encode("utf-8")) if os.name == "posix" else name
         return [place for folder in self.folders if _exists(place := folder / native)]
 
     def checked(self, text: SceneText, tag: str, name: str) -> list[Path]:
-        """Where a name of a file may lead; raise a SceneError where that is not allowed."""
+        """Places of a file name; raise a SceneError where one is not allowed."""
         what = f'{text.path.name}: <{tag}> of "{one_line(name)}"'
         if not self.allow_outside and "$" in name:
             raise SceneError(
@@ -131,7 +131,7 @@ class _Included:
         return list(dict.fromkeys(found))
 
     def check_expanded(self) -> None:
-        """Raise a SceneError where includes and parameters come to far more than the files.
+        """Raise a SceneError where expanded includes and parameters exceed the bounds.
 
         How often each file is read is the sum over those that include it, along the graph of includes; nothing is
         expanded.
@@ -147,8 +147,8 @@ class _Included:
         inclusions = sum(times.values()) - 1
         if inclusions > _MAX_INCLUDES:
             raise SceneError(
-                f"{self.name}: its includes come to {_many(inclusions)} files, at most {_MAX_INCLUDES} are taken; join "
-                "some"
+                f"{self.name}: its includes expand to {_many(inclusions)} files, more than the bound "
+                f"{_MAX_INCLUDES}; join some"
             )
         texts = self.texts
         elements = sum((times[file] - 1) * texts[file].elements for file in order)
@@ -168,7 +168,7 @@ class _Included:
             return
         below = []
         for name, value in self.texts[file].steps:
-            if name is not None:  # a default; of several of a name the longest is counted
+            if name is not None:  # default of a parameter; of several with one name the longest counts
                 lengths[name] = max(lengths.get(name, 0), substituted_length(value, lengths))
                 continue
             for place in self.found[value]:
@@ -197,13 +197,13 @@ def check_meshes(elements: Iterable[Element]) -> None:
                 f'{texture.where}: bitmap "{one_line(file.name)}" lies outside the folder of the scene; {_REMEDY}'
             )
     inside: dict[Path, bool] = {}
-    shipped = scenes_dir()  # meshes that scenes made from shipped ones go on naming
+    shipped = scenes_dir()  # meshes that copies of shipped scenes refer to
     for element in elements:
         name = element.values.get("filename")
         if element.kind != "shape" or not isinstance(name, str):
             continue
         path = element.folder / name
-        # thousands of files of one folder are resolved once, unless they are links
+        # a folder is resolved once for all its files that are not links
         plain = ".." not in path.parts and not os.path.islink(path) if _exists(path) else False
         if plain and path.parent not in inside:
             inside[path.parent] = any(is_inside(path.parent, one) for one in (element.folder, shipped))
@@ -214,7 +214,7 @@ def check_meshes(elements: Iterable[Element]) -> None:
 
 
 def _check_named(places: Iterable[Path], what: str, most: int) -> None:
-    """Raise a SceneError where Mitsuba's parser would open what is no ordinary file, or a large one."""
+    """Raise a SceneError where Mitsuba's parser would open a file that is not regular, or too large."""
     for place in places:
         try:
             check_regular(place, most)

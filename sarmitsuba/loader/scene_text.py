@@ -1,4 +1,4 @@
-"""Text of a scene file as the checks see it: file names, parameters and sizes, read as Mitsuba's parser reads them."""
+"""File names, parameters and sizes in the text of a scene file, read as Mitsuba's parser reads them."""
 
 import re
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ LARGEST_SCENE = 1 << 28
 # tags that name a file or folder in an attribute "value" or "filename"
 _PLACES = ("include", "path")
 _FILE_ATTRIBUTE = re.compile(rb"\bfilename\s*=")
-# elements within each other: scenes have four or five; Mitsuba's parser calls itself for each, and the stack ends
+# largest nesting of elements: scenes have four or five; Mitsuba's parser is recursive, and its stack overflows
 _DEEPEST = 200
 _DECLARATION = re.compile(rb"^(?:\xef\xbb\xbf)?\s*<\?xml(.*?)(?:\?>|$)", re.DOTALL)
 _ENCODING = re.compile(rb"encoding\s*=\s*[\"']?([^\"'\s?]*)")
@@ -28,7 +28,7 @@ _REFERENCE = re.compile(r"\$([\w.-]{0,100})")
 
 @dataclass
 class SceneText:
-    """What a scene file says about other files and about its own size.
+    """References of a scene file to other files, and its size.
 
     Parameters
     ----------
@@ -50,12 +50,12 @@ class SceneText:
     substituted: list[str] = field(default_factory=list)
 
     def expanded(self, lengths: Mapping[str, int]) -> int:
-        """Bytes with every parameter written out."""
+        """Bytes with every parameter expanded."""
         return self.size + sum(substituted_length(value, lengths) for value in self.substituted)
 
 
 def substituted_length(value: str, lengths: Mapping[str, int]) -> int:
-    """Most characters of a value with its parameters written out, by the lengths of theirs."""
+    """Largest number of characters of a value with its parameters expanded."""
     total = len(value)
     for found in _REFERENCE.finditer(value):
         word = found[1]
@@ -64,13 +64,13 @@ def substituted_length(value: str, lengths: Mapping[str, int]) -> int:
 
 
 def read_scene_text(path: Path, *, strict: bool = False) -> SceneText:
-    """Read what a scene file refers to and how large it is.
+    """Read the references and the size of a scene file.
 
-    Elements that refer are ``include``, ``path``, ``spectrum`` and whatever else has an attribute ``filename``, which
+    References are ``include``, ``path``, ``spectrum`` and any other element with an attribute ``filename``, which
     Mitsuba's parser opens while it reads; files that a ``<string>`` names are checked later, by their use.
 
-    What is not well-formed is left to the parser, whose messages are better, as long as it cannot refer to a file: that
-    one is lenient, and might see references where a strict one stops. With ``strict`` it is refused.
+    Malformed files are left to Mitsuba's parser, whose messages are better, unless they may refer to files: that parser
+    is lenient, and might see references where a strict one stops. With ``strict`` they are refused.
 
     Raises
     ------
@@ -86,8 +86,8 @@ def read_scene_text(path: Path, *, strict: bool = False) -> SceneText:
     broken = reader.read()
     if reader.has_type or b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise SceneError(
-            f"{path.name}: holds a document type or entities (<!DOCTYPE, <!ENTITY), which a scene needs not and which "
-            "can hide what it is made of; remove them"
+            f"{path.name}: holds a document type or entities (<!DOCTYPE, <!ENTITY), which are not allowed in a scene "
+            "because they can hide its content; remove them"
         )
     risky = b"<include" in data or b"<path" in data or b"<default" in data or _FILE_ATTRIBUTE.search(data)
     if broken and (risky or strict):
@@ -96,20 +96,20 @@ def read_scene_text(path: Path, *, strict: bool = False) -> SceneText:
 
 
 class _Reader:
-    """Elements of a file, in order, into a `SceneText`."""
+    """Reads the elements of a file, in order, into a `SceneText`."""
 
     def __init__(self, path: Path, data: bytes) -> None:
         self.text, self.has_type = SceneText(path, len(data)), False
         self._data, self._depth = data, 0
         self._parameters = b"$" in data or b"&#" in data
-        self._parser = parser = expat.ParserCreate("UTF-8")  # whatever is declared
+        self._parser = parser = expat.ParserCreate("UTF-8")  # independent of the declared encoding
         parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
         parser.StartDoctypeDeclHandler = self._document_type
         # entities are neither read nor expanded
         parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
 
     def read(self) -> str:
-        """Read all; what is malformed, or nothing."""
+        """Read the file; the parser's message where it is malformed, else empty."""
         try:
             self._parser.Parse(self._data, True)
         except (expat.ExpatError, ValueError, LookupError) as error:
@@ -121,7 +121,7 @@ class _Reader:
         self._depth += 1
         text.elements += 1
         if self._depth > _DEEPEST:
-            raise SceneError(f"{self._place()}: more than {_DEEPEST} elements within each other; close them")
+            raise SceneError(f"{self._place()}: elements are nested more than {_DEEPEST} deep; close them")
         if tag in _PLACES:
             named = [attributes[key] for key in ("filename", "value") if key in attributes] or [""]
             text.references += [(tag, name) for name in named]
@@ -152,7 +152,7 @@ class _Reader:
 
 
 def _check_encoding(data: bytes, name: str) -> None:
-    """Raise a SceneError where two parsers could take the bytes for different characters."""
+    """Raise a SceneError where two parsers could decode the bytes differently."""
     declaration = _DECLARATION.match(data[:1000])
     found = _ENCODING.search(declaration[1]) if declaration else None
     declared = found[1].lower() if found else b"utf-8"

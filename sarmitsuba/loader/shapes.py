@@ -17,13 +17,16 @@ from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
 from sarmitsuba.scene.motion import STILL, Motion
 
-MAX_FACES = 400_000  # of one tessellated shape
-SPHERE_MIN_SAGITTA = 1.4e-5  # of the radius; gives MAX_FACES
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+MAX_FACES = 400_000  # most faces of one tessellated shape
+SPHERE_MIN_SAGITTA = 1.4e-5  # least sagitta over the radius; gives MAX_FACES
 _MESH_FILES = ("ply", "obj", "stl")
 _MOVING = ("velocity", "acceleration")
 _COMMON = ("to_world", "flip_normals", *_MOVING)
 _MESH = (*_COMMON, "filename", "face_normals", "flip_tex_coords")
-# parameters of every shape that is understood; those without geometry are accepted and ignored
+# parameters of every supported shape; those without geometry are accepted and ignored
 SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
     "ply": _MESH,
     "obj": _MESH,
@@ -41,19 +44,19 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
 }
 _OBJECTS = ("bsdf", "shape", "emitter", "medium", "texture", "sensor", "volume")
 _MAX_NESTING = 16
-_MAX_POINT = 1e15  # beyond, distances between points overflow
+_MAX_POINT = 1e15  # bound, m; beyond, distances between points overflow
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A shape element and where it stands.
+    """A shape element with its placement.
 
     Parameters
     ----------
     element : of a shape with a surface
-    name : its id, or a name made up from plugin and number
+    name : its id, or a name made from plugin and number
     to_world : (4, 4) float64, file frame
-    motion : in the file frame, whatever ``to_world`` turns
+    motion : in the file frame, not turned by ``to_world``
     """
 
     element: Element
@@ -73,13 +76,13 @@ class Placed:
 
     @property
     def is_convex(self) -> bool:
-        """True for shapes that are one closed convex body wherever they are placed: affine maps keep convexity."""
+        """True for shapes that are one closed convex body; affine maps keep convexity."""
         return self.element.plugin in ("sphere", "cube")
 
 
 @dataclass
 class MeshReader:
-    """Turns shapes into triangles; keeps the mesh files it has read.
+    """Triangulates shapes; caches the mesh files read.
 
     Parameters
     ----------
@@ -92,17 +95,17 @@ class MeshReader:
     _files: dict[tuple[Path, int], tuple[F64, I32]] = field(default_factory=dict)
 
     def triangles(self, placed: Placed) -> tuple[F64, I32]:
-        """(n_v, 3) float64 vertices in the file frame, m, and (n_f, 3) int32 faces.
+        """Vertices (n_v, 3) float64 in the file frame, m, and faces (n_f, 3) int32.
 
         Raises
         ------
-        SceneError : the mesh file is missing or unreadable, or a value makes no shape
+        SceneError : the mesh file is missing or unreadable, or a value is invalid
         """
         vertices, faces = self._local(placed)
         return placed.moved(vertices), faces
 
     def corner_values(self, placed: Placed, faces: I32, names: Sequence[str]) -> dict[str, F64]:
-        """Attributes of a shape that maps lie on, see `sarmitsuba.loader.attributes.corner_values`."""
+        """Attributes of a shape used by maps, see `sarmitsuba.loader.attributes.corner_values`."""
         element = placed.element
         path = mesh_path(element) if element.plugin in _MESH_FILES else None
         return corner_values(element, path, faces, names)
@@ -133,7 +136,7 @@ class MeshReader:
         return self._cylinder(element, linear)
 
     def _local_sagitta(self, linear: F64) -> float:
-        """Bound in the coordinates of a shape that ``linear`` maps to the world."""
+        """Sagitta bound in the local coordinates of a shape that ``linear`` maps to the world."""
         if not np.isfinite(linear).all():
             return self.sagitta  # refused when the mesh is checked
         scale = float(np.linalg.norm(linear, 2))
@@ -177,7 +180,7 @@ def placed_shapes(root: Element) -> Iterator[Placed]:
 
 
 def sphere_center(element: Element) -> F64:
-    """(3,) float64 centre of a sphere element in its own coordinates."""
+    """Centre (3,) float64 of a sphere element in its own coordinates."""
     return _vector(element, "center", np.zeros(3))
 
 
@@ -186,7 +189,7 @@ def cylinder_axis(element: Element) -> tuple[F64, F64, float]:
 
     Raises
     ------
-    SceneError : the ends are one point, or a value is none
+    SceneError : the ends are one point, or a value is invalid
     """
     p0 = _vector(element, "p0", np.zeros(3))
     p1 = _vector(element, "p1", np.array([0.0, 0.0, 1.0]))
@@ -235,7 +238,7 @@ def _expand(
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = outer @ _matrix(element)
     if not np.isfinite(matrix).all():
-        raise SceneError(f"{element.where}: nested to_world overflow; check their numbers")
+        raise SceneError(f"{element.where}: nested to_world transforms overflow; check their numbers")
     motion = _motion(element, carried)
     if plugin in ("instance", "merge"):
         inner = list(element.of_kind("shape"))
@@ -271,13 +274,13 @@ def _matrix(element: Element) -> F64:
 
 
 def _motion(element: Element, carried: Motion) -> Motion:
-    """How a shape moves: as it says itself, else as what it is part of."""
+    """Motion of a shape: its own, else that of the shape that contains it."""
     given = {name: value for name in _MOVING if (value := element.values.get(name)) is not None}
     if not given:
         return carried
     if not carried.still:
         raise SceneError(
-            f"{element.where}: it has a velocity of its own within a shape that moves; give it to one of both"
+            f"{element.where}: it has a velocity inside a shape that moves; give the velocity to one of the two"
         )
     try:
         return Motion.of(**{name: _components(value) for name, value in given.items()})
@@ -288,7 +291,7 @@ def _motion(element: Element, carried: Motion) -> Motion:
 
 
 def _components(value: Property) -> ArrayLike:
-    """A vector, or the numbers of a text such as ``0 8 0``, with blanks or commas between."""
+    """Components of a vector, or numbers of a text such as ``0 8 0``, separated by blanks or commas."""
     if not isinstance(value, str):
         return value if isinstance(value, np.ndarray) else (np.nan,)
     try:

@@ -20,7 +20,7 @@ from sarmitsuba.scene.settings import METHODS, TOLERANCE_DB
 
 
 def _switches() -> tuple[Param, ...]:
-    """One switch for every effect that has one, as the effects describe them."""
+    """Switch parameters of the effects."""
     return tuple(
         Param(effect.name, "string", "auto", effect.documentation, choices=("auto", "on", "off"))
         for effect in switchable_effects()
@@ -51,8 +51,7 @@ INTEGRATOR = ParamTable(
             "diffuse_ray_spacing",
             "float",
             0.0,
-            "distance between the rays that find diffuse scatterers; automatic: footprints as large as "
-            "scatterer_cell, at "
+            "distance between the rays for diffuse scattering; automatic: footprints as large as scatterer_cell, at "
             "least ray_spacing",
             "m",
             0.0,
@@ -83,7 +82,7 @@ INTEGRATOR = ParamTable(
             "gridding_width",
             "integer",
             0,
-            "samples that one contribution is spread over; automatic: the film's",
+            "width in samples of the gridding kernel; automatic: the film's",
             "",
             0,
             16,
@@ -94,13 +93,15 @@ INTEGRATOR = ParamTable(
             "pass_days",
             "float",
             0.0,
-            "a later pass: days since the first; materials with temporal_coherence below 1 have changed by then",
+            "time since the first pass, in days; materials with temporal_coherence below 1 decorrelate over it",
             "days",
             0.0,
             1e5,
         ),
-        Param("keep_orders", "boolean", False, "keep bounce orders apart, each in layers of its own"),
-        Param("keep_subsets", "boolean", False, "keep two independent ray subsets apart, for error bars"),
+        Param("keep_orders", "boolean", False, "store bounce orders separately, each in its own layers"),
+        Param(
+            "keep_subsets", "boolean", False, "store two independent ray subsets separately, for error bars"
+        ),
         Param(
             "phase_precision",
             "string",
@@ -112,7 +113,7 @@ INTEGRATOR = ParamTable(
             "tolerance_db",
             "float",
             TOLERANCE_DB,
-            "an effect on auto is left out if the image changes by less than this, over its clutter or peak",
+            "an effect on auto is left out if it changes the image by less than this, relative to its clutter or peak",
             "dB",
             -200.0,
             -1.0,
@@ -130,7 +131,8 @@ INTEGRATOR = ParamTable(
             "time_limit",
             "float",
             0.0,
-            "add passes of rays until they have taken this time; planning, last image and files come on top; 0 = off",
+            "add passes of rays until they have taken this time; planning, final image and files take extra time; 0 "
+            "= off",
             "s",
             0.0,
             1e9,
@@ -139,7 +141,7 @@ INTEGRATOR = ParamTable(
             "default_rms_height",
             "float",
             ORDINARY_RMS_HEIGHT,
-            "rms height of materials that give none: Sionna RT's without scattering_coefficient, Mitsuba's rough ones; "
+            "rms height of materials without one: Sionna RT's without scattering_coefficient, Mitsuba's rough ones; "
             "their correlation length is 10 times that",
             "m",
             0.0,

@@ -1,4 +1,4 @@
-"""BSDF ``radar_volume``: its parameters, and the shapes that have one as volumes."""
+"""Volumes of a scene file: parameters of the BSDF ``radar_volume``, and the shapes that have it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -19,29 +19,30 @@ from sarmitsuba.parameters import Param, ParamTable, Value, float_value, string_
 from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.units import power_from_db
 
-# facets of a crown that is a sphere: a hundredth of its radius from it, whatever the wavelength
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+# sagitta of a spherical volume's facets over its radius, independent of the wavelength
 SAGITTA_OVER_RADIUS = 0.01
 _CLOUD = ("sigma_v_h_db", "sigma_v_v_db", "extinction_h", "extinction_v", "volume_cross_ratio_db")
 
 
 def _pieces(kind: str, words: str, sizes: tuple[Param, Param], moisture: float) -> tuple[Param, ...]:
     """Parameters of leaves or sticks."""
-    tilt = "tilt of their axes about which they spread, from the vertical; the axis of a leaf is its normal"
-    spread = "standard deviation of the tilt; 0: all directions alike"
+    tilt = "most frequent tilt of their axes from the vertical; the axis of a leaf is its normal"
+    spread = "standard deviation of the tilt; 0: all directions equally frequent"
     return (
         Param(
             f"{kind}_density",
             "float",
             0.0,
-            f"{words} in a cubic metre, beside those of a preset",
+            f"{words} per cubic metre, in addition to those of a preset",
             "1/m^3",
             0.0,
             1e7,
         ),
         *sizes,
-        Param(
-            f"{kind}_moisture", "float", moisture, "mass of water over the whole mass of them", "", 0.0, 0.7
-        ),
+        Param(f"{kind}_moisture", "float", moisture, "mass of water over their total mass", "", 0.0, 0.7),
         Param(f"{kind}_tilt_deg", "float", 0.0, tilt, "deg", 0.0, 90.0),
         Param(f"{kind}_spread_deg", "float", 0.0, spread, "deg", 0.0, 90.0),
     )
@@ -69,9 +70,9 @@ _STICKS = _pieces(
 RADAR_VOLUME = ParamTable(
     plugin="radar_volume",
     element="bsdf",
-    doc="On a closed shape (sphere, cube, closed mesh): waves go through it, and what fills it returns them. A "
-    "`preset`, leaves and sticks by `leaf_density` and `stick_density`, or a cloud with the figures of one band, "
-    "`sigma_v_h_db` and `extinction_h`.",
+    doc="On a closed shape (sphere, cube, closed mesh): a volume that waves penetrate and that scatters them. A "
+    "`preset`, leaves and sticks by `leaf_density` and `stick_density`, or a water cloud by its coefficients in one "
+    "band, `sigma_v_h_db` and `extinction_h`.",
     params=(
         Param(
             "preset",
@@ -81,7 +82,14 @@ RADAR_VOLUME = ParamTable(
             choices=lambda: tuple(sorted(CANOPIES.names)),
         ),
         Param(
-            "relative_density", "float", 1.0, "number of pieces over that of the preset", "", 0.0, 100.0, True
+            "relative_density",
+            "float",
+            1.0,
+            "density of scatterers relative to the preset",
+            "",
+            0.0,
+            100.0,
+            True,
         ),
         *_LEAVES,
         *_STICKS,
@@ -89,19 +97,35 @@ RADAR_VOLUME = ParamTable(
             "sigma_v_h_db",
             "float",
             None,
-            "radar cross section per volume, HH, of a cloud",
+            "radar cross section per volume of a water cloud, HH",
             "dB",
             -100.0,
             30.0,
         ),
-        Param("sigma_v_v_db", "float", None, "the same, VV; automatic: as HH", "dB", -100.0, 30.0),
-        Param("extinction_h", "float", 0.0, "power that a cloud takes from H on a way", "1/m", 0.0, 1e3),
-        Param("extinction_v", "float", None, "the same from V; automatic: as H", "1/m", 0.0, 1e3),
+        Param(
+            "sigma_v_v_db",
+            "float",
+            None,
+            "radar cross section per volume of a water cloud, VV; automatic: as HH",
+            "dB",
+            -100.0,
+            30.0,
+        ),
+        Param("extinction_h", "float", 0.0, "one-way power extinction of a water cloud, H", "1/m", 0.0, 1e3),
+        Param(
+            "extinction_v",
+            "float",
+            None,
+            "one-way power extinction of a water cloud, V; automatic: as H",
+            "1/m",
+            0.0,
+            1e3,
+        ),
         Param(
             "volume_cross_ratio_db",
             "float",
             -8.0,
-            "cross- over co-polar power of a cloud",
+            "cross- over co-polar power of a water cloud",
             "dB",
             -300.0,
             0.0,
@@ -110,7 +134,7 @@ RADAR_VOLUME = ParamTable(
             "scatterer_spacing",
             "float",
             0.0,
-            "distance between the scatterers that stand for the volume",
+            "distance between the scatterers that represent the volume",
             "m",
             0.0,
             1e3,
@@ -127,7 +151,7 @@ class VolumeBook:
 
     Parameters
     ----------
-    frequency : Hz, that media are taken at
+    frequency : Hz, of the media
     overrides : from the command line
     """
 
@@ -138,11 +162,11 @@ class VolumeBook:
 
     @property
     def elements(self) -> list[Element]:
-        """BSDFs whose media are known."""
+        """BSDF elements whose media are made."""
         return [element for element, _, _ in self._media.values()]
 
     def add_shape(self, placed: Placed, bsdf: Element, reader: MeshReader) -> None:
-        """Take in a shape with a ``radar_volume``; ``reader`` keeps mesh files.
+        """Add a shape with a ``radar_volume``; ``reader`` caches mesh files.
 
         Raises
         ------
@@ -162,8 +186,10 @@ class VolumeBook:
         self.add(placed.name, vertices, faces, bsdf, where)
 
     def add(self, name: str, vertices: F64, faces: I32, bsdf: Element, where: str) -> None:
-        """Take in a mesh with a ``radar_volume``: vertices (n_v, 3) m, file frame; ``where`` starts errors."""
-        if id(bsdf) not in self._media:  # the element is kept: one that is gone would leave its id to another
+        """Add a mesh with a ``radar_volume``: vertices (n_v, 3) m, file frame; ``where`` starts errors."""
+        if (
+            id(bsdf) not in self._media
+        ):  # the element is kept: a deleted one would leave its Python id to another
             values, given = self.overrides.read(bsdf, RADAR_VOLUME)
             medium = medium_of(
                 bsdf.id or f"volume_{len(self._media) + 1}", values, given, self.frequency, bsdf.where
@@ -176,7 +202,7 @@ class VolumeBook:
 def closed_volume(
     name: str, vertices: F64, faces: I32, medium: VolumeMedium, spacing: float, where: str
 ) -> Volume:
-    """Volume with its normals outwards.
+    """Volume of a closed mesh, normals outwards.
 
     Raises
     ------
@@ -205,7 +231,7 @@ def medium_of(
 
     Raises
     ------
-    SceneError : neither plants nor a cloud, or both
+    SceneError : neither plants nor a water cloud is described, or both are
     """
     stays, days = change_of(values, given, where)
     preset, cloud = string_value(values, "preset"), [n for n in _CLOUD if n in given]
@@ -217,7 +243,7 @@ def medium_of(
         whole = CANOPIES[preset].denser(float_value(values, "relative_density"))
         parts = (*whole.constituents, *parts)
     elif "relative_density" in given:
-        raise SceneError(f"{where}: relative_density is of a preset; name one, or leave it out")
+        raise SceneError(f"{where}: relative_density needs a preset; name one, or leave it out")
     if parts and cloud:
         what = "preset" if preset else "leaf_density" if "leaf_density" in given else "stick_density"
         raise SceneError(f"{where}: {what} and {cloud[0]} describe the volume twice; leave one out")
@@ -226,7 +252,7 @@ def medium_of(
         return replace(medium, temporal_coherence=stays, decorrelation_days=days)
     if values["sigma_v_h_db"] is None:
         raise SceneError(
-            f'{where}: what fills the volume is not described; give <string name="preset" value="deciduous_summer"/> '
+            f'{where}: the volume has no content; give <string name="preset" value="deciduous_summer"/> '
             "or leaf_density, stick_density, or sigma_v_h_db and extinction_h"
         )
     level = float_value(values, "sigma_v_h_db")
@@ -243,7 +269,7 @@ def medium_of(
 
 
 def _constituents(values: Mapping[str, Value | None]) -> tuple[Constituent, ...]:
-    """Leaves and sticks that the parameters count."""
+    """Leaves and sticks of the parameters."""
     pieces = {
         "leaf": Leaf(float_value(values, "leaf_radius"), float_value(values, "leaf_thickness")),
         "stick": Stick(float_value(values, "stick_radius"), float_value(values, "stick_length")),

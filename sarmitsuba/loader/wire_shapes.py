@@ -1,4 +1,4 @@
-"""Cylinders and polylines of a scene file as wires that scatter by a closed form."""
+"""Wires of a scene file: cylinders and polylines that scatter by a closed form."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -16,12 +16,12 @@ from sarmitsuba.scene.wires import WireTarget
 
 # wires thicker than a third of their length are no wires: their caps return as much as their sides
 LEAST_SLENDERNESS = 3.0
-# ratio of the widths of a wire's cross-section that is still round
+# largest ratio of the widths of a wire's cross-section that counts as round
 ROUND = 1.01
 
 
 def wires(placed: Placed, permittivity: complex | None, frequency: float) -> list[WireTarget]:
-    """Wires of a ``cylinder``, or of a ``linearcurve`` one for each piece.
+    """Wires of a ``cylinder``, or of a ``linearcurve``, one for each piece.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def _check(where: str, ends: F64, radius: float, permittivity: complex | None, f
     ka, bound = 2.0 * np.pi * radius / wavelength, largest_ka(permittivity)
     if not np.isfinite(length) or length < LEAST_SLENDERNESS * 2.0 * radius:
         raise SceneError(
-            f"{where}: radar_wire of {length:g} m and {2.0 * radius:g} m across is no line: it must be at least "
+            f"{where}: radar_wire of {length:g} m and {2.0 * radius:g} m across is too thick: it must be at least "
             f"{LEAST_SLENDERNESS:g} times as long as wide; make it a mesh (radar_material)"
         )
     if ka > bound:
@@ -90,7 +90,7 @@ def _widening(placed: Placed, ends: F64, local: F64) -> float:
     if not widths[1] > 0.0 or widths[0] > ROUND * widths[1]:
         raise SceneError(
             f"{placed.element.where}: to_world makes a radar_wire oval ({widths[0]:g} by {widths[1]:g} of its width); "
-            "scale it alike in all directions"
+            "scale it equally in all directions"
         )
     return float(np.sqrt(widths[0] * widths[1]))
 

@@ -35,7 +35,7 @@ def parse_file(path: Path, parameters: Mapping[str, str], *, allow_outside: bool
 
     Raises
     ------
-    SceneError : one line about what is malformed, and where, or about a file that is not allowed
+    SceneError : one line: place and kind of the error in the file, or a file that is not allowed
     """
     check_document(path, allow_outside=allow_outside)
     config = mi.parser.ParserConfig(mi.variant())
@@ -54,7 +54,7 @@ def parse_file(path: Path, parameters: Mapping[str, str], *, allow_outside: bool
 
 
 def parse_dict(scene: Mapping[str, object], label: str) -> Element:
-    """Read a dict as `mi.load_dict` takes it into elements; file names are relative to the working folder.
+    """Read a dict as for `mi.load_dict` into elements; file names are relative to the working folder.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def read_text(path: Path) -> str:
 
 @contextmanager
 def _searching(folder: Path) -> Iterator[None]:
-    """Let Mitsuba look for files in that folder alone, not in the one that the program runs in."""
+    """Let Mitsuba search files in that folder only, not in the working folder."""
     before = mi.file_resolver()
     own = mi.FileResolver()
     own.clear()
@@ -146,14 +146,14 @@ def _tree(
 
 
 class _LineNumbers:
-    """Line numbers of the nodes of files; Mitsuba's own search reads the file anew for each node."""
+    """Line numbers of the nodes of files; Mitsuba's own search reads the file again for each node."""
 
     def __init__(self, state: "mi.parser.ParserState") -> None:
         self._state = state
         self._ends: dict[int, list[int]] = {}
 
     def of(self, node: "mi.parser.SceneNode") -> int:
-        """Line that a node stands in, from 1."""
+        """Line number of a node, from 1."""
         number = node.file_index
         if number not in self._ends:
             text = regular_files.read_bytes(str(self._state.files[number]))
@@ -162,7 +162,7 @@ class _LineNumbers:
 
 
 def _kind(node_type: str, plugin: str, label: str) -> str:
-    """Kind of a node; a dict does not say it of plugins that Mitsuba does not know yet."""
+    """Kind of a node; a dict does not state it for plugins that are not registered with Mitsuba."""
     kind = node_type.rpartition(".")[2].lower()
     if kind != "unknown":
         return kind
@@ -172,9 +172,9 @@ def _kind(node_type: str, plugin: str, label: str) -> str:
 
 
 def _parser_message(text: str, path: Path) -> str:
-    """One line out of Mitsuba's message: file, place, what."""
+    """One line from Mitsuba's message: file, place, error."""
     text = text.strip() or "unreadable"
-    # its last line, unless it quotes a file that has line ends
+    # the last line, unless the message quotes several lines of the file
     start = max(text.find("Error while loading"), text.find("Parsing of XML file"))
     last = " ".join(_SOURCE.sub("", text[start:] if start >= 0 else text.split("\n")[-1]).split())
     position = _POSITION.search(last)

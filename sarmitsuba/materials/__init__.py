@@ -1,1 +1,1 @@
-"""Surfaces: permittivity, Fresnel coefficients, roughness, diffuse laws."""
+"""Materials: permittivity, Fresnel coefficients, roughness, diffuse laws, slabs, vegetation."""

@@ -1,4 +1,4 @@
-"""The radar meaning of every kind of BSDF: ours, Sionna RT's, Mitsuba's own."""
+"""Radar materials from BSDFs: those of this package, Sionna RT's and Mitsuba's."""
 
 import math
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ from sarmitsuba.materials.texture import check_texture
 from sarmitsuba.parameters import Value, float_value, string_value
 
 _NO_LEVEL_DB = -300.0  # written in XML for "none"
-# Rms height given to ordinary rough BSDFs, m: plastered and concrete walls measure 0.3 to 3 mm
+# rms height of Mitsuba's rough BSDFs, m: plastered and concrete walls have 0.3 to 3 mm
 ORDINARY_RMS_HEIGHT = 1e-3
 # Correlation length over rms height of the same: bare soils measure 8 to 31 (s = 3.2 to 11 mm, l = 84 to 99 mm; Oh,
 # Sarabandi and Ulaby, IEEE TGRS 30 (2) 1992), 3 where they are freshly ploughed; a ratio is the same in every band
@@ -43,8 +43,8 @@ def named_material(
     name : unique in the scene
     kind : name in ``MATERIALS``
     frequency : Hz
-    surface : whose roughness and diffuse law it gets; None for a smooth one
-    values : of the material's own parameters; None, or left out: its defaults
+    surface : source of its roughness and diffuse law; None for a smooth one
+    values : of the material's own parameters; missing ones have their defaults
     """
     entry, surface = MATERIALS[kind].at(values or {}), surface or smooth()
     if entry.thickness and not surface.thickness:
@@ -110,7 +110,7 @@ def radar_material(
 def _own_values(
     kind: str, values: Mapping[str, Value | None], given: frozenset[str], where: str
 ) -> dict[str, float]:
-    """What a file gives of the parameters that a named material has of its own; those of others are refused."""
+    """Given values of a named material's own parameters; a SceneError for those of other materials."""
     known = MATERIALS[kind].parameters if kind else ()
     for parameter in material_parameters():
         if parameter.name in given and parameter not in known:
@@ -136,7 +136,7 @@ def wire_permittivity(
 
 
 def _permittivity(values: Mapping[str, Value | None], given: frozenset[str], frequency: float) -> complex:
-    """Permittivity from ``permittivity_real`` and what goes with it."""
+    """Permittivity from ``permittivity_real`` with its loss or conductivity."""
     real = float_value(values, "permittivity_real")
     if "conductivity" in given:
         return permittivity_from_conductivity(real, float_value(values, "conductivity"), frequency)
@@ -154,8 +154,8 @@ def sionna_material(
     r"""Material of a validated ``itu-radio-material``, ``radio-material`` or ``absorber-radio-material``.
 
     Sionna takes the share S^2 of the reflected power out of the mirror direction and scatters it. Here it
-    is Lambert's law of albedo S^2 \|R(0)\|^2 and the rms height that loses S^2 at normal incidence. A material
-    that gives no scattering coefficient says nothing of its roughness and gets ``rms_height`` (m).
+    is Lambert's law of albedo S^2 \|R(0)\|^2 and the rms height that loses S^2 at normal incidence. A material without
+    scattering coefficient has no stated roughness and gets ``rms_height`` (m).
 
     Notes
     -----
@@ -180,7 +180,7 @@ def sionna_material(
 
 
 def scattering_surface(values: Mapping[str, Value | None], eps: complex, frequency: float) -> Material:
-    """Roughness and diffuse law that stand for Sionna's scattering and cross-polarisation coefficients."""
+    """Roughness and diffuse law equivalent to Sionna's scattering and cross-polarisation coefficients."""
     share = min(float_value(values, "scattering_coefficient") ** 2, 0.999)
     if share == 0.0:
         return smooth()
@@ -199,7 +199,7 @@ def scattering_surface(values: Mapping[str, Value | None], eps: complex, frequen
 
 
 def sionna_itu_name(identifier: str) -> str:
-    """ITU material that an id such as ``mat-itu_concrete`` names (Sionna RT's rule), else an empty string."""
+    """ITU material of an id such as ``mat-itu_concrete`` (Sionna RT's rule), else an empty string."""
     name = identifier[4:] if identifier.startswith("mat-") else identifier
     if not name.startswith(("itu_", "itu-")):
         return ""
@@ -207,15 +207,15 @@ def sionna_itu_name(identifier: str) -> str:
 
 
 def smooth() -> Material:
-    """A surface without roughness and diffuse law, its permittivity yet to be filled in."""
+    """Smooth surface without diffuse law, its permittivity to be filled in."""
     return Material("smooth")
 
 
 def rough(rms_height: float) -> Material:
-    """Roughness of a surface of which only the rms height is known, m; 0 is a smooth one.
+    """Rough surface from the rms height alone, m; 0 is a smooth one.
 
-    The small-slope law with a correlation length of ``ORDINARY_CORRELATION`` rms heights: what the mirror direction
-    loses goes into the lobe about it and, at the surface's Bragg wavenumber, back to the radar, vv above hh.
+    The small-slope law with a correlation length of ``ORDINARY_CORRELATION`` rms heights: the power lost in specular
+    direction is scattered into a lobe about it and, by Bragg scattering, to the radar, vv above hh.
     """
     if rms_height == 0.0:
         return smooth()
@@ -224,14 +224,14 @@ def rough(rms_height: float) -> Material:
 
 
 def _length_words(rms_height: float) -> str:
-    """The rest of what `rough` assumes."""
+    """Text of the correlation length and law assumed by `rough`."""
     if rms_height == 0.0:
         return ""
     return f", correlation length {1e3 * ORDINARY_CORRELATION * rms_height:g} mm (diffuse_law small_slope)"
 
 
 def rough_note(plugin: str, rms_height: float) -> str:
-    """What is assumed of Sionna's materials that give no scattering coefficient."""
+    """Note about the roughness assumed for Sionna's materials without scattering coefficient."""
     return (
         f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm'
         f"{_length_words(rms_height)}; "
@@ -282,7 +282,7 @@ def ordinary_material(
     frequency: float,
     rms_height: float = ORDINARY_RMS_HEIGHT,
 ) -> tuple[Material, str]:
-    """Material that stands for one of Mitsuba's own BSDFs, with the warning that says so.
+    """Material assumed for one of Mitsuba's own BSDFs, with the warning about it.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def ordinary_material(
 
     Notes
     -----
-    Colours and optical roughness say nothing about centimetre waves and are ignored.
+    Colours and optical roughness are ignored: they are unrelated to radar wavelengths.
     """
     kind, is_rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
     words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm{_length_words(rms_height)}")
@@ -328,7 +328,7 @@ def _material(name: str, eps: complex, surface: Material) -> Material:
 
 
 def _check_texture(values: Mapping[str, Value | None], law: DiffuseLaw, where: str) -> None:
-    """Raise where a texture is given by half, or to a surface that returns nothing diffuse."""
+    """Raise where a texture is incomplete, or its surface has no diffuse return."""
     shape = float_value(values, "texture_shape")
     check_texture(shape, float_value(values, "texture_length"), where)
     if shape and not law.scatters:
@@ -338,7 +338,7 @@ def _check_texture(values: Mapping[str, Value | None], law: DiffuseLaw, where: s
 def _check_law(
     law: DiffuseLaw, values: Mapping[str, Value | None], given: frozenset[str], where: str
 ) -> None:
-    """Raise where the law lacks what it needs, or something is given that it does not take."""
+    """Raise where a parameter of the law is missing, or one is given that it does not have."""
     if any(float_value(values, name) <= 0.0 for name in law.needs):
         needed, got = (
             " and ".join(words) for words in (law.needs, [f"{float_value(values, n):g} m" for n in law.needs])
@@ -363,13 +363,13 @@ def _check_law(
             )
     if "temporal_coherence" in given and not law.scatters:
         raise SceneError(
-            f"{where}: temporal_coherence has no effect with diffuse_law = {law.name}, which returns nothing; "
-            "take another law or leave it out"
+            f"{where}: temporal_coherence has no effect with diffuse_law = {law.name}, which has no diffuse return; "
+            "use another law or leave it out"
         )
 
 
 def _check_slab(surface: Material, kind: str, where: str) -> None:
-    """Raise where the words for a slab are given to what is none."""
+    """Raise where parameters of a slab are given to another material."""
     if surface.thickness > 0.0 and kind and MATERIALS[kind].pec:
         raise SceneError(
             f"{where}: thickness = {surface.thickness:g} m has no effect with material = {kind}, which lets nothing "

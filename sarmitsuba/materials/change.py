@@ -1,4 +1,4 @@
-"""What is left of the coherence of surfaces and volumes between two passes."""
+"""Temporal coherence of surfaces and volumes between two passes."""
 
 from collections.abc import Mapping
 
@@ -7,13 +7,13 @@ import numpy as np
 from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import Param, Value, float_value
 
-# of everything that has scatterers of its own: surfaces and volumes
+# parameters common to surfaces and volumes
 CHANGE = (
     Param(
         "temporal_coherence",
         "float",
         1.0,
-        "coherence of the diffuse return that is left between two passes long apart; 1 = nothing changes",
+        "coherence of the diffuse return between two passes long apart; 1 = no change",
         "",
         0.0,
         1.0,
@@ -31,7 +31,7 @@ CHANGE = (
 
 
 def coherence_after(days: float, stays: float, decay_days: float) -> float:
-    r"""Coherence of the incoherent return between passes so many days apart.
+    r"""Coherence of the incoherent return between two passes.
 
     .. math:: \gamma(t) = \gamma_\infty + (1 - \gamma_\infty) e^{-|t| / \tau}
 
@@ -50,20 +50,20 @@ def coherence_after(days: float, stays: float, decay_days: float) -> float:
 def change_of(
     values: Mapping[str, Value | None], given: frozenset[str], where: str, usual: float = 1.0
 ) -> tuple[float, float]:
-    """Coherence that stays and time constant (days) of validated parameters.
+    """Long-term coherence and time constant (days) of validated parameters.
 
-    ``usual`` : coherence where none is given
+    ``usual`` : default coherence
 
     Raises
     ------
     SceneError
-        A time constant of nothing.
+        A time constant without effect.
     """
     stays = float_value(values, "temporal_coherence") if "temporal_coherence" in given else usual
     days = float_value(values, "decorrelation_days")
     if "decorrelation_days" in given and stays == 1.0:
         raise SceneError(
             f"{where}: decorrelation_days = {days:g} days has no effect with temporal_coherence = 1; give the "
-            "coherence that is left at last, such as 0"
+            "long-term coherence, such as 0"
         )
     return stays, days

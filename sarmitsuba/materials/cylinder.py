@@ -1,4 +1,4 @@
-"""What a long round wire does to a wave: series of the infinite circular cylinder, tabulated over tilt and azimuth."""
+"""Scattering by a long round wire: series of the infinite circular cylinder, tabulated over tilt and azimuth."""
 
 from dataclasses import dataclass
 
@@ -9,22 +9,25 @@ from scipy.special import hankel1, jv, jve
 from sarmitsuba.arrays import C128, F32, F64
 from sarmitsuba.errors import SceneError
 
-# nodes over the tilt, and how many more each unit of k a takes; of conductors only up to where waves that creep around
-# them still count, and few beyond
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+
+# nodes over the tilt, and additional ones per unit of k a; for conductors only up to where creeping waves count, and
+# few beyond
 TILTS, TILTS_PER_KA, LAST_CREEPING, TILTS_BEYOND = 65, 8.0, 30.0, 0.5
 # azimuth nodes for each order of the series: four-point interpolation is then within 1e-3 of the largest value
 NODES_PER_ORDER, LEAST_NODES = 10, 48
-# circumference over wavelength up to which wires are tabulated: of conductors, and of others
+# circumference over wavelength up to which wires are tabulated: conductors, and others
 LARGEST_KA, LARGEST_KA_INSIDE = 200.0, 100.0
-# numbers of a node: TM, TE and TE to TM, each re and im, and two that fill the packet
+# numbers per node: TM, TE and TE to TM, each re and im, and two of padding
 NUMBERS = 8
-# modulus of k a times the refractive index beyond which the field inside is a wave from the surface straight in
+# modulus of k a times the refractive index beyond which the field inside is a plane wave into the surface
 _DEEP = 2e3
 
 
 @dataclass(frozen=True, eq=False)
 class CylinderTable:
-    r"""Far-field series of a wire, less the phase of its specular line.
+    r"""Far-field series of a wire without the phase of its specular line.
 
     .. math:: T(\psi, \phi)\, e^{-2 j k a \cos\psi \sin(\phi / 2)}
 
@@ -66,7 +69,7 @@ def table_size(ka: float, permittivity: complex | None) -> tuple[int, int, int]:
 
 
 def cylinder_table(ka: float, permittivity: complex | None) -> CylinderTable:
-    """Tabulate the series of a wire.
+    """Table of the series of a wire.
 
     Parameters
     ----------
@@ -88,7 +91,7 @@ def cylinder_table(ka: float, permittivity: complex | None) -> CylinderTable:
     tilts, azimuths, orders = table_size(ka, permittivity)
     psi, step = np.linspace(0.0, 0.5 * np.pi, tilts), np.pi / azimuths
     phi = np.arange(-1, round(np.pi / step) + 2) * step
-    # end-on there is no series; nothing of it is left either
+    # end-on there is no series, and no return
     cosine = np.maximum(np.cos(psi), 1e-4)
     tm, te, cross = coefficients(ka * cosine, np.sin(psi), cosine, orders, permittivity)
     n = np.arange(orders + 1)
@@ -155,13 +158,13 @@ def coefficients(
 
 
 def _slope(values: F64 | C128, n: NDArray[np.intp], x: F64) -> C128:
-    """Derivatives of cylinder functions of orders n from the next order; the last one is of no use."""
+    """Derivatives of cylinder functions of orders n from the next order; the last one is invalid."""
     following = np.roll(values, -1, axis=1)
     return np.asarray(n / x * values - following, dtype=np.complex128)
 
 
 def _log_derivative(n: NDArray[np.intp], y: C128) -> C128:
-    """(len(y), len(n)) J_n'(y) / J_n(y) for Im y >= 0; deep inside a good conductor that of a wave inwards."""
+    """(len(y), len(n)) J_n'(y) / J_n(y) for Im y >= 0; deep inside a good conductor that of an inward wave."""
     ratio = jve(n + 1, y) / jve(n, y)
     # beyond the turning point the functions underflow: first term of the series of their ratio
     series = y / (2.0 * (n + 1))
@@ -171,5 +174,5 @@ def _log_derivative(n: NDArray[np.intp], y: C128) -> C128:
 
 
 def _finite(values: C128) -> C128:
-    """Conjugated, zero where orders have long died out."""
+    """Complex conjugate, zero where orders have decayed to NaN."""
     return np.asarray(np.conj(np.where(np.isfinite(values), values, 0.0)))

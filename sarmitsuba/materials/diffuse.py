@@ -1,8 +1,8 @@
 """Diffuse laws as tables: sqrt(sigma0) against incidence angle, one table for each material and wavelength.
 
-``h`` is the electric field perpendicular to the plane of incidence, ``v`` the field parallel to it. What a law is
-between two directions is in :attr:`sarmitsuba.materials.diffuse_law.DiffuseLaw.bistatic`; laws of a height spectrum
-have a second table for that.
+``h`` is the electric field perpendicular to the plane of incidence, ``v`` the field parallel to it. The law between two
+directions is in :attr:`sarmitsuba.materials.diffuse_law.DiffuseLaw.bistatic`; laws of a height spectrum have a second
+table for that.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from sarmitsuba.materials.material import Material
 
 T = TypeVar("T")
 
-# amplitudes of h and v that differ by less than this share are one, -60 dB
+# amplitudes of h and v that differ by less than this share count as equal, -60 dB
 _SAME_AMPLITUDE = 1e-3
 
 
@@ -33,8 +33,8 @@ class DiffuseTable:
     ----------
     theta : (n,) float64, rad, ``linspace(0, pi/2, n)``: uniform in the angle, not in its cosine
     amplitude_h, amplitude_v : (n,) float64, sqrt(sigma0) for hh and vv, sigma0 per unit of true surface area
-    valid_from, valid_to : incidence angles between which the law is trusted, rad (equal: nowhere)
-    notes : one line for each limit that the material leaves, for a warning; empty inside the domain
+    valid_from, valid_to : range of validity of the law, incidence angles, rad (equal: nowhere)
+    notes : one warning for each limit of validity that the material exceeds; empty inside the domain
     """
 
     theta: F64
@@ -58,7 +58,7 @@ class DiffuseTable:
 
 
 def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -> DiffuseTable:
-    """Tabulate the diffuse law of a material at a wavelength.
+    """Tables of the diffuse law of a material at a wavelength.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
     Raises
     ------
     SceneError : a law from a height spectrum without a correlation length, or ``iem`` far outside any use
-    ExtensionError : a law that returns something else than powers
+    ExtensionError : a law that returns invalid powers
 
     Notes
     -----
@@ -95,7 +95,7 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
 
 
 def _alike(make: Callable[..., T]) -> Callable[..., T]:
-    """A function of a material's law, made once for all that differ in name alone: a mesh may have thousands."""
+    """Cached function of a material's law, shared by materials that differ only in their name."""
 
     @lru_cache(maxsize=64)
     def made(_law: int, material: Material, *args: float) -> T:
@@ -107,7 +107,7 @@ def _alike(make: Callable[..., T]) -> Callable[..., T]:
             try:
                 return made(id(LAWS[material.diffuse_law]), replace(material, name=""), *args)
             except SceneError:
-                pass  # said below, with the name
+                pass  # given below, with the name
         return make(material, *args)
 
     return asked
@@ -123,7 +123,7 @@ def _sigma0(material: Material, wavelength: float, n_angles: int) -> Sigma0:
 
 @dataclass(frozen=True, eq=False)
 class SpectrumTable:
-    """A law of a height spectrum between two directions.
+    """Bistatic table of a law of a height spectrum.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class SpectrumTable:
 
     @property
     def corrected(self) -> bool:
-        """Whether the law's backscatter is another than its spectrum's."""
+        """Whether the law's backscatter differs from its spectrum's."""
         return not np.allclose(self.correction, 1.0, rtol=0.0, atol=_SAME_AMPLITUDE)
 
 
@@ -145,7 +145,7 @@ class SpectrumTable:
 def spectrum_table(
     material: Material, wavelength: float, n_cosine: int, n_sine: int, n_angles: int
 ) -> SpectrumTable:
-    """Tabulate what a law of a height spectrum is between two directions.
+    """Bistatic table of a law of a height spectrum.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def spectrum_table(
 
 
 def water_in(materials: Sequence[Material], wavelength: float, seed: int) -> tuple[WindWaves, ...]:
-    """What the wind makes of those materials that are water; empty where none is.
+    """Wind waves of the water materials; empty where there are none.
 
     Parameters
     ----------
@@ -180,18 +180,18 @@ def water_in(materials: Sequence[Material], wavelength: float, seed: int) -> tup
     wavelength : m
     seed : of the long waves
     """
-    at = np.zeros(1)  # the level over the angle is not asked for
+    at = np.zeros(1)  # the level over the angle is not needed
     found = (LAWS[m.diffuse_law].wind_waves(m, wavelength, at, seed) for m in materials)
     return tuple(water for water in found if water is not None)
 
 
 def _returns(material: Material) -> bool:
-    """Whether there is a surface at all."""
+    """Whether the material has a surface that reflects."""
     return not material.invisible and (material.pec or material.permittivity != 1.0)
 
 
 def _check(law: str, sigma0: Sigma0, theta: F64) -> None:
-    """Refuse what is no power before it reaches an image."""
+    """Raise an ExtensionError for invalid powers of a law."""
     for values in (sigma0.h, sigma0.v):
         if values.shape != theta.shape or not (np.isfinite(values) & (values >= 0.0)).all():
             raise ExtensionError(

@@ -1,4 +1,4 @@
-"""What a diffuse law is: everything the program knows of one is in the law's own file in ``materials/laws``."""
+"""Interface of diffuse laws; each law is one file in ``materials/laws``."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -11,19 +11,21 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import Param
 from sarmitsuba.registry import Registry
 
-# What a law does between two directions, see `DiffuseLaw.bistatic`
+F64 = NDArray[np.float64]
+
+# kinds of bistatic scattering of a law, see `DiffuseLaw.bistatic`
 Bistatic = Literal["mean", "facets", "spectrum"]
 
-# Permittivity that stands for a perfect conductor where a formula needs a number: |R| = 1 to 1e-6
+# permittivity that represents a perfect conductor where a formula needs a number: |R| = 1 to 1e-6
 _CONDUCTOR = 1.0 - 1.0e12j
 
 
 class Surface(Protocol):
-    """What a law may ask of a material; see :class:`sarmitsuba.materials.material.Material`."""
+    """Properties of a material that a law may use; see :class:`sarmitsuba.materials.material.Material`."""
 
     @property
     def name(self) -> str:
-        """Unique in a scene."""
+        """Name, unique in a scene."""
 
     @property
     def pec(self) -> bool:
@@ -43,20 +45,20 @@ class Surface(Protocol):
 
     @property
     def diffuse_level_db(self) -> float:
-        """Level of an empirical law, dB; what it means is the law's."""
+        """Level of an empirical law, dB; its quantity depends on the law."""
 
     def law_parameter(self, name: str) -> float:
-        """Value of a parameter that the law has declared."""
+        """Value of one of the law's own parameters."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sigma0:
-    """Backscatter of a law over the incidence angle, with the domain where it is trusted.
+    """Backscatter of a law over the incidence angle, with its domain of validity.
 
     Parameters
     ----------
     h, v : (n,) float64, sigma0 (linear) for hh and vv, per unit of true surface area
-    valid_from, valid_to : rad; incidence angles between which the law is trusted (equal: nowhere)
+    valid_from, valid_to : rad; range of validity of the law, incidence angles (equal: nowhere)
     notes : one line for each limit of the law that the material leaves, each with its remedy
     """
 
@@ -74,11 +76,11 @@ class Sigma0:
 
 @dataclass(frozen=True, eq=False)
 class WindWaves:
-    """What wind does to a level surface of water beside its mean level.
+    """Wind effects on a water surface: azimuthal modulation, velocities and long waves.
 
     Parameters
     ----------
-    downwind : (2,) unit vector, east and north, that the wind blows to
+    downwind : (2,) unit vector, east and north, towards which the wind blows
     contrast : (n, 4) float64 at the incidence angles of the table: harmonics of twice the angle between look and wind
         for hh and vv, then of four times, over the mean of all directions
     speeds : (3,) m/s, standard deviations of the velocity of a scatterer: downwind, crosswind, upwards
@@ -93,24 +95,24 @@ class WindWaves:
 
 
 class DiffuseLaw(ABC):
-    """How the incoherent return of a surface depends on angle and polarisation.
+    """Diffuse law: incoherent return of a surface over angle and polarisation.
 
-    Whether hh and vv differ is read from the numbers, not declared.
+    Whether hh and vv differ follows from the numbers, and is not declared.
 
     Attributes
     ----------
     name : value of ``diffuse_law`` in the scene file
     title : half a line for tables
-    level : what ``diffuse_level_db`` is for this law; empty: the law takes none
+    level : quantity of ``diffuse_level_db`` for this law; empty: the law has none
     needs : material fields (``rms_height``, ``correlation_length``) that must be above 0 in a scene file
     parameters : numbers of its own (of the kind ``float``, with a default), which ``radar_material`` then takes
-    bistatic : what the law is between two directions, all three reciprocal and the law itself in backscatter.
+    bistatic : extension of the law to two directions, all three reciprocal and equal to the law in backscatter.
         ``mean``: the geometric mean of its backscatter at both angles, each in its plane of incidence.
         ``facets``: tilted facets; the level at the angle of the half vector, which is the normal of the facet that
         mirrors one direction into the other, times that facet's Fresnel coefficients over those at normal incidence.
         ``spectrum``: `spectrum` times the polarisation factors of first-order perturbation theory
-    scatters : False for the law that returns nothing
-    temporal_coherence : between passes, of a material that says nothing of it
+    scatters : False for the law without diffuse return
+    temporal_coherence : between passes, default for a material that states none
     blocks_as_vacuum : a material of permittivity 1 with this law still blocks rays; False: it is empty space
     """
 
@@ -130,25 +132,25 @@ class DiffuseLaw(ABC):
 
         Parameters
         ----------
-        surface : never of permittivity 1, which returns nothing whatever the law
+        surface : never of permittivity 1, which has no return with any law
         wavelength : m
         theta : (n,) float64, rad, equally spaced from 0 to pi/2
 
         Raises
         ------
-        SceneError : a material that the law cannot mean
+        SceneError : a material to which the law does not apply
         """
 
     def implied_rms_height(self, surface: Surface) -> float:
-        """Rms height of a surface that states none, m."""
+        """Default rms height of a surface without one, m."""
         return 0.0
 
     def wind_waves(self, surface: Surface, wavelength: float, theta: F64, seed: int) -> WindWaves | None:
-        """For laws of water: what the wind makes of it; None for what neither moves nor knows a direction.
+        """Wind effects, for laws of water; None for laws without motion or direction.
 
         Parameters
         ----------
-        surface, wavelength, theta : as for `sigma0`, whose level is the mean over all directions of the wind
+        surface, wavelength, theta : as for `sigma0`, whose level is the mean over all wind directions
         seed : of the waves
         """
         return None
@@ -175,7 +177,7 @@ LAWS: Registry[DiffuseLaw] = Registry("diffuse law", "sarmitsuba.materials.laws"
 
 
 def law_parameters() -> tuple[Param, ...]:
-    """The parameters that registered laws have of their own; laws may share one."""
+    """Own parameters of the registered laws; laws may share one."""
     return tuple(sorted({p for law in LAWS for p in law.parameters}, key=lambda p: p.name))
 
 

@@ -1,4 +1,4 @@
-"""Permittivity over frequency: what a material's was taken from, so that it can be taken again at another frequency."""
+"""Permittivity over frequency: source of a material's permittivity, for evaluation at other frequencies."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,8 @@ class Dispersion:
 
     Parameters
     ----------
-    kind : name in ``MATERIALS``; empty: ``real`` and ``conductivity`` tell
-    values : name and value of what the named material has of its own; left out: its defaults
+    kind : name in ``MATERIALS``; empty: given by ``real`` and ``conductivity``
+    values : name and value of the named material's own parameters; missing ones have their defaults
     real : relative permittivity, real part
     conductivity : S/m
     """

@@ -52,7 +52,7 @@ def fresnel(cos_theta: ArrayLike, permittivity: complex | ArrayLike) -> tuple[C1
     eps = np.asarray(permittivity, dtype=np.complex128)
     c, eps = np.broadcast_arrays(c, eps)
     empty = eps == 1.0
-    eps = np.where(empty, 2.0, eps)  # any value will do: the result is replaced below
+    eps = np.where(empty, 2.0, eps)  # arbitrary value: the result is replaced below
     q = refracted_cosine(c, eps)
     te_root, tm_root = c + q, eps * c + q
     te = (1.0 - eps) / te_root / te_root

@@ -1,4 +1,4 @@
-"""Materials that only maps bring: lists of them, and those that bitmaps of permittivity and roughness make."""
+"""Additional materials from maps: classes, and steps of permittivity and roughness bitmaps."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,12 +9,13 @@ from sarmitsuba.arrays import F64, I64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.material import Material
 
-# values of a permittivity or roughness map that become materials of their own: of one map, and of each of two
+F64 = NDArray[np.float64]
+# number of materials per permittivity or roughness map: a single map, and each of two
 MOST_LEVELS, MOST_LEVELS_OF_TWO = 64, 24
 
 
 def with_parts(materials: Sequence[Material]) -> tuple[Material, ...]:
-    """Materials, and after them those that only their maps bring, in the order of the kernel's tables."""
+    """Materials followed by the additional ones of their maps, in the order of the kernel's tables."""
     parts = [
         p
         for m in materials
@@ -25,7 +26,7 @@ def with_parts(materials: Sequence[Material]) -> tuple[Material, ...]:
 
 
 def map_attributes(material: Material) -> tuple[str, ...]:
-    """Attributes of the mesh that a material's maps lie on."""
+    """Mesh attributes used by a material's maps."""
     maps = material.maps
     bitmaps = [] if maps is None else [maps.level, None if maps.classes is None else maps.classes.bitmap]
     return tuple(name for b in bitmaps if b is not None for name in b.placement.attributes)
@@ -33,19 +34,19 @@ def map_attributes(material: Material) -> tuple[str, ...]:
 
 def varied(
     material: Material, permittivity: F64 | None, rms_height: F64 | None
-) -> tuple[I64, tuple[Material, ...]]:
-    """Materials for every pair of values of two bitmaps: numbers of materials (the bitmaps' shape), and those.
+) -> tuple[NDArray[np.int64], tuple[Material, ...]]:
+    """Materials for every pair of values of two bitmaps: index of the material per texel, and the materials.
 
     Parameters
     ----------
-    material : what they have in common; its loss tangent is kept with every permittivity, its correlation length with
+    material : common properties; its loss tangent is kept with every permittivity, its correlation length with
         every roughness
     permittivity : real parts; None: the material's
     rms_height : m; None: the material's
 
     Raises
     ------
-    SceneError : a value makes no material, or the bitmaps differ in shape
+    SceneError : a value is invalid for a material, or the bitmaps differ in shape
 
     Notes
     -----
@@ -91,8 +92,10 @@ def varied(
     return number.reshape(shape).astype(np.int64), tuple(parts)
 
 
-def _levels(values: F64 | None, shape: tuple[int, ...], most: int, own: float) -> tuple[F64, I64]:
-    """Values that stand for all of a bitmap, and the number of each texel's among them."""
+def _levels(
+    values: F64 | None, shape: tuple[int, ...], most: int, own: float
+) -> tuple[F64, NDArray[np.int64]]:
+    """Quantised values of a bitmap, and the index of each texel's value."""
     if values is None:
         return np.array([own]), np.zeros(shape, dtype=np.int64)
     found, index = np.unique(values, return_inverse=True)

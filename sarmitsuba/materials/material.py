@@ -1,4 +1,4 @@
-"""The electromagnetic surface of a half space or of a slab, as data."""
+"""Electromagnetic properties of the surface of a half space or slab."""
 
 from dataclasses import dataclass, replace
 
@@ -31,20 +31,20 @@ class Material:
     correlation_length : m; of the surface height, for the laws derived from a height spectrum
     cross_polar_ratio_db : cross- over co-polar diffuse power, dB; -inf for none
     invisible : neither reflects nor blocks (permittivity 1)
-    temporal_coherence : of the incoherent return between two passes long apart, 0 ... 1; 1: nothing changes
-    decorrelation_days : time constant of its decay to that; 0: at once
-    law_parameters : name and value of what the law has declared of its own; left out: the law's defaults
-    texture_shape : of the gamma texture that the diffuse return is multiplied by, nu of the K distribution; 0 for none
+    temporal_coherence : of the incoherent return between two passes long apart, 0 ... 1; 1: no change
+    decorrelation_days : time constant of the decay to it; 0: at once
+    law_parameters : name and value of the law's own parameters; missing ones have their defaults
+    texture_shape : shape nu of the gamma texture that multiplies the diffuse return (K distribution); 0 for none
     texture_length : m; correlation length of that texture
-    maps : what varies over the surface; None: nothing
-    thickness : m, of a slab, of which every facet is one; 0: a half space
+    maps : bitmaps of the properties over the surface; None: constant
+    thickness : m, of the slab that every facet represents; 0: a half space
     sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
-    facet_depth : where in a slab its facets lie, 0 ... 1: share of the thickness before them, on their normal's side
+    facet_depth : position of the facets in the slab, 0 ... 1: share of the thickness on their normal's side
     dispersion : the permittivity over frequency; None: the same at all frequencies
 
     Raises
     ------
-    SceneError : no law of that name, a parameter that the law does not know, or half a texture
+    SceneError : no law of that name, a parameter that the law does not have, or an incomplete texture
 
     Notes
     -----
@@ -101,16 +101,16 @@ class Material:
 
     @property
     def metallic(self) -> bool:
-        """A perfect conductor, or so good a one that it reflects nearly everything: a half space of metal."""
+        """Whether it is metal: a half space of a perfect or good conductor."""
         return self.pec or (self.thickness == 0.0 and abs(self.permittivity) > GOOD_CONDUCTOR)
 
     @property
     def scatters(self) -> bool:
-        """The diffuse law returns something at all."""
+        """Whether it has a diffuse return."""
         return LAWS[self.diffuse_law].scatters
 
     def coherence_after(self, days: float) -> float:
-        """Coherence of the incoherent return between passes so many days apart."""
+        """Coherence of the incoherent return between two passes, ``days`` apart."""
         return coherence_after(days, self.temporal_coherence, self.decorrelation_days)
 
     def law_parameter(self, name: str) -> float:
@@ -125,7 +125,7 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class ClassMap:
-    """Which material there is where.
+    """Map of material classes over a surface.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class ClassMap:
     def __post_init__(self) -> None:
         for material in self.materials:
             what = (
-                "is invisible: a map makes no holes"
+                "is invisible: a map cannot make holes"
                 if material.invisible
                 else "has a map of its own"
                 if material.maps is not None
@@ -163,12 +163,12 @@ class ClassMap:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMaps:
-    """The bitmaps on a material.
+    """Bitmaps of a material's properties.
 
     Parameters
     ----------
     level : factor on sigma0, of at least 0; None: 1 everywhere
-    classes : what the surface is made of; None: the material itself everywhere
+    classes : material at every place; None: the material itself everywhere
     """
 
     level: Bitmap | None = None
@@ -182,8 +182,8 @@ class SurfaceMaps:
                     "sigma0_map: a factor on sigma0 is below 0 or no finite number; repair the map"
                 )
 
-    def moved(self, offset: F64) -> "SurfaceMaps":
-        """The same in a scene frame whose origin lies at ``offset``, (3,) m."""
+    def moved(self, offset: NDArray[np.float64]) -> "SurfaceMaps":
+        """The maps in a scene frame whose origin is at ``offset``, (3,) m."""
         level, classes = self.level, self.classes
         if level is not None:
             level = replace(level, placement=level.placement.moved(offset))

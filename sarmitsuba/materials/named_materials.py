@@ -1,4 +1,4 @@
-"""Named materials: permittivity by name, open to a user's own."""
+"""Named materials: permittivity by name, with registration of user materials."""
 
 import math
 from abc import ABC, abstractmethod
@@ -16,10 +16,10 @@ class NamedMaterial(ABC):
     Attributes
     ----------
     name : in the scene file
-    title : half a line for tables: what it is and where the figures are from
-    pec : perfect electric conductor; its permittivity is then not asked for
+    title : half a line for tables: kind and source of the figures
+    pec : perfect electric conductor, without permittivity
     thickness : m, of a slab; 0: a half space
-    sheet_resistance : ohm per square, of a slab's coat; 0: none
+    sheet_resistance : ohm per square, of a slab's coating; 0: none
     """
 
     name: str
@@ -30,7 +30,7 @@ class NamedMaterial(ABC):
 
     @property
     def parameters(self) -> tuple[Param, ...]:
-        """Numbers of its own (of the kind ``float``, with a default), which ``radar_material`` then takes."""
+        """Own parameters (of the kind ``float``, with a default), which ``radar_material`` then accepts."""
         return ()
 
     def at(self, values: Mapping[str, float]) -> "NamedMaterial":
@@ -42,13 +42,13 @@ class NamedMaterial(ABC):
         """Relative permittivity ``eps' - j eps''`` (``eps'' >= 0``) at a frequency, Hz."""
 
     def note(self, frequency: float) -> str:
-        """One line when the figures are not trusted at that frequency, Hz; empty where they are."""
+        """Warning when the figures are not valid at a frequency, Hz; else empty."""
         return ""
 
 
 @dataclass(frozen=True)
 class ConstantMaterial(NamedMaterial):
-    """A permittivity that is the same at every frequency.
+    """Material of constant permittivity.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ MATERIALS: Registry[NamedMaterial] = Registry("material", "sarmitsuba.materials.
 
 
 def material_parameters() -> tuple[Param, ...]:
-    """The parameters that named materials have of their own; several may share one."""
+    """Own parameters of the named materials; several may share one."""
     return tuple(sorted({p for entry in MATERIALS for p in entry.parameters}, key=lambda p: p.name))
 
 

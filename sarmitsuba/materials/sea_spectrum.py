@@ -1,4 +1,4 @@
-"""Waves that the wind makes on water: unified spectrum, dispersion, moments, and a drawn field of the long ones."""
+"""Wind waves on water: unified spectrum, dispersion, moments, and a realisation of the long waves."""
 
 from dataclasses import dataclass
 
@@ -16,9 +16,9 @@ SLOWEST_SPEED = float(np.sqrt(2.0 * GRAVITY / SLOWEST_WAVENUMBER))  # 0.23 m/s
 DEVELOPED, YOUNGEST = 0.84, 5.0
 # nodes of an integral over wavenumber, uniform in its logarithm: moments to 1e-4
 _NODES = 1024
-# waves shorter than this carry nothing, rad/m; the factor exp(-(k/km - 1)^2 / 4) has cut them off
+# largest wavenumber, rad/m: shorter waves are cut off by the factor exp(-(k/km - 1)^2 / 4)
 _LARGEST = 20.0 * SLOWEST_WAVENUMBER
-# waves in a drawn field, and the least share of the spectrum's height variance that is worth one
+# number of waves in a realisation, and the least share of the height variance of a wave
 DRAWN_WAVES = 48
 _WORTH = 1e-3
 # nodes within the band of one wave
@@ -26,7 +26,7 @@ _FINER = 32
 
 
 def angular_frequency(wavenumber: ArrayLike) -> F64:
-    """Of waves on deep water with surface tension, rad/s; wavenumber in rad/m."""
+    """Angular frequency of waves on deep water with surface tension, rad/s; wavenumber in rad/m."""
     k = np.asarray(wavenumber, dtype=np.float64)
     return np.asarray(np.sqrt(GRAVITY * k + TENSION * k**3))
 
@@ -98,7 +98,7 @@ class SeaState:
 
     @property
     def friction_velocity(self) -> float:
-        """Of the wind, m/s."""
+        """Friction velocity of the wind, m/s."""
         drag = (0.8 + 0.065 * self.wind_speed) * 1e-3
         return self.wind_speed * float(np.sqrt(drag))
 
@@ -124,7 +124,7 @@ class SeaState:
         return np.asarray(low + high)
 
     def spreading(self, wavenumber: ArrayLike) -> F64:
-        """``Delta``: what the waves along the wind are over the mean of all directions, less one."""
+        """``Delta``: waves along the wind over the mean of all directions, minus one."""
         k = np.asarray(wavenumber, dtype=np.float64)
         c, kp = angular_frequency(wavenumber) / k, self.peak
         cp = float(angular_frequency(kp)) / kp
@@ -163,25 +163,25 @@ class SeaState:
         )
 
     def drawn(self, high: float, downwind: F64, seed: int) -> F64:
-        """Draw the waves up to a wavenumber one by one.
+        """Realisation of the waves up to a wavenumber.
 
-        Each stands for a band of the spectrum, of equal width in the wavenumber's logarithm, and has exactly its
-        height variance; wavenumber within the band, direction and phase are random.
+        Each represents a band of the spectrum, of equal width in the wavenumber's logarithm, with exactly its height
+        variance; wavenumber within the band, direction and phase are random.
 
         Parameters
         ----------
         high : rad/m
-        downwind : (2,) unit vector that the wind blows to
-        seed : of the draw
+        downwind : (2,) unit vector towards which the wind blows
+        seed : of the realisation
 
         Returns
         -------
         (n, 5) float64: both components of the wavenumber (rad/m), angular frequency (rad/s), phase (rad) and amplitude
-        (m); no row where the spectrum has nothing there
+        (m); no rows where the spectrum is empty
 
         Notes
         -----
-        Waves run into the half of directions about the wind's, with the density ``1 + Delta cos 2 phi``.
+        Waves travel into the half plane about the wind's direction, with the density ``1 + Delta cos 2 phi``.
         """
         low = 0.5 * self.peak
         if high <= low:

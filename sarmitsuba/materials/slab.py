@@ -10,8 +10,10 @@ from sarmitsuba.constants import VACUUM_IMPEDANCE
 from sarmitsuba.materials.fresnel import refracted_cosine
 from sarmitsuba.materials.material import Material
 
-# cosines of incidence that stand for all angles, and the power, two ways, below which a wall is opaque: no receiver
-# knows it from noise and sidelobes
+C128 = NDArray[np.complex128]
+
+# sampled cosines of incidence, and the two-way power transmission below which a wall counts as opaque: below noise and
+# side lobes of any receiver
 COSINES = np.linspace(0.05, 1.0, 39)
 OPAQUE = 1e-8
 
@@ -22,7 +24,7 @@ class SlabCoefficients:
 
     Parameters
     ----------
-    r_te, r_tm : reflection at the face that the wave meets; of electric (TE) and magnetic fields (TM), so that a
+    r_te, r_tm : reflection at the illuminated face; of electric (TE) and magnetic fields (TM), so that a
         conductor gives -1 and +1
     t_te, t_tm : field behind the slab over that of the same wave without it
     """
@@ -73,7 +75,7 @@ def slab_coefficients(
     delta = thickness * q
     once = np.exp(-1j * delta)
     twice = -np.expm1(-2j * delta)
-    flat = q == 0.0  # the wave inside runs along the slab
+    flat = q == 0.0  # the wave inside propagates along the slab
     cosine = 1.0 - 0.5 * twice
     sine_q = np.where(flat, 1j * thickness, 0.5 * twice / np.where(flat, 1.0, q))
     inner, outer = q * q / eps, eps * c * c
@@ -89,7 +91,7 @@ def slab_coefficients(
 
 
 def through(material: Material, wavelength: float, cos_theta: ArrayLike = COSINES) -> tuple[C128, C128]:
-    """Field behind a slab over that without it, TE and TM, at cosines of incidence; zero of a half space."""
+    """Transmission coefficients TE and TM of a slab at cosines of incidence; zero for a half space."""
     cosines = np.asarray(cos_theta, dtype=np.float64)
     if material.thickness <= 0.0 or material.pec:
         none = np.zeros(cosines.shape, dtype=np.complex128)
@@ -99,10 +101,10 @@ def through(material: Material, wavelength: float, cos_theta: ArrayLike = COSINE
 
 
 def most_power_through(material: Material, wavelength: float, cos_theta: ArrayLike = COSINES) -> float:
-    """Largest share of the power that goes through twice, at any of the angles."""
+    """Largest two-way power transmission over all angles."""
     return float(max(np.abs(t).max() for t in through(material, wavelength, cos_theta)) ** 4)
 
 
 def lets_through(material: Material, wavelength: float) -> bool:
-    """Whether what lies behind can be seen at all."""
+    """Whether the material is transparent: scatterers behind it can be visible."""
     return not material.invisible and most_power_through(material, wavelength) > OPAQUE

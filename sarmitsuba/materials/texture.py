@@ -1,4 +1,4 @@
-"""Surfaces that vary from place to place: where bitmaps lie on them, and the gamma texture of clutter."""
+"""Surface maps: placement of bitmaps on surfaces, and the gamma texture of clutter."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,17 +12,18 @@ from scipy.special import gammainccinv, gammaincinv, ndtr
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.errors import SceneError
 
-# texels that stand for an attribute of the mesh, which runs from 0 to 1
+F64 = NDArray[np.float64]
+# texels of the lookup for a mesh attribute of 0 to 1
 ATTRIBUTE_TEXELS = 256
-# an attribute may miss its bounds by the rounding of float32
+# tolerance of an attribute's bounds: rounding of float32
 _ATTRIBUTE_SLACK = 1e-5
-# shape parameters: below, one cell in a million holds the power; above, nothing is left of the texture (-30 dB)
+# bounds of the shape parameter: below, one cell in a million has the power; above, the texture is negligible (-30 dB)
 LEAST_SHAPE, GREATEST_SHAPE = 0.05, 1e3
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    r"""Where on a bitmap a place of a surface lies.
+    r"""Placement of a bitmap on a surface.
 
     .. math:: (u, v) = M (a, b, 1)^T
 
@@ -32,14 +33,14 @@ class Placement:
     Parameters
     ----------
     matrix : (2, 3) float64
-    attributes : of the mesh, which give a and b: ``("uv",)``, or one or two scalar ones; empty: from above, in plan
+    attributes : of the mesh, which give a and b: ``("uv",)``, or one or two scalar ones; empty: plan view from above
     """
 
     matrix: F64
     attributes: tuple[str, ...] = ()
 
     def at(self, triangles: F64, values: Mapping[str, F64]) -> F64:
-        """(n, 3, 2) float64 u and v of the corners of triangles.
+        """Coordinates u and v of the corners of triangles, (n, 3, 2) float64.
 
         Parameters
         ----------
@@ -55,7 +56,7 @@ class Placement:
             given = values.get(name)
             if given is None or np.isnan(given).any():
                 raise SceneError(
-                    f'a map lies on the attribute "{name}" of the mesh, and the mesh has none; give it to every mesh '
+                    f'a map needs the mesh attribute "{name}", which the mesh does not have; give it to every mesh '
                     "of the material, or map_extent"
                 )
             if name != "uv" and not (np.abs(given - 0.5) <= 0.5 + _ATTRIBUTE_SLACK).all():
@@ -120,8 +121,8 @@ class Bitmap:
     ----------
     values : (n_rows, n_columns), first row at v = 0
     placement : of its texels
-    repeat : goes on beyond its edges from the other side; else with its outermost texels
-    smooth : bilinear between the texels' middles; else constant within each
+    repeat : periodic beyond its edges; else continued with its outermost texels
+    smooth : bilinear between the texel centres; else constant within each
     """
 
     values: F64 | I64
@@ -137,7 +138,7 @@ FIELD_LIMIT, QUANTILE_NODES = 6.0, 1024
 
 
 def texture_amplitudes(shape: float) -> F64:
-    r"""Square root of the texture over the normal field that it is made from, (``QUANTILE_NODES``,) float64.
+    r"""Square root of the gamma texture as a function of the normal field, (``QUANTILE_NODES``,) float64.
 
     .. math:: \tau = F_\nu^{-1}(\Phi(g))
 
@@ -155,7 +156,7 @@ def texture_amplitudes(shape: float) -> F64:
 
 
 def _texture(g: F64, shape: float) -> F64:
-    # from the side where the probability is small: 1 - Phi(6) = 1e-9 leaves nothing of Phi(6)
+    # from the side of small probability: 1 - Phi(6) = 1e-9 would be lost in Phi(6)
     low = gammaincinv(shape, ndtr(np.minimum(g, 0.0)))
     high = gammainccinv(shape, ndtr(-np.maximum(g, 0.0)))
     return np.asarray(np.where(g < 0.0, low, high) / shape)
@@ -205,7 +206,7 @@ def _field_correlation(lag: F64) -> F64:
 
 
 def _line_correlation(place: F64, lag: F64) -> F64:
-    """Of one axis, mean over places: sum over common nodes of the products of both weights."""
+    """Correlation along one axis, mean over places: sum over common nodes of the products of both weights."""
     ends = place[:, None] + lag
     node = np.rint(ends)
     one, other = spline_weights(place), spline_weights(ends - node)
@@ -227,5 +228,5 @@ def check_texture(shape: float, length: float, where: str) -> None:
     if shape > 0.0 and not LEAST_SHAPE <= shape <= GREATEST_SHAPE:
         raise SceneError(
             f"{where}: texture_shape = {shape:g} is not between {LEAST_SHAPE:g} and {GREATEST_SHAPE:g}; give one "
-            "of these, or leave the texture out for an even surface"
+            "within, or leave the texture out for a homogeneous surface"
         )

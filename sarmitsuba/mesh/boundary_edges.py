@@ -1,4 +1,4 @@
-"""Where flat facets end: the boundary edges that limit a ray tube on each triangle."""
+"""Boundary edges of flat facets, which limit a ray tube on each triangle."""
 
 from dataclasses import dataclass, replace
 
@@ -32,7 +32,7 @@ FACING = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """What limits a tube on each triangle.
+    """Boundary edges that limit a ray tube on each triangle.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Triangle meshes as they come: refused when they cannot mean anything, cleaned when they can."""
+"""Validation and cleaning of triangle meshes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Closed surfaces: whether a mesh is one, what it encloses."""
+"""Closed surfaces: test, enclosed volume and area."""
 
 import numpy as np
 

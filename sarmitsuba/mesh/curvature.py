@@ -1,4 +1,4 @@
-"""How the smooth surface that facets stand for bends at each of them."""
+"""Curvature of the smooth surface that facets approximate."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def facet_curvature(
     wavelength: float,
     vertex: I64 | None = None,
 ) -> F64 | None:
-    r"""Shape operator of the smooth surface that the facets of each group stand for.
+    r"""Shape operator of the smooth surface that the facets of each group approximate.
 
     With :math:`\mathbf n_i` the mean normals at a facet's corners, weighted by the angles of the facets there,
 

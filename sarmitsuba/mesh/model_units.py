@@ -1,4 +1,4 @@
-"""Unit and up axis of a model that does not say them: whether it can be in metres, and which way is up."""
+"""Unit and up axis of a model that does not state them."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ _LEVEL, _MORE = 0.9, 1.5
 
 
 def doubtful_unit(triangles: F64) -> str:
-    """Why a model's unit cannot be the metre; empty where it can.
+    """Reason why a model's unit cannot be the metre; empty where it can.
 
     Walls higher than the tallest building say so, and bodies that are as tall, compact and steep. Mountains are flat
     beside that.

@@ -1,4 +1,4 @@
-"""Triangles of Wavefront OBJ files, in time and memory that grow as their length."""
+"""Triangles of Wavefront OBJ files, in linear time and memory."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from sarmitsuba.regular_files import read_bytes
 
 @dataclass(frozen=True, eq=False)
 class ObjMesh:
-    """What an OBJ file holds of surfaces.
+    """Surfaces of an OBJ file.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Pieces of surface that go on without a crease, and how large they are."""
+"""Smooth pieces of surface without a crease, and their sizes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ def ray_needs(
     round_body: NDArray[np.bool_] | None,
     wavelength: float,
 ) -> tuple[F64, F64]:
-    r"""Largest distance between rays that serves each triangle, for coherent and for diffuse returns, m, (n,) each.
+    r"""Largest ray spacing for each triangle, for coherent and for diffuse returns, m, (n,) each.
 
     A piece of surface wants two rays across its width and ``RAYS_ACROSS`` across its size. For coherent returns
     its bend within a tube must also stay small against the wavelength: with the radius of curvature :math:`\rho`
@@ -119,7 +119,7 @@ def ray_needs(
 
 
 def slant_factor(corners: F64, antenna: F64) -> F64:
-    r"""What the diffuse rays of each triangle lie closer by for its slant, (n,) float64 up to 1.
+    r"""Factor on the diffuse ray spacing of each triangle for grazing incidence, (n,) float64 up to 1.
 
     Of the rays that a piece wants by its size, the share :math:`c`, the cosine of incidence, meets it. Below
     :math:`c_0` = ``SLANTED`` that is about one or none, and what it returns a matter of luck: there

@@ -1,4 +1,4 @@
-"""Meshes to PLY files, and from those of the plain binary layout."""
+"""Writing of PLY meshes, and fast reading of those in the plain binary layout."""
 
 import re
 from pathlib import Path

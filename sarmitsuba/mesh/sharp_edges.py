@@ -1,4 +1,4 @@
-"""Sharp edges of metal: rims of open sheets and the wedges in which two facets meet."""
+"""Sharp edges of metal: edges of open sheets and wedges between two facets."""
 
 from dataclasses import dataclass, replace
 
@@ -44,7 +44,7 @@ class SharpEdges:
 
     @property
     def n(self) -> int:
-        """How many."""
+        """Number of edges."""
         return int(self.length.size)
 
     @property
@@ -53,7 +53,7 @@ class SharpEdges:
         return np.cross(self.inward[:, 0], self.normal[:, 0])
 
     def of(self, rows: NDArray[np.bool_] | I64) -> "SharpEdges":
-        """Some of them."""
+        """Selected edges."""
         columns = (self.middle, self.length, self.angle, self.inward, self.normal, self.weight, self.span)
         return SharpEdges(*(column[rows] for column in columns))
 

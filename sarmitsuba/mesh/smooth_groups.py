@@ -1,4 +1,4 @@
-"""Smooth pieces of surface: which faces stand for one curved or flat surface."""
+"""Smooth groups: faces that represent one curved or flat surface."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -1,4 +1,4 @@
-"""Points spread over surfaces at random, fixed to the scene: the same ones for every look, pulse and pass."""
+"""Random sample points on surfaces, fixed to the scene: identical for every look, pulse and pass."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Vertices at the same place, whatever their numbers."""
+"""Welding: labels of vertices at equal positions."""
 
 import numpy as np
 

@@ -1,1 +1,1 @@
-"""The page that shows a run: numbers, geometry and image in one self-contained HTML file."""
+"""Web page of a run: numbers, geometry and image in one self-contained HTML file."""

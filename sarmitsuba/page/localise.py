@@ -1,4 +1,4 @@
-"""Where an echo of given range and Doppler lands on the image's plane."""
+"""Localisation of an echo of given range and Doppler on the image plane."""
 
 import numpy as np
 

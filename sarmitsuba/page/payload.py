@@ -1,4 +1,4 @@
-"""What a page knows: numbers of the scene, of every look of a radar at it, and of the image that the look made."""
+"""Content of a page: scene, radar passes and images."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ STORED_PEAK = 1024.0
 
 
 def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> dict[str, Value]:
-    """Everything that a page shows.
+    """Content of a page.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def scene_payload(scene: Scene, mesh: PageMesh, center: F64) -> dict[str, Value]
 
 
 def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[str, Value]:
-    """One radar's passage and what came of it."""
+    """One radar pass with its image and paths."""
     image = run.image
     name = channel or image.channels[0]
     grid = image.grid.in_frame(np.zeros(3))

@@ -1,4 +1,4 @@
-"""What the page of an RCS sweep knows: the target, its RCS from every aspect, and the image that the aspects make."""
+"""Content of the page of an RCS sweep: target, RCS over aspect, and image."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ PAGE = "rcs.html"
 
 
 def rcs_payload(scene: Scene, sweep: RcsSweep, image: SarImage | None) -> dict[str, Value]:
-    """Everything that the page of a sweep shows.
+    """Content of the page of a sweep.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A folder that ``render`` or ``focus`` wrote, read back: its image, its raw data and the scene they are of."""
+"""Reading of a run folder of ``render`` or ``focus``: image, raw data and scene."""
 
 import os
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ RECORD = "parameters.json"
 
 @dataclass(frozen=True, eq=False)
 class RunFolder:
-    """What a page is made from.
+    """Run folder with its image, raw data and scene.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Assembles one HTML file that needs nothing else: its modules, its numbers and its looks are inside."""
+"""Assembly of one self-contained HTML file with modules, data and styles."""
 
 import base64
 import gzip

@@ -15,7 +15,7 @@ from sarmitsuba.samples import Samples
 
 # offset of the first null of a uniform aperture over its half-power half angle, in sines
 _NULL_OVER_HALF_POWER = 1.0 / SINC_HALF_POWER
-# largest slope and second derivative of 2^-(x^2), over x in half-power half-widths
+# largest first and second derivative of 2^-(x^2), over x in half-power half-widths
 _GAUSSIAN_BENDS = (0.72, 1.39)
 
 
@@ -47,18 +47,20 @@ class Antenna:
         ``sin_azimuth`` and ``sin_elevation`` are the components of the unit direction along the aperture's
         azimuth and elevation axes. ``xp`` is ``numpy`` or ``drjit``.
         """
-        numbers = cast("Sequence[Samples | float]", self.numbers)  # a table's are NumPy's, as the sines are
+        numbers = cast(
+            "Sequence[Samples | float]", self.numbers
+        )  # a table's numbers are NumPy's, as the sines are
         return self.normalised(sin_azimuth, sin_elevation, numbers, xp)
 
     @property
     def per_width(self) -> tuple[float, float]:
-        """One over the sines of the half-power half-angles in azimuth and elevation."""
+        """Inverse sines of the half-power half-angles in azimuth and elevation."""
         azimuth, elevation = np.sin(0.5 * self.azimuth_beamwidth), np.sin(0.5 * self.elevation_beamwidth)
         return 1.0 / float(azimuth), 1.0 / float(elevation)
 
     @property
-    def numbers(self) -> tuple[float | F64, ...]:
-        """The pattern's only numbers: :attr:`per_width`, or the table's."""
+    def numbers(self) -> tuple[float | NDArray[np.float64], ...]:
+        """Numbers that define the pattern: :attr:`per_width`, or the table's."""
         return self.per_width if self.table is None else self.table.numbers
 
     def normalised(
@@ -68,7 +70,7 @@ class Antenna:
         numbers: Sequence[Samples | float],
         xp: ModuleType = np,
     ) -> Samples:
-        """As :meth:`two_way_amplitude`, with :attr:`numbers` given: opaque in a kernel, which then fits any beam."""
+        """As :meth:`two_way_amplitude`, with :attr:`numbers` given: opaque in a kernel, which then serves any beam."""
         return PATTERNS[self.pattern].gain(sin_azimuth, sin_elevation, numbers, xp)
 
     @property
@@ -118,7 +120,7 @@ class Pointing:
     elevation_axis: F64
 
     def of_pulses(self, pick: NDArray[np.intp]) -> "Pointing":
-        """Those of some pulses."""
+        """Pointing of selected pulses."""
         return Pointing(self.boresight[pick], self.azimuth_axis[pick], self.elevation_axis[pick])
 
 

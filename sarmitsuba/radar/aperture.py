@@ -1,4 +1,4 @@
-"""The synthetic aperture: geometry about the aim point, and an automatic track whose length, prf and pulses agree."""
+"""Synthetic aperture: geometry about the aim point, and the automatic track with consistent length, prf and pulses."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,8 +21,9 @@ from sarmitsuba.radar.waveform import Waveform
 
 PRF_MARGIN = 1.25  # automatic prf over the Doppler bandwidth
 MAX_PULSES = 10_000_000
-MAX_APERTURE = 4.0  # length over slant range: looks turn by 127 degrees
-# footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to a straight track: rounding
+MAX_APERTURE = 4.0  # largest length over slant range: the line of sight turns by 127 degrees
+# deviation from 1 of the footprint's speed over the antenna's up to which a beam counts as fixed to a straight track:
+# rounding
 _FIXED = 1e-9
 _REPLACED_BY_TRACK = (
     "slant_range",
@@ -68,12 +69,12 @@ def geometry_from_angles(given: RadarInput, aim: F64) -> AimGeometry:
 
 
 def given_track(given: RadarInput, offset: F64) -> Track | None:
-    """Track that the description brings along, in the scene frame; None when it follows from parameters.
+    """Track given in the description, in the scene frame; None when it follows from parameters.
 
     Raises
     ------
     RadarError
-        The track cannot be read, is too long, or stands beside parameters that it replaces.
+        The track cannot be read, is too long, or is given together with parameters that it replaces.
     """
     name = given.sensor.track_file
     if not name and given.track is None:
@@ -119,7 +120,7 @@ def geometry_of_track(given: RadarInput, track: Track, aim: F64) -> AimGeometry:
 def known_azimuth_cell(
     given: RadarInput, geometry: AimGeometry, waveform: Waveform, track: Track | None, speed: float
 ) -> float:
-    """Azimuth cell as far as it is known before the track is, at the antenna's speed (m/s), m."""
+    """Azimuth cell estimated before the track is known, at the antenna's speed (m/s), m."""
     s = given.sensor
     if s.azimuth_resolution > 0.0:
         return s.azimuth_resolution
@@ -134,16 +135,16 @@ def known_azimuth_cell(
 
 @dataclass(frozen=True, eq=False)
 class _Wanted:
-    """What a straight track has to do.
+    """Requirements of an automatic track.
 
     Parameters
     ----------
     given : description
     geometry : about the aim point
-    box : what the image holds
-    faded : as long as the farthest that a pixel can be from what fades out beyond the image
+    box : of the image
+    faded : box as long as the largest distance between a pixel and scatterers in the fade-out zone
     waveform, antenna : of the radar
-    path : what the antenna flies along
+    path : flight path of the antenna
     """
 
     given: RadarInput
@@ -161,10 +162,10 @@ class _Wanted:
 
     @property
     def own_apertures(self) -> bool:
-        """Whether pixels are lit in turn, and each by an aperture that the azimuth resolution sets.
+        """Whether pixels are illuminated one after the other, each by the aperture of the azimuth resolution.
 
-        A beam that is isotropic lights every pixel from everywhere, and a given number of pulses without a resolution
-        is one aperture for all.
+        An isotropic antenna illuminates every pixel all the time, and a given number of pulses without a resolution is
+        one aperture for all pixels.
         """
         s = self.given.sensor
         lit_in_turn = MODES[s.mode].own_apertures and self.antenna.pattern != "isotropic"
@@ -172,12 +173,12 @@ class _Wanted:
 
     @cached_property
     def beam(self) -> BeamOverPath:
-        """How the beam moves over the scene."""
+        """Motion of the beam over the scene."""
         law = MODES[self.given.sensor.mode]
         return BeamOverPath(law, self.path, self.geometry, self.given.sensor.mode_parameters)
 
     def half_aperture(self) -> float:
-        """Half the aperture of a pixel, in sines, at most to the first null; infinite for one aperture for all."""
+        """Half the aperture of a pixel, in sines, at most to the first null; infinite for one common aperture."""
         if not self.own_apertures:
             return np.inf
         offset = self.geometry.aim - self.geometry.center
@@ -188,7 +189,7 @@ class _Wanted:
         return min(half, self.geometry.cos_squint * self.antenna.nulls[0])
 
     def track_length(self, half_aperture: float) -> float:
-        r"""Length of track, centred on mid-aperture, that holds the apertures of all pixels of the image, m.
+        r"""Length of track, centred on mid-aperture, that contains the apertures of all pixels of the image, m.
 
         .. math:: x_t = x - \rho \tan(\arcsin(\sin\psi \pm s_a))
 
@@ -243,23 +244,23 @@ def automatic_track(
     antenna: Antenna,
     path: FlightPath,
 ) -> tuple[Track, float]:
-    """Track along a path whose aperture, prf and number of pulses agree, and half the aperture of a pixel in sines.
+    """Track along a path with consistent aperture, prf and number of pulses, and half the aperture of a pixel in sines.
 
-    Where the beam passes over the pixels in turn, the track is as long as the aperture and the image together, so that
-    every pixel has its whole aperture. The prf samples the Doppler bandwidth of the image, with a margin, and folds
-    nothing into it of what fades out beyond it.
+    Where the beam passes over the pixels one after the other, the track is as long as the aperture and the image
+    together, so that every pixel has its whole aperture. The prf samples the Doppler bandwidth of the image, with a
+    margin, and aliases no scatterer of the fade-out zone into the image.
 
     Parameters
     ----------
     given, geometry : description, and the geometry about the aim point
-    box : what the image holds
-    faded : as long as the farthest that a pixel can be from what fades out beyond the image
+    box : of the image
+    faded : box as long as the largest distance between a pixel and scatterers in the fade-out zone
     waveform, antenna, path : of the radar
 
     Raises
     ------
     RadarError
-        They contradict each other, or the aperture is too long.
+        The parameters contradict each other, or the aperture is too long.
     """
     s, where = given.sensor, given.where
     speed, n, prf = path.speed, s.n_pulses, s.prf
@@ -303,9 +304,9 @@ def _whole_path(
     antenna: Antenna,
     path: FlightPath,
 ) -> Track:
-    """Track of a length (m) that the mode sets; a closed path's last pulse is one step before its first.
+    """Track of a length (m) given by the mode; on a closed path the last pulse is one step before the first.
 
-    ``boxes`` : of the image, and with what fades out beyond it.
+    ``boxes`` : of the image, without and with the fade-out zone.
     """
     s, where = given.sensor, given.where
     if s.n_pulses and s.prf:
@@ -338,7 +339,7 @@ def _whole_path(
 
 
 def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:
-    """Lowest prf that samples the Doppler bandwidth of its own aperture n speed / prf (bisection), Hz."""
+    """Lowest prf that samples the Doppler bandwidth of the aperture n speed / prf (bisection), Hz."""
     low, high = lowest, 1e6 * lowest + 1e9
     for _ in range(100):
         prf = float(np.sqrt(low * high))

@@ -1,4 +1,4 @@
-"""The beam as it points, where it does not point as the focuser is told."""
+"""Pointing errors: true beam direction against the nominal one that the focuser uses."""
 
 from dataclasses import dataclass
 
@@ -42,11 +42,11 @@ class PointingError:
 
     @property
     def is_none(self) -> bool:
-        """Whether the beam points as it should."""
+        """Whether there is no pointing error."""
         return not (any(self.offset) or any(self.drift) or self.jitter)
 
     def angles(self, time: F64) -> F64:
-        """(n_pulses, 2) rad, azimuth and elevation."""
+        """Pointing error (n_pulses, 2) rad, azimuth and elevation."""
         since = time - 0.5 * (time[0] + time[-1])
         error = np.asarray(self.offset) + since[:, None] * np.asarray(self.drift)
         if self.jitter > 0.0 and time.size > 1:

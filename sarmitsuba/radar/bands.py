@@ -1,4 +1,4 @@
-"""Letters of radar bands and the frequency that radars of each usually have."""
+"""Radar band letters and a usual frequency of each."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""The antenna that a description gives: a pattern with its widths, or one measured."""
+"""Antenna from a description: a pattern with its beamwidths, or a measured one."""
 
 from pathlib import Path
 
@@ -18,12 +18,12 @@ def antenna_of(given: RadarInput, wavelength: float) -> Antenna:
     Parameters
     ----------
     given : parameters
-    wavelength : at the centre frequency, m; sizes of apertures count in it
+    wavelength : at the centre frequency, m; converts aperture sizes to beamwidths
 
     Raises
     ------
     RadarError
-        Parameters are missing or contradict each other, or the file of a measured pattern will not do.
+        Parameters are missing or contradict each other, or the file of a measured pattern is invalid.
     """
     s = given.sensor
     gain = float(power_from_db(s.gain_db))

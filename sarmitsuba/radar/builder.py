@@ -1,4 +1,4 @@
-"""From the description of radar and film to a radar that sees the scene."""
+"""Radar and image request from the description of sensor and film."""
 
 import warnings
 from collections.abc import Sequence
@@ -39,13 +39,13 @@ from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.units import power_from_db
 
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
-MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB
+MAX_SAMPLES = 2**36  # most samples of raw data: 0.5 TiB
 
 
 def build_radar(
     given: RadarInput, extent: Extent, offset: F64 | None = None
 ) -> tuple[Radar, ImageRequest, tuple[str, ...]]:
-    """Build the radar and the image request, and check that they see the scene.
+    """Radar and image request of a description, checked against the scene.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def build_radar(
 
     Notes
     -----
-    The ground is flat, the tangent plane at the anchor, whatever flies over it; ignores refraction by the atmosphere.
+    The ground is flat, the tangent plane at the anchor, also under a satellite; ignores refraction by the atmosphere.
     """
     shift = np.zeros(3) if offset is None else offset
     s = given.sensor
@@ -140,7 +140,7 @@ def build_radar(
 
 
 def _film(given: RadarInput) -> FilmDescription:
-    """The film as the mode has it.
+    """Film parameters with the defaults of the mode.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def _film(given: RadarInput) -> FilmDescription:
 
 
 def _follower_pointing(given: RadarInput, receiver: Track, geometry: AimGeometry) -> Pointing:
-    """Of a receiver apart: steered by the same law, from its own track at the same aim point."""
+    """Pointing of a separate receiver: steered by the same mode, from its own track to the same aim point."""
     s = given.sensor
     follower = replace(geometry, center=receiver.center_position)
     return MODES[s.mode].pointing(receiver, follower, s.mode_parameters)

@@ -1,4 +1,4 @@
-"""What an image's file says of the signal and the flight that it was made from: a few numbers in place of a radar."""
+"""Signal and flight of an image, as stored in its file: a few numbers in place of a radar."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,14 +15,14 @@ _STRAIGHT = 1e-3  # m
 
 @dataclass(frozen=True)
 class Signal:
-    """What was sent and how the image's pixels were seen.
+    """Transmitted signal and aperture of an image.
 
     Parameters
     ----------
     mode : of the radar
     look_side : ``left`` or ``right``
     pulses : number of them
-    aperture : s, for which a pixel was seen; the whole time where one aperture serves all
+    aperture : s, aperture time of a pixel; the whole time where one aperture serves all
     aim_point : (3,) m, frame of the user's file
     center_frequency, bandwidth, sampling_rate : Hz
     pulse_width : s
@@ -40,7 +40,7 @@ class Signal:
 
     @staticmethod
     def of(radar: Radar) -> "Signal":
-        """What a radar sent."""
+        """Signal of a radar."""
         track, wave = radar.track, radar.waveform
         aperture = float(track.time[-1] - track.time[0])
         if np.isfinite(radar.half_aperture):
@@ -63,19 +63,19 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Collection:
-    """The signal and the flight of an image, in the frame of the user's file."""
+    """Signal and flight of an image, in the frame of the user's file."""
 
     signal: Signal
     flight: Flight
 
     @staticmethod
     def read(facts: Mapping[str, object], what: str) -> "Collection":
-        """From the facts of focusing in an image's metadata.
+        """Read from an image's metadata of focusing.
 
         Raises
         ------
         DataError
-            There is none: the image was focused elsewhere or by an older version.
+            The metadata have none: the image was focused elsewhere or by an older version.
         """
         signal, flight = facts.get("signal"), facts.get("flight")
         if not isinstance(signal, Mapping) or not isinstance(flight, Mapping):
@@ -87,17 +87,17 @@ class Collection:
 
     @property
     def duration(self) -> float:
-        """From the first pulse to the last one, s."""
+        """Duration from the first to the last pulse, s."""
         return self.flight.span[2] - self.flight.span[0]
 
     @property
     def own_apertures(self) -> bool:
-        """Whether every pixel was seen during a time of its own."""
+        """Whether every pixel has its own aperture time."""
         return self.signal.aperture < self.duration * (1.0 - 1e-9)
 
     @property
     def straight_and_level(self) -> bool:
-        """Whether the flight is a level line, to a millimetre."""
+        """Whether the flight is a straight horizontal line, to a millimetre."""
         rows = self.polynomial()
         bend = rows[2:] * self.duration ** np.arange(2, len(rows))[:, None]
         climb = float(rows[1, 2]) * self.duration if len(rows) > 1 else 0.0
@@ -133,5 +133,5 @@ class Collection:
 
 
 def signal_facts(radar: Radar) -> dict[str, object]:
-    """What an image says of the signal, JSON-able: ``signal``."""
+    """Metadata entry ``signal`` of an image, JSON-able."""
     return {"signal": asdict(Signal.of(radar))}

@@ -1,4 +1,4 @@
-"""Whether the radar sees the scene, and whether without ambiguity."""
+"""Coverage of the scene by image and beam, and ambiguities."""
 
 from dataclasses import replace
 
@@ -9,12 +9,12 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 
-_MOST_AMBIGUITIES = 10_000.0  # a prf that low is refused or noted whatever their number
-_SMALL_SHARE = 0.005  # of ghosts; less is not named
+_MOST_AMBIGUITIES = 10_000.0  # most orders of ambiguities that are summed
+_SMALL_SHARE = 0.005  # smallest energy share of ghosts that is reported
 
 
 def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: str) -> Box:
-    """Raise a RadarError when image and geometry, or beam and geometry, have nothing in common.
+    """Raise a RadarError when image and geometry, or beam and geometry, do not overlap.
 
     Parameters
     ----------
@@ -68,10 +68,10 @@ def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: boo
     Parameters
     ----------
     radar : complete
-    seen : the part of the scene that the image holds; what is there can come out at any place of the image
+    seen : part of the scene in the image, which can appear as a ghost anywhere in the image
     image : the image's box, in the same axes
     where : start of every line
-    derived : the prf follows from the number of pulses and the resolution
+    derived : prf computed from the number of pulses and the resolution
     """
     track = radar.track
     if track.n_pulses < 2:
@@ -93,7 +93,7 @@ def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: boo
     if own:
         used = 0.0 if radar.mode_law.instantaneous_doppler else 4.0 * speed / lam * radar.half_turn
         share = _share_by_beam(radar, prf * lam / (2.0 * speed), width / max(apart, 1e-30))
-        # what the beam leaves of the ghosts decides: where that is nothing, only the pixels' own band has to fit
+        # the beam attenuates the ghosts: where none are left, only the pixels' own band has to be sampled
         needed = needed + used if share >= _SMALL_SHARE else used
     else:
         share = _share_by_place(seen, image, apart)
@@ -124,17 +124,17 @@ def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: boo
 
 
 def _reach(seen: Box, image: Box) -> Box:
-    """Box as long in azimuth as the farthest that a pixel can be from what it must not show."""
+    """Box whose azimuth length is the largest distance between a pixel and its possible ghosts."""
     ends = ((seen.low[0], image.high[0]), (image.low[0], seen.high[0]))
     low, high = max(ends, key=lambda pair: float(pair[1] - pair[0]))
     return replace(seen, low=np.array([low, *seen.low[1:]]), high=np.array([max(low, high), *seen.high[1:]]))
 
 
 def _share_by_place(seen: Box, image: Box, apart: float) -> float:
-    """Share of an image's energy that lies in ghosts of targets spread evenly over ``seen``.
+    """Energy share of the ghosts in an image of targets distributed uniformly over ``seen``.
 
-    An aperture that all pixels share repeats a target with its whole energy at every multiple of ``apart`` (m) that
-    the image holds.
+    With one aperture common to all pixels a target repeats with its full energy at every multiple of ``apart`` (m)
+    within the image.
     """
     place = np.linspace(float(seen.low[0]), float(seen.high[0]), 101)
     before = np.floor((place - image.low[0]) / apart)
@@ -144,7 +144,7 @@ def _share_by_place(seen: Box, image: Box, apart: float) -> float:
 
 
 def _share_by_beam(radar: Radar, step: float, farthest: float) -> float:
-    r"""Share of the ambiguities of a beam that passes over the pixels in turn.
+    r"""Energy share of azimuth ambiguities with a beam that passes over the pixels one after the other.
 
     .. math:: A = \sum_{0 < |k| \le n} \int_{-s_a}^{s_a} G^2(s + k \Delta) ds / \int_{-s_a}^{s_a} G^2(s) ds
 
@@ -155,7 +155,7 @@ def _share_by_beam(radar: Radar, step: float, farthest: float) -> float:
     ----------
     radar : gives pattern and half aperture
     step : Delta
-    farthest : how many steps of Delta the image and what it shows are long
+    farthest : length of the image and its ghosts in steps of Delta
     """
     sine = np.linspace(-radar.half_aperture, radar.half_aperture, 257)
     n = np.floor(min(farthest, _MOST_AMBIGUITIES))
@@ -165,7 +165,7 @@ def _share_by_beam(radar: Radar, step: float, farthest: float) -> float:
     total = power.sum(axis=1)
     wrong = float(total[order[:, 0] != 0.0].sum())
     whole = wrong + float(total[order[:, 0] == 0.0].sum())
-    return wrong / whole if whole > 0.0 else 0.0  # a beam that lights nothing there has no ghosts
+    return wrong / whole if whole > 0.0 else 0.0  # a beam without gain there gives no ghosts
 
 
 def _span(box: Box, axis: int) -> str:

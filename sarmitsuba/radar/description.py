@@ -1,6 +1,6 @@
-"""What describes a radar: the parameters of ``sar_antenna``, typed.
+"""Description of a radar: the parameters of ``sar_antenna``, typed.
 
-The fields below are the only list of them: the tables that read scene files and the documentation are made from it.
+The fields below are their only list: the tables for reading scene files and the documentation are made from it.
 """
 
 from collections.abc import Mapping
@@ -20,10 +20,10 @@ from sarmitsuba.radar.track import Track
 
 @dataclass(frozen=True, kw_only=True)
 class RadarDescription:
-    """A side-looking radar as a person describes it; what each field means stands beside it.
+    """Parameters of a side-looking radar; every field has its own documentation.
 
-    Lengths in m, times in s, frequencies in Hz, angles in degrees and ratios in dB as the names say. 0 leaves a
-    parameter to the program where its documentation says *automatic*.
+    Lengths in m, times in s, frequencies in Hz, angles in degrees and ratios in dB as the names say. 0 means automatic
+    where the documentation of a parameter says so.
     """
 
     mode: str = described("stripmap", "how the beam is steered", choices=lambda: tuple(sorted(MODES.names)))
@@ -80,7 +80,7 @@ class RadarDescription:
     n_pulses: int = described(
         0,
         "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap and sliding spotlight "
-        "with a beam the image's azimuth extent beside it, so that every row has its whole aperture",
+        "with a beam also the image's azimuth extent, so that every row has its whole aperture",
         "",
         0,
         10_000_000,
@@ -103,7 +103,7 @@ class RadarDescription:
     )
     orbit_altitude: float = described(
         0.0,
-        "altitude of a circular orbit over the Earth's equatorial radius (6378137 m), as mission pages give it; "
+        "altitude of a circular orbit over the Earth's equatorial radius (6378137 m); "
         "replaces slant_range, look_angle_deg, heading_deg and speed; 0 = no orbit",
         "m",
         0.0,
@@ -131,8 +131,8 @@ class RadarDescription:
     )
     latitude_deg: float = described(
         0.0,
-        "WGS-84 latitude of the origin of the file's frame, whose x is east, y north and z up there; the default, "
-        "in the Gulf of Guinea, is passed by every orbit and taken by nobody for a place that was given",
+        "WGS-84 latitude of the origin of the file's frame, whose x is east, y north and z up there; the default "
+        "lies in the Gulf of Guinea, which every orbit passes",
         "deg",
         -90.0,
         90.0,
@@ -145,8 +145,8 @@ class RadarDescription:
     )
     recorded_track_file: str = described(
         "",
-        "CSV as track_file, of the same pulses: the positions that the focuser is told, where they are not those "
-        "flown; echoes are those of the track flown",
+        "CSV as track_file, of the same pulses: recorded positions, which the focuser uses, where they differ from "
+        "those flown; echoes are those of the track flown",
     )
     track_offset_along: float = described(
         0.0,
@@ -198,33 +198,41 @@ class RadarDescription:
     track_jitter_seed: int = described(0, "seed of the jitter", "", 0, 2**31 - 1)
     pass_offset_along: float = described(
         0.0,
-        "a parallel pass: the whole track, as it would be without this, is moved along itself",
+        "baseline of a parallel pass: shift of the whole track along itself",
         "m",
         -1e6,
         1e6,
     )
     pass_offset_across: float = described(
         0.0,
-        "a parallel pass: the whole track is moved to its right, the beam on the same place",
+        "baseline of a parallel pass: shift of the whole track to its right, same aim point",
         "m",
         -1e6,
         1e6,
     )
     pass_offset_up: float = described(
-        0.0, "a parallel pass: the whole track is moved upwards, the beam on the same place", "m", -1e6, 1e6
+        0.0, "baseline of a parallel pass: shift of the whole track upwards, same aim point", "m", -1e6, 1e6
     )
     receiver_offset_along: float = described(
         0.0,
-        "where another antenna receives: its place from the transmitter's, along the track; constant over the track",
+        "position of a separate receiver relative to the transmitter, along the track; constant over the track",
         "m",
         -1e6,
         1e6,
     )
-    receiver_offset_across: float = described(0.0, "the same to the right of the track", "m", -1e6, 1e6)
-    receiver_offset_up: float = described(0.0, "the same upwards", "m", -1e6, 1e6)
+    receiver_offset_across: float = described(
+        0.0,
+        "position of a separate receiver relative to the transmitter, to the right of the track",
+        "m",
+        -1e6,
+        1e6,
+    )
+    receiver_offset_up: float = described(
+        0.0, "position of a separate receiver relative to the transmitter, upwards", "m", -1e6, 1e6
+    )
     receiver_track_file: str = described(
         "",
-        "CSV as track_file, of the same pulses: where another antenna is when it receives their echoes; in place of "
+        "CSV as track_file, of the same pulses: positions of a separate receiver when the echoes arrive; in place of "
         "receiver_offset_along, receiver_offset_across and receiver_offset_up",
     )
     center_frequency: float = described(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
@@ -243,14 +251,14 @@ class RadarDescription:
     )
     pointing_error_azimuth_deg: float = described(
         0.0,
-        "true less nominal direction of the beam in azimuth, positive forward; the focuser is told the nominal one",
+        "true minus nominal direction of the beam in azimuth, positive forward; the focuser uses the nominal one",
         "deg",
         -90.0,
         90.0,
     )
     pointing_error_elevation_deg: float = described(
         0.0,
-        "true less nominal direction of the beam in elevation, positive upward; the focuser is told the nominal one",
+        "true minus nominal direction of the beam in elevation, positive upward; the focuser uses the nominal one",
         "deg",
         -90.0,
         90.0,
@@ -313,8 +321,8 @@ _GEOMETRY_HINT = "the geometry is given by slant_range, look_angle_deg, heading_
 SENSOR = ParamTable(
     plugin="sar_antenna",
     element="sensor",
-    doc="Side-looking radar: track, beam, waveform, polarisation, power, and a receiver apart where there is one; may "
-    "hold a `range_film`.",
+    doc="Side-looking radar: track, beam, waveform, polarisation, power and an optional separate receiver; may hold "
+    "a `range_film`.",
     error=RadarError,
     hints={
         "to_world": _GEOMETRY_HINT,
@@ -333,10 +341,10 @@ class RadarInput:
 
     Parameters
     ----------
-    sensor, film : what is asked for
+    sensor, film : their parameters
     sensor_given, film_given : names that were given, the others have their defaults
     where, film_where : start of every error
-    folder : that relative track files are read from
+    folder : base of relative paths of track files
     track : antenna positions in the frame of the geometry, in place of a ``track_file``
     """
 
@@ -404,7 +412,7 @@ class RadarInput:
 
 
 def _given(description: RadarDescription | FilmDescription) -> dict[str, object]:
-    """Fields that differ from their defaults, NumPy's scalars as Python's."""
+    """Fields that differ from their defaults, NumPy scalars as Python's."""
     values = {
         f.name: getattr(description, f.name) for f in fields(description) if f.name != "mode_parameters"
     }

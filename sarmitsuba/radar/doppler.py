@@ -13,7 +13,7 @@ from sarmitsuba.radar.track import Track
 
 @dataclass(frozen=True, eq=False)
 class DopplerHistory:
-    r"""How the slant range R of a point changes over the pulses, and what Doppler it has.
+    r"""Slant range R, Doppler frequency, Doppler rate and effective velocity of a point over the pulses.
 
     .. math::
         f_D = -\frac{2}{\lambda} \dot R, \qquad K = -\frac{2}{\lambda} \ddot R, \qquad
@@ -42,7 +42,7 @@ class DopplerHistory:
 
 
 def doppler_history(track: Track, point: ArrayLike, wavelength: float) -> DopplerHistory:
-    """Range and Doppler of a point that rests in the scene.
+    """Range and Doppler history of a point at rest.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def doppler_history(track: Track, point: ArrayLike, wavelength: float) -> Dopple
 
 
 def beam_doppler(radar: Radar) -> F64:
-    r"""Doppler centroid of the beam in every pulse, (n_pulses,) Hz: that of what rests on its boresight b.
+    r"""Doppler centroid of the beam in every pulse, (n_pulses,) Hz, for scatterers at rest on its boresight b.
 
     .. math:: f_{DC} = \frac{2}{\lambda} v \cdot b
     """

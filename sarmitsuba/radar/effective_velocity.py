@@ -1,4 +1,4 @@
-"""How fast a line of sight turns against the flight: as fast as from a straight track, or slower from an orbit."""
+"""Effective velocity: rotation rate of the line of sight, on a straight track or from an orbit."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from sarmitsuba.radar.track import Track
 
 
 def range_acceleration(track: Track, line: F64) -> F64:
-    r"""Half the second derivative of the squared range of resting points, (n_pulses,) m^2/s^2.
+    r"""Squared effective velocity of points at rest, half the second derivative of R^2, (n_pulses,) m^2/s^2.
 
     .. math:: \frac{1}{2} \frac{d^2 R^2}{dt^2} = |v|^2 - L \cdot \dot v
 
@@ -23,12 +23,12 @@ def range_acceleration(track: Track, line: F64) -> F64:
 
 
 def effective_velocity_ratio(track: Track, point: F64, pulse: int) -> float:
-    r"""Rate of the sine of a point's direction along the flight, over that from a straight track of the same speed.
+    r"""Squared ratio of the effective velocity to the antenna's speed.
 
     .. math:: V_{eff}^2 / V^2
 
-    1 on a straight track. From an orbit, whose velocity turns towards the Earth while the antenna passes, about the
-    speed of the footprint over that of the satellite.
+    It is the rate of the sine of a point's direction along the flight over that from a straight track of the same
+    speed: 1 on a straight track, and from an orbit about the footprint's speed over the satellite's.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def effective_velocity_ratio(track: Track, point: F64, pulse: int) -> float:
 
     Notes
     -----
-    Exact at zero Doppler; ignores the speed's own change elsewhere.
+    Exact at zero Doppler; ignores the change of speed elsewhere.
     """
     near = track.of_pulses(slice(max(pulse - 1, 0), pulse + 2))
     here = pulse - max(pulse - 1, 0)

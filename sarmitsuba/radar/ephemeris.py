@@ -1,4 +1,4 @@
-"""A satellite's path through its state vectors: read from a file, interpolated, timed by when it sees the aim point."""
+"""Satellite path from state vectors: read from a file, interpolated, with time zero when the aim point is seen."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,19 +20,19 @@ from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.regular_files import read_bytes, read_text
 
 _COLUMNS = "time_s (or an ISO date and time), x_m, y_m, z_m, vx_m_s, vy_m_s, vz_m_s"
-# vectors that one polynomial goes through, positions and velocities: degree 7
+# vectors per polynomial through positions and velocities: degree 7
 _NEIGHBOURS = 4
-# part of the speed by which velocities may differ from what the positions say: vectors that do not turn with the Earth
+# share of the speed by which velocities may differ from the change of the positions: velocities in an inertial frame
 # differ by 3 % and more
 _SLIP = 0.01
-_COMPONENTS = ("X", "Y", "Z", "VX", "VY", "VZ")  # of an Earth Explorer orbit file
+_COMPONENTS = ("X", "Y", "Z", "VX", "VY", "VZ")  # elements of a vector in an Earth Explorer orbit file
 
 
 @dataclass(frozen=True, eq=False)
 class StateVectors:
-    r"""Earth-fixed positions and velocities of a satellite, and its path through them.
+    r"""Earth-fixed positions and velocities of a satellite, with the interpolated path.
 
-    Between two vectors it follows the Hermite polynomial of degree 7 through the positions and velocities of the four
+    Between two vectors the path is the Hermite polynomial of degree 7 through the positions and velocities of the four
     nearest. For a circular orbit of radius a and angular rate n, sampled every h seconds, the error of the position
     is at most
 
@@ -170,7 +170,7 @@ class StateVectors:
     def path_over(
         self, anchor: Anchor, offset: F64, aim: F64, squint: float = 0.0, side: str | None = None
     ) -> "EphemerisPath":
-        """The path whose time zero is when the aim point is seen at the squint angle.
+        """Path with time zero when the aim point is seen at the squint angle.
 
         Parameters
         ----------
@@ -178,13 +178,13 @@ class StateVectors:
         offset : (3,) float64, m; scene frame = file frame - offset
         aim : (3,) float64, m, scene frame
         squint : rad, forward of the plane square to the Earth-fixed velocity
-        side : ``left`` or ``right``, on which the aim point has to lie; None: on any
+        side : ``left`` or ``right``, of the aim point; None: either
 
         Raises
         ------
         RadarError
-            The aim point is never seen so from above the horizon. Of several times the one of the shortest slant range
-            is taken.
+            The aim point is never seen at this angle from above the horizon. Of several times the one of the shortest
+            slant range is used.
         """
         path = EphemerisPath(self, anchor, offset, 0.0)
 
@@ -194,7 +194,7 @@ class StateVectors:
             size = np.linalg.norm(line, axis=1) * np.linalg.norm(velocity, axis=1)
             return np.asarray(np.einsum("ij,ij->i", line, velocity) / size - np.sin(squint))
 
-        # once per revolution what was ahead falls behind
+        # the sign changes once per revolution
         value = miss(path.in_scene(self.position, self.velocity))
         found: list[tuple[float, float]] = []
         for i in np.flatnonzero((value[:-1] > 0.0) & (value[1:] <= 0.0)):
@@ -224,7 +224,7 @@ class StateVectors:
 
 @dataclass(frozen=True, eq=False)
 class EphemerisPath(FlightPath):
-    """The path through state vectors, in the scene frame.
+    """Path through state vectors, in the scene frame.
 
     Parameters
     ----------
@@ -249,19 +249,21 @@ class EphemerisPath(FlightPath):
 
 
 def _document(data: bytes, path: Path) -> ElementTree.Element:
-    """Root of a document; RadarError where it has a document type, whose entities could grow without bound."""
+    """Root of an XML document; RadarError where it has a document type, whose entities could expand without bound."""
     types: list[str] = []
     looker = expat.ParserCreate()
     looker.StartDoctypeDeclHandler = lambda name, *_: types.append(name)
-    with suppress(expat.ExpatError, ValueError, LookupError):  # worded by the reader below
+    with suppress(expat.ExpatError, ValueError, LookupError):  # the reader below gives the message
         looker.Parse(data, True)
     if types:
-        raise RadarError(f"{path}: holds a document type (<!DOCTYPE), which orbit files have not; remove it")
+        raise RadarError(
+            f"{path}: holds a document type (<!DOCTYPE), which is not allowed in an orbit file; remove it"
+        )
     return ElementTree.fromstring(data)
 
 
 def _seconds(text: str, first: str) -> float:
-    """Seconds of a cell; of a date and time since that of the first."""
+    """Time of a cell in s; of a date and time, since the first."""
     text, first = (each.strip().removesuffix("Z") for each in (text, first))
     try:
         return float(text)

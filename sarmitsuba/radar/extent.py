@@ -1,4 +1,4 @@
-"""Where the things that a radar looks at stand: their outline, and the point that it aims at unless told."""
+"""Extent of the scatterers: their outline and the default aim point."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from sarmitsuba.arrays import F64
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """Outline and middle of everything that there is to see, scene frame.
+    """Outline and middle of all scatterers, scene frame.
 
     Parameters
     ----------
-    outline : (n, 3) float64, m; points whose convex hull holds everything
-    middle : (3,) float64, m; aim point of a radar that gives none: the middle of the outline, on the ground
+    outline : (n, 3) float64, m; points whose convex hull contains all scatterers
+    middle : (3,) float64, m; default aim point: the middle of the outline, on the ground
     """
 
     outline: F64
@@ -22,7 +22,7 @@ class Extent:
 
     @staticmethod
     def of_box(low: F64, high: F64) -> "Extent":
-        """An axis-parallel box with its ground at the bottom, (3,) lower and upper corner, m."""
+        """Extent of an axis-parallel box with the ground at its bottom; (3,) lower and upper corner, m."""
         ends = np.stack([low, high])
         corners = np.array(
             [[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]

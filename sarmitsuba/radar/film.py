@@ -1,4 +1,4 @@
-"""What describes the receive window and the image: the parameters of ``range_film``, typed."""
+"""Description of the receive window and the image: the parameters of ``range_film``, typed."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -37,7 +37,7 @@ class FilmDescription:
     )
     gridding_width: int = described(
         4,
-        "samples that one contribution is spread over; each step of 1 gains about 10 dB of accuracy",
+        "width in samples of the gridding kernel; each step of 1 gains about 10 dB of accuracy",
         "",
         2,
         16,

@@ -1,4 +1,4 @@
-"""Where an antenna was during an aperture, in few enough numbers that an image can carry them."""
+"""Track of an antenna as a polynomial of time, compact enough for an image's metadata."""
 
 from dataclasses import dataclass
 from typing import TypedDict
@@ -10,12 +10,14 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 
-# of an orbit over seconds, and of an aircraft's slow motion, the rest is below a micrometre
+F64 = NDArray[np.float64]
+
+# degree of the polynomial: for an orbit over seconds and an aircraft's slow motion the rest is below a micrometre
 _DEGREE = 5
 
 
 class FlightFacts(TypedDict):
-    """A `Flight` as lists, for JSON."""
+    """`Flight` as lists, for JSON."""
 
     center: list[float]
     velocity: list[float]
@@ -25,7 +27,7 @@ class FlightFacts(TypedDict):
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A track as a polynomial of time, and its middle exactly.
+    """Track as a polynomial of time, with exact mid-aperture state.
 
     Parameters
     ----------
@@ -46,7 +48,7 @@ class Flight:
 
     @staticmethod
     def of(track: Track, offset: ArrayLike = (0.0, 0.0, 0.0)) -> "Flight":
-        """Flight of a track whose positions are moved by an offset (m)."""
+        """Flight of a track, its positions shifted by an offset (m)."""
         n = track.n_pulses
         center = track.center_position
         first, last = float(track.time[0]), float(track.time[-1])
@@ -64,12 +66,12 @@ class Flight:
         )
 
     def position(self, time: F64) -> F64:
-        """(..., 3) float64, m, at times (...), s."""
+        """Position (..., 3) float64, m, at times (...), s."""
         series = np.polynomial.chebyshev.chebval(_scaled(time, self.span[0], self.span[2]), self.coefficients)
         return np.asarray(self.center + np.moveaxis(series, 0, -1))
 
     def velocity_at(self, time: F64) -> F64:
-        """(..., 3) float64, m/s, at times (...), s; of the polynomial, so that there must be two pulses."""
+        """Velocity (..., 3) float64, m/s, of the polynomial at times (...), s; needs two pulses or more."""
         first, _, last = self.span
         slope = np.polynomial.chebyshev.chebder(self.coefficients) * (2.0 / (last - first))
         series = np.polynomial.chebyshev.chebval(_scaled(time, first, last), slope)
@@ -93,7 +95,7 @@ class Flight:
 
 
 def flight_facts(radar: Radar) -> dict[str, object]:
-    """What an image says of its antennas, frame of the user's file: ``flight`` and, apart, ``receiver_flight``."""
+    """Metadata of an image's antennas, frame of the user's file: ``flight`` and, if separate, ``receiver_flight``."""
     facts: dict[str, object] = {"flight": Flight.of(radar.track, radar.offset).as_dict()}
     if radar.receiver is not None:
         facts["receiver_flight"] = Flight.of(radar.receiver, radar.offset).as_dict()

@@ -1,4 +1,4 @@
-"""The beam on the ground: its half-power outline at a pulse, and what it lights over the track."""
+"""Footprint of the beam: its half-power outline at a pulse, and the points that it illuminates over the track."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,21 @@ from sarmitsuba.radar.radar import Radar
 
 Mask = NDArray[np.bool_]
 
-# pulses that stand for the track
+# pulses that sample the track
 _PULSES = 129
-# rounds of halving, after which the contour is known to float64
+# bisection steps, after which the contour is known to float64
 _HALVINGS = 55
 
 
 @dataclass(frozen=True, eq=False)
 class Lit:
-    """What the beam, within its half-power contour, does to points over the track.
+    """Illumination of points by the half-power beam over the track.
 
     Parameters
     ----------
-    ever : (...,) bool; some pulse lights the point
-    whole : (...,) bool; the point has its whole aperture: every pulse lights it, or, where the beam passes over the
-        pixels in turn, the track holds the whole of the point's own aperture
+    ever : (...,) bool; at least one pulse illuminates the point
+    whole : (...,) bool; the point has its whole aperture: every pulse illuminates it, or, where the beam passes over
+        the pixels one after the other, the track contains the point's whole aperture
     """
 
     ever: Mask
@@ -34,7 +34,7 @@ class Lit:
 
 
 def outline(radar: Radar, pulse: int, height: float = 0.0, n: int = 97) -> F64:
-    r"""Where the one-way half-power contour of the beam meets a horizontal plane, a closed line (n, 3) m.
+    r"""One-way half-power contour of the beam on a horizontal plane, a closed line (n, 3) m.
 
     The contour is :math:`G(\sin\alpha, \sin\epsilon) = 1/2`, G the one-way power gain over the components of direction
     along the antenna's azimuth and elevation axes, relative to its peak.
@@ -49,7 +49,7 @@ def outline(radar: Radar, pulse: int, height: float = 0.0, n: int = 97) -> F64:
     Raises
     ------
     RadarError
-        The antenna is isotropic, and has no contour.
+        The antenna is isotropic and has no contour.
 
     Notes
     -----
@@ -59,7 +59,10 @@ def outline(radar: Radar, pulse: int, height: float = 0.0, n: int = 97) -> F64:
     p, antenna = radar.pointing, radar.antenna
     angle = np.linspace(0.0, 2.0 * np.pi, n)
     across = np.stack([np.cos(angle) / antenna.per_width[0], np.sin(angle) / antenna.per_width[1]])
-    low, high = np.zeros(n), np.full(n, 1.0 / SINC_HALF_POWER)  # to the first null, where a pattern has one
+    low, high = (
+        np.zeros(n),
+        np.full(n, 1.0 / SINC_HALF_POWER),
+    )  # searched to the first null, where the pattern has one
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         inside = np.asarray(antenna.two_way_amplitude(*(middle * across))) > 0.5
@@ -77,16 +80,16 @@ def outline(radar: Radar, pulse: int, height: float = 0.0, n: int = 97) -> F64:
 
 
 def lit(radar: Radar, points: ArrayLike) -> Lit:
-    """What of points (..., 3), m, scene frame, the beam lights over the track.
+    """Illumination of points (..., 3), m, scene frame, by the beam over the track.
 
     Raises
     ------
     RadarError
-        The antenna is isotropic, and lights everything.
+        The antenna is isotropic and illuminates everything.
 
     Notes
     -----
-    Looks at 129 pulses, so that the ends of an aperture are known to a 128th of the track. Ignores shadows.
+    Samples 129 pulses, so that the ends of an aperture are known to a 128th of the track. Ignores shadows.
     """
     _with_beam(radar)
     place = np.asarray(points, dtype=np.float64)
@@ -102,7 +105,7 @@ def lit(radar: Radar, points: ArrayLike) -> Lit:
     ever = inside.any(axis=-1)
     if not radar.mode_law.own_apertures:
         return Lit(ever, inside.all(axis=-1))
-    # the point's own aperture: as far off the boresight as it is processed, at most the half-power width
+    # the point's aperture: processed sines off the boresight, at most the half-power width
     half = min(radar.half_aperture, float(np.sin(0.5 * antenna.azimuth_beamwidth)))
     forward = track.velocity[pick] / np.linalg.norm(track.velocity[pick], axis=1)[:, None]
     offset = np.sum(line * forward, axis=-1) - np.sum(pointing.boresight[pick] * forward, axis=1)
@@ -113,5 +116,5 @@ def lit(radar: Radar, points: ArrayLike) -> Lit:
 def _with_beam(radar: Radar) -> None:
     if radar.antenna.pattern == "isotropic":
         raise RadarError(
-            "footprint: pattern = isotropic lights everything and has no outline; take gaussian or rectangular"
+            "footprint: pattern = isotropic illuminates everything and has no outline; use gaussian or rectangular"
         )

@@ -1,4 +1,4 @@
-"""WGS-84: geodetic coordinates, Earth-centred Earth-fixed (ECEF) ones, and the tangent plane that a scene stands on."""
+"""WGS-84 coordinates: geodetic, Earth-centred Earth-fixed (ECEF), and the tangent plane of a scene."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +10,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_FLATTENING, EARTH_RADIUS
 
 _ECCENTRICITY_SQUARE = EARTH_FLATTENING * (2.0 - EARTH_FLATTENING)
-# Bowring's step gains four digits or more for anything outside of the Earth's core
+# Bowring's step gains four digits or more outside the Earth's core
 _STEPS = 4
 
 
@@ -80,7 +80,7 @@ def geodetic_of_ecef(position: ArrayLike) -> F64:
 
 @dataclass(frozen=True)
 class Anchor:
-    """Where on the Earth the origin of the file's frame lies: its plane z = 0 touches there, x is east, y north.
+    """Place on the Earth of the origin of the file's frame: z = 0 is the tangent plane, x east, y north.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Anchor:
 
     @staticmethod
     def of_degrees(latitude: float, longitude: float, height: float = 0.0) -> "Anchor":
-        """An anchor at latitude and longitude in degrees, height in m."""
+        """Anchor from latitude and longitude in degrees and height in m."""
         return Anchor(float(np.radians(latitude)), float(np.radians(longitude)), height)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""Error of level of what stands off the image plane: the beam is corrected for at the pixel's elevation."""
+"""Radiometric error of scatterers off the image plane: the beam is corrected at the pixel's elevation, not theirs."""
 
 from dataclasses import dataclass
 
@@ -8,23 +8,25 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 
-# dB: less is said nowhere, more is a note, and from the second on a warning
+F64 = NDArray[np.float64]
+
+# dB: above the first a note, above the second a warning
 NOTED_DB, WARNED_DB = 0.1, 1.0
-# two-way amplitude over the beam's below which a place counts as dark, whatever its level is corrected by: -20 dB
+# two-way amplitude over the beam's peak below which a place counts as not illuminated: -20 dB
 _DARK = 0.1
-# and the least that is told apart: -80 dB
+# smallest amplitude evaluated: -80 dB
 _LEAST = 1e-4
 
 
 @dataclass(frozen=True)
 class HeightError:
-    """Largest error of level that the beam's correction makes because of height.
+    """Largest radiometric error of the beam correction because of height.
 
     Parameters
     ----------
     error_db : of a place's radar cross section; positive: too bright
-    height : m, that place's over the image plane
-    lowest, highest : m, of all that the image shows, over the image plane
+    height : m, of that place over the image plane
+    lowest, highest : m, of all places in the image, over the image plane
     """
 
     error_db: float
@@ -33,7 +35,7 @@ class HeightError:
     highest: float
 
     def text(self) -> str:
-        """What is off by how much, and the remedy."""
+        """Message with the error, the heights and the remedy."""
         return (
             f"places {self.lowest:.3g} to {self.highest:.3g} m over the image plane are corrected for the beam at the "
             f"elevation of their pixel, not at their own: levels are off by up to {self.error_db:+.2g} dB, at "
@@ -42,25 +44,24 @@ class HeightError:
 
 
 def height_error(radar: Radar, request: ImageRequest, places: F64) -> HeightError | None:
-    r"""Error of level that focusing makes because it knows no heights, dB.
+    r"""Radiometric error of focusing on a plane, because heights are unknown, dB.
 
-    A point q of height h stands in the pixel p of its range and closest approach, and its echoes' gain is divided out
-    as if it came from p: :math:`20 \log_{10} g(q) / g(p)`, g the two-way amplitude in elevation.
+    A point q of height h appears in the pixel p of the same range and closest approach, and is corrected for the gain
+    towards p: :math:`20 \log_{10} g(q) / g(p)`, g the two-way amplitude in elevation.
 
     Parameters
     ----------
     radar : its beam, at mid-aperture
     request : the image, with the height of its plane
-    places : (n, 3) m, scene frame; what there is to see
+    places : (n, 3) m, scene frame; scatterers
 
     Returns
     -------
-    None where the antenna is isotropic, or nothing that the beam lights stands in the image
+    None where the antenna is isotropic, or no illuminated place is in the image
 
     Notes
     -----
-    Takes the track for level and straight. Ignores what hides a place, and that places between the given ones are
-    seen at other elevations.
+    Assumes a level and straight track. Ignores shadows, and places between the given ones.
     """
     if radar.antenna.pattern == "isotropic" or not len(places):
         return None
@@ -83,7 +84,7 @@ def height_error(radar: Radar, request: ImageRequest, places: F64) -> HeightErro
     aside = np.sqrt(1.0 - ahead**2)
 
     def gain(across_: F64, up: F64) -> F64:
-        """Two-way amplitude where the beam's middle passes a place."""
+        """Two-way amplitude when the beam centre passes a place."""
         look = ahead * along + aside * (across_[:, None] * across + up[:, None] * [0.0, 0.0, 1.0])
         return np.asarray(
             radar.antenna.two_way_amplitude(

@@ -1,4 +1,4 @@
-"""Which image to focus; what the description leaves open fits the geometry."""
+"""Image request: grid, centre, extent and pixel spacing, automatic values fitted to the geometry."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -10,23 +10,25 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.swath import Box
 
-MAX_PIXELS = 2**30  # of one image plane: 8 GiB
-MAX_CELLS = 2048  # where automatic extents stop unless told: an image of 4096 x 4096 pixels at half a cell
-# automatic margin on every side: for side lobes of what is small, and about what fills many cells itself
+F64 = NDArray[np.float64]
+
+MAX_PIXELS = 2**30  # most pixels of one image plane: 8 GiB
+MAX_CELLS = 2048  # default limit of automatic extents in cells: an image of 4096 x 4096 pixels at half a cell
+# automatic margin on every side: cells for side lobes, and a share of the extent
 _MARGIN_CELLS, _NARROW_MARGIN_CELLS = 16, 4
-# azimuth cells by which ghosts of what fades out beyond the image stay clear of it, so that only side lobes reach in
+# azimuth cells by which ghosts from the fade-out zone stay outside the image, so that only side lobes reach in
 _SKIRT_CELLS = 8.0
 
 
 @dataclass(frozen=True)
 class ImageRequest:
-    """Which image is asked for.
+    """Requested image: grid, centre, extent and pixel spacing.
 
     Parameters
     ----------
     grid : ``slant`` or ``ground``
     center_x, center_y : m, scene frame
-    height : m, scene frame; of the horizontal plane the image stands on
+    height : m, scene frame; of the horizontal image plane
     extent_azimuth, extent_range : m on the ground
     spacing_azimuth, spacing_range : m; 0 = half a resolution cell
     """
@@ -41,9 +43,9 @@ class ImageRequest:
     spacing_range: float = 0.0
 
     def fade_out(self, cell: float) -> float:
-        """Width beyond the image, m, over which scatterers fade out: 5 % of half its longer side, 10 cells at least.
+        """Width of the fade-out zone around the image, m: 5 % of half its longer side, 10 cells at least.
 
-        What ends abruptly shows a frame of side lobes.
+        Abruptly ending clutter would show a frame of side lobes.
 
         Parameters
         ----------
@@ -65,7 +67,7 @@ def build_image_request(
     cells: tuple[float, float],
     offset: F64,
 ) -> tuple[ImageRequest, tuple[str, ...]]:
-    """Fill in what ``range_film`` leaves open.
+    """Image request from ``range_film``, with automatic values filled in.
 
     Parameters
     ----------
@@ -73,7 +75,7 @@ def build_image_request(
     scene : bounds of all geometry about the aim point, in the axes along, across and up
     antenna : (3,) float64, m, mid-aperture position in the scene frame
     cells : azimuth cell and slant-range cell, m
-    offset : (3,) what to subtract from file coordinates, m
+    offset : (3,) m; scene frame = file frame - offset
 
     Returns
     -------
@@ -116,7 +118,7 @@ def build_image_request(
         margin = _NARROW_MARGIN_CELLS if fills(axis, cell) else _MARGIN_CELLS
         return 2.0 * (half(axis) + margin * cell) + extra, film.image_extent_limit or MAX_CELLS * cell
 
-    # layover goes to the near side only: an image that may choose its centre moves there by half of it
+    # layover extends to the near side only: an automatic centre moves there by half of it
     free = film.image_center_x is None and film.image_center_y is None
     one_sided = free and fills(1, ground_cell)
     notes = []
@@ -152,7 +154,7 @@ def build_image_request(
 
 
 def _limited(where: str, name: str, wanted: float, most: float) -> list[str]:
-    """What to say of an automatic extent that the limit cuts."""
+    """Note about an automatic extent that the limit cuts."""
     if wanted <= most:
         return []
     return [
@@ -172,9 +174,9 @@ def _check_pixels(image: ImageRequest, where: str, cells: tuple[float, float]) -
 
 
 def faded_box(box: Box, scene: Box, width: float, cell: float, *, all_round: bool) -> Box:
-    """The image's box, made as long as the farthest that a pixel can be from what fades out beyond the image.
+    """The image's box lengthened to the largest distance between a pixel and scatterers in the fade-out zone.
 
-    A few cells longer, so that the main lobes of ghosts stay out of it and not only their peaks.
+    A few cells are added, so that the main lobes of ghosts stay outside and not only their peaks.
 
     Parameters
     ----------

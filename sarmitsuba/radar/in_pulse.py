@@ -1,4 +1,4 @@
-"""The antenna's motion within a pulse: where it is when the echo arrives."""
+"""Motion of the antenna between transmission and reception of a pulse."""
 
 from dataclasses import replace
 
@@ -9,25 +9,27 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 
-# one delay serves all pulses where that changes slant ranges by less than this share of the wavelength: a straight
-# uniform track is one at reception too, as focusers in the frequency domain want it
+F64 = NDArray[np.float64]
+
+# one delay is used for all pulses where that changes slant ranges by less than this share of the wavelength: a straight
+# uniform track then stays one at reception, as frequency-domain focusers need
 SAME_DELAY = 1e-3
-# samples that ranges may move by within the window's margin; it follows them beyond
+# samples by which ranges may shift within the window's margin; beyond, the window follows them
 FREE_SAMPLES = 4
 
 
 def moving_in_pulse(radar: Radar) -> Radar:
-    r"""The radar whose receiver, or whose own antenna, moves on until the echo of the aim point is back.
+    r"""Radar whose receiving antenna moves on until the echo of the aim point arrives.
 
     .. math:: \mathbf r(t) = \mathbf x(t + D), \quad D = 2 R_{aim} / c
 
-    The times of the track are those of transmission. Echoes from other ranges come back earlier or later than D; what
-    that changes is added to each by its own range and range rate (:mod:`sarmitsuba.echo.pulse_motion`).
+    The times of the track are those of transmission. Echoes from other ranges arrive earlier or later than D; the
+    difference is added to each by its range and range rate (:mod:`sarmitsuba.echo.pulse_motion`).
 
     Notes
     -----
-    Ignores that the beam turns meanwhile: both ways have the beam of the transmission. The track goes on with the
-    acceleration that it has in the pulse.
+    Ignores the beam's rotation meanwhile: both legs have the beam of the transmission. The track continues with its
+    acceleration at the pulse.
     """
     if radar.delay is not None:
         return radar
@@ -46,7 +48,7 @@ def moving_in_pulse(radar: Radar) -> Radar:
 
 
 def later(track: Track, delay: F64) -> Track:
-    """Where the antenna is a delay (n_pulses,), s, after each pulse; times stay those of the pulses."""
+    """Track of the antenna a delay (n_pulses,), s, after each pulse; times stay those of the pulses."""
     acceleration = np.zeros_like(track.velocity)
     if track.n_pulses > 2:
         acceleration = np.gradient(track.velocity, track.time, axis=0)

@@ -1,4 +1,4 @@
-"""Random errors that wander: series of a given rms and power spectrum."""
+"""Coloured random errors: series of a given rms and power spectrum."""
 
 import numpy as np
 
@@ -6,12 +6,12 @@ from sarmitsuba.arrays import F64
 
 
 def wandering(time: F64, axes: int, rms: float, corner: float, slope: float, seed: int) -> F64:
-    r"""Independent series of mean zero whose power spectrum is :math:`1 / (1 + (f / f_c)^q)`.
+    r"""Independent random series of mean zero with the power spectrum :math:`1 / (1 + (f / f_c)^q)`.
 
     Parameters
     ----------
     time : (n,) s
-    axes : how many series
+    axes : number of series
     rms : of each over its n samples
     corner, slope : f_c, Hz, and q; 2 is a Gauss-Markov process
     seed : of the series
@@ -21,7 +21,7 @@ def wandering(time: F64, axes: int, rms: float, corner: float, slope: float, see
     (n, axes) in the unit of ``rms``
     """
     rng = np.random.default_rng(seed)
-    n = 2 * time.size  # twice the track, so that its ends are not alike
+    n = 2 * time.size  # twice the track length, so that its ends are not correlated
     step = (time[-1] - time[0]) / max(time.size - 1, 1)
     frequency = np.fft.rfftfreq(n, step)
     level = np.sqrt(1.0 / (1.0 + (frequency / corner) ** slope))

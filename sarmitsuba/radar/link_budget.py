@@ -19,7 +19,7 @@ def received_power(radar: Radar, rcs: float, slant_range: float) -> float:
 
     References
     ----------
-    Skolnik, Introduction to Radar Systems, 3rd ed., eq. (1.7) with the gain on both ways.
+    Skolnik, Introduction to Radar Systems, 3rd ed., eq. (1.7) with the gain on both legs.
     """
     return float(radar.amplitude_constant**2 * rcs / slant_range**4)
 

@@ -1,4 +1,4 @@
-"""What a radar mode is: how the beam is steered over the track, and what follows from it."""
+"""Radar modes: beam steering over the track, and the aperture, resolution and Doppler bandwidth that follow."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class AimGeometry:
-    """Where the radar is at mid-aperture, seen from its aim point.
+    """Geometry of the radar at mid-aperture about its aim point.
 
     Parameters
     ----------
@@ -80,22 +80,22 @@ class TrackAxes:
 
 
 class RadarMode(ABC):
-    """How the beam is steered, and how aperture, resolution and Doppler bandwidth follow from it.
+    """Radar mode: beam steering, and the aperture, resolution and Doppler bandwidth that follow.
 
-    A mode is one module with one registered instance; a module of the user can hold it too.
+    A mode is one module with one registered instance; it may be a user's extension module.
 
     Attributes
     ----------
-    name : as users write it
-    doc : where the beam points, one phrase
+    name : in scene files
+    doc : beam steering in one phrase
     parameters : of the sensor that only this mode has
-    instantaneous_doppler : the Doppler bandwidth is what the image spreads over at one instant, because beam and
-        focuser follow the aim point; False counts the spread over the whole aperture
-    own_apertures : the beam passes over the pixels in turn, so that each has an aperture of its own, about its
-        own closest approach, and the automatic track holds the apertures of the whole image; False where all pixels
-        are lit by the same pulses
+    instantaneous_doppler : the Doppler bandwidth is that of the image at one instant, because beam and focuser follow
+        the aim point; False counts the spread over the whole aperture
+    own_apertures : the beam passes over the pixels one after the other, so that each has its own aperture about its
+        closest approach, and the automatic track contains the apertures of the whole image; False where all pixels are
+        illuminated by the same pulses
     squints : the beam may look ahead or back at mid-aperture
-    all_round : the line of sight turns so far that no slant-range axis serves all pulses: images stand on the ground
+    all_round : the line of sight turns so far that no slant-range axis serves all pulses: images have a ground grid
     path_parameters : names of those ``parameters`` that shape the automatic track; a given track has no use for them
     """
 
@@ -126,11 +126,11 @@ class RadarMode(ABC):
         """
 
     def path(self, geometry: AimGeometry, speed: float) -> FlightPath:
-        """What the antenna flies along where no track is given: straight through mid-aperture, at ``speed`` (m/s)."""
+        """Flight path where no track is given: straight through mid-aperture, at ``speed`` (m/s)."""
         return StraightPath(geometry.center, speed * geometry.along)
 
     def path_length(self, geometry: AimGeometry, values: Mapping[str, Value]) -> float:
-        """Length of track that the mode itself sets by ``values``, m; 0 where the azimuth resolution sets it."""
+        """Length of track given by the mode's ``values``, m; 0 where it follows from the azimuth resolution."""
         return 0.0
 
     def aperture_length(self, geometry: AimGeometry, wavelength: float, azimuth_cell: float) -> float:
@@ -146,7 +146,7 @@ class RadarMode(ABC):
         return wavelength * geometry.slant_range / (2.0 * azimuth_cell * geometry.cos_squint)
 
     def azimuth_cell(self, geometry: AimGeometry, wavelength: float, length: float) -> float:
-        """Azimuth cell of a track of that length, m: the inverse of `aperture_length`."""
+        """Azimuth cell of a track of given length, m: the inverse of `aperture_length`."""
         return wavelength * geometry.slant_range / (2.0 * length * geometry.cos_squint)
 
     def pointing(
@@ -170,12 +170,12 @@ class RadarMode(ABC):
         return Pointing(boresight, azimuth, elevation)
 
     def filled(self, values: Mapping[str, Value] | None) -> dict[str, Value]:
-        """Values of ``parameters``, those that are not given at their defaults."""
+        """Values of ``parameters``, missing ones at their defaults."""
         return {p.name: p.default for p in self.parameters if p.default is not None} | dict(values or {})
 
 
 def towards(point: F64, track: Track) -> F64:
-    """(n_pulses, 3) unit vectors from every position of a track to a point (3,), or to one of each pulse."""
+    """Unit vectors (n_pulses, 3) from every position of a track to a point (3,), or to one per pulse."""
     line = point - track.position
     return np.asarray(line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300))
 
@@ -202,5 +202,5 @@ def mode_parameters() -> tuple[Param, ...]:
 
 
 def right_of(along: F64) -> F64:
-    """(3,) horizontal vector to the right of a horizontal direction."""
+    """Horizontal vector (3,) to the right of a horizontal direction."""
     return np.array([along[1], -along[0], 0.0])

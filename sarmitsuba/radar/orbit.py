@@ -1,4 +1,4 @@
-"""A circular orbit about the rotating Earth that sees the aim point as asked, as a path in the frame of the scene."""
+"""Circular orbit about the rotating Earth that sees the aim point at given incidence and squint, in the scene frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,7 +16,9 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
 
-# directions from the aim point that are tried before a root is bracketed
+F64 = NDArray[np.float64]
+
+# directions from the aim point sampled to bracket roots
 _DIRECTIONS = 720
 _ROTATION = np.array([0.0, 0.0, EARTH_ROTATION])
 _OF_ORBIT = ("orbit_inclination_deg", "orbit_pass", "incidence_angle_deg")
@@ -58,7 +60,7 @@ class CircularOrbit(FlightPath):
 
 
 def _earth_fixed(vectors: F64, time: F64) -> F64:
-    """(n, 3) vectors of the axes that ECEF has at time zero in those that it has at (n,) times, s."""
+    """Vectors (n, 3) given in the ECEF axes of time zero, in the ECEF axes of (n,) times, s."""
     angle = EARTH_ROTATION * time
     cosine, sine = np.cos(angle), np.sin(angle)
     x, y, z = vectors.T
@@ -67,14 +69,14 @@ def _earth_fixed(vectors: F64, time: F64) -> F64:
 
 @dataclass(frozen=True)
 class OrbitRequest:
-    """What a circular orbit has to do.
+    """Requirements of a circular orbit.
 
     Parameters
     ----------
     altitude : m over the Earth's equatorial radius
     inclination, incidence_angle, squint_angle : rad
     ascending : northbound at mid-aperture, else southbound
-    look_side : on which the aim point lies
+    look_side : side of the aim point
     """
 
     altitude: float
@@ -86,13 +88,13 @@ class OrbitRequest:
 
     @property
     def radius(self) -> float:
-        """Of the orbit, m."""
+        """Orbit radius, m."""
         return EARTH_RADIUS + self.altitude
 
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """The satellite's states wherever it sees the aim point at the wanted incidence.
+    """Satellite states that see the aim point at the wanted incidence.
 
     Parameters
     ----------
@@ -108,11 +110,12 @@ class _Candidates:
     def states(self, azimuth: F64) -> tuple[F64, F64]:
         r"""Position and inertial velocity, ECEF, for directions towards the satellite, (n,) rad clockwise from north.
 
-        It is where the line of sight meets the sphere of the orbit, and flies at the azimuth b of
+        The position is the intersection of the line of sight with the orbit's sphere; the flight azimuth b is
 
         .. math:: \sin b = \cos i / \cos\delta
 
-        with the inclination i and its geocentric latitude delta; the turning latitude's, due east or west, beyond it.
+        with the inclination i and the geocentric latitude delta; due east or west beyond the largest latitude of the
+        orbit.
         """
         sine, cosine = np.sin(self.wanted.incidence_angle), np.cos(self.wanted.incidence_angle)
         local = np.stack([sine * np.sin(azimuth), sine * np.cos(azimuth), np.full(azimuth.shape, cosine)], 1)
@@ -137,7 +140,7 @@ class _Candidates:
         )
 
     def miss(self, azimuth: F64) -> F64:
-        """(n,) float64; sine of the line of sight along the Earth-fixed velocity, less the wanted squint's."""
+        """(n,) float64; sine of the line of sight along the Earth-fixed velocity minus that of the wanted squint."""
         position, velocity = self.states(azimuth)
         fixed = velocity - np.cross(_ROTATION, position)
         line = self.anchor.to_ecef(self.aim) - position
@@ -147,7 +150,7 @@ class _Candidates:
     def orbits(self) -> list[CircularOrbit]:
         """All orbits through the aim point's zero-Doppler (or squinted) plane, on either side."""
         grid = np.linspace(-np.pi, np.pi, _DIRECTIONS + 1)
-        # where the satellite turns, ascending and descending passes end
+        # ascending and descending passes end at the largest latitude
         turning = [_root(self.reach, low, high) for low, high in _brackets(grid, self.reach(grid))]
         inside = np.sort(np.concatenate([grid, turning]))
         brackets = [
@@ -215,7 +218,7 @@ def geometry_of_path(path: FlightPath, aim: F64) -> tuple[AimGeometry, str]:
 def orbit_of(
     given: RadarInput, anchor: Anchor, aim: F64, offset: F64
 ) -> tuple[AimGeometry, FlightPath] | None:
-    """Geometry and path of the orbit or of the state vectors that a description asks for; None where of neither.
+    """Geometry and path of the orbit or the state vectors in a description; None without either.
 
     Parameters
     ----------
@@ -227,7 +230,7 @@ def orbit_of(
     Raises
     ------
     RadarError
-        Parameters contradict each other, or the satellite never sees the aim point so.
+        Parameters contradict each other, or the satellite never sees the aim point at these angles.
     """
     s, where = given.sensor, given.where
     on = "state_vectors_file" if s.state_vectors_file else "orbit_altitude" if s.orbit_altitude > 0.0 else ""
@@ -271,11 +274,11 @@ def _moved_orbit(given: RadarInput, anchor: Anchor, aim: F64, offset: F64, squin
 
 
 def _root(law: Callable[[F64], F64], low: float, high: float) -> float:
-    """Where a law of arrays is zero."""
+    """Root of a vectorised function."""
     return float(brentq(lambda x: float(law(np.array([x]))[0]), low, high, xtol=1e-14))
 
 
 def _brackets(x: F64, y: F64) -> list[tuple[float, float]]:
-    """Neighbours between which y changes its sign."""
+    """Neighbouring nodes between which y changes its sign."""
     pick = np.flatnonzero(np.sign(y[:-1]) * np.sign(y[1:]) <= 0.0)
     return [(float(x[i]), float(x[i + 1])) for i in pick]

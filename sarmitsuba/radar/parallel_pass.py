@@ -1,4 +1,4 @@
-"""The second pass of an interferometric pair: the same track, moved by a constant baseline."""
+"""Second pass of an interferometric pair: the track shifted by a constant baseline."""
 
 from dataclasses import replace
 
@@ -10,10 +10,10 @@ from sarmitsuba.radar.track import Track
 
 
 def parallel_pass(given: RadarInput, track: Track, geometry: AimGeometry) -> tuple[Track, AimGeometry]:
-    """Track and geometry of the parallel pass that ``pass_offset_...`` asks for; both as they are where it asks none.
+    """Track and geometry of the parallel pass of ``pass_offset_...``; unchanged without offsets.
 
-    Pulses, their rate and the image stay those of the track without the offset. The beam meets the aim point from the
-    moved track; an offset along the track moves what a beam fixed to the track lights.
+    Pulses, their rate and the image stay those of the track without the offset. The beam points at the aim point from
+    the shifted track; an offset along the track shifts the footprint of a beam fixed to the track.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the antenna flies along, as a function of time: automatic tracks are samples of it at the pulse times."""
+"""Flight path of the antenna as a function of time; automatic tracks are samples of it at the pulse times."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class FlightPath(ABC):
 
 @dataclass(frozen=True, eq=False)
 class StraightPath(FlightPath):
-    """Straight and uniform.
+    """Straight path at constant speed.
 
     Parameters
     ----------

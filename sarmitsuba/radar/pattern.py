@@ -1,4 +1,4 @@
-"""What an antenna pattern is: relative one-way power gain over direction, from a few numbers or from tables."""
+"""Antenna patterns: relative one-way power gain over direction, from a few numbers or from tables."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ SINC_HALF_POWER = 0.442946470689452
 class Pattern(ABC):
     """Shape of a beam about its boresight.
 
-    A pattern is one module with one registered instance; a module of the user can hold it too. It runs in NumPy and in
+    A pattern is one module with one registered instance; it may be a user's extension module. It runs in NumPy and in
     the kernels, where its numbers are opaque: one kernel serves all beams of a shape.
 
     Attributes
     ----------
-    name : as users write it
+    name : in scene files
     doc : one phrase
     measured : its numbers are those of a :class:`sarmitsuba.radar.pattern_table.PatternTable` read from a file, not
         the half-power widths

@@ -1,4 +1,4 @@
-"""A measured antenna pattern: two cuts, their widths, and the nodes that kernels look them up in."""
+"""Measured antenna pattern: two cuts, their beamwidths, and their interpolation nodes in kernels."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,9 +15,9 @@ CUTS = ("azimuth", "elevation")
 # nodes per half-power half-width: linear steps between them then err by -99 dB of the peak
 _NODES_PER_WIDTH = 128
 _FEWEST_NODES, _MOST_NODES = 1 << 10, 1 << 16
-# a first null is at least so far down, one way; ripple of the main lobe is none
+# least depth of a first null, one way; shallower ripple belongs to the main lobe
 _NULL = 0.1
-_NARROWEST = 1e-9  # half the half-power width of what can be a main lobe, in sines
+_NARROWEST = 1e-9  # smallest half-power half-width of a main lobe, in sines
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class PatternTable:
 
     @cached_property
     def cuts(self) -> "tuple[PatternCut, PatternCut]":
-        """Both cuts, with what is measured of them."""
+        """Both cuts with their derived quantities."""
         return PatternCut(self.azimuth_cut), PatternCut(self.elevation_cut)
 
     @property
@@ -56,7 +56,7 @@ class PatternTable:
         Raises
         ------
         RadarError
-            The file cannot be read, or a cut is missing, out of order, too coarse or does not hold its main lobe.
+            The file cannot be read, or a cut is missing, not sorted, too coarse or lacks its main lobe.
         """
         path = Path(path)
         try:
@@ -112,7 +112,7 @@ class PatternCut:
         return float(self.sine[0]), (n - 1) / float(self.sine[-1] - self.sine[0]), n - 1.0, self.nodes
 
     def _half_power(self) -> F64:
-        """(2,) angles where the main lobe falls to half its peak, rad; NaN where it does not within the cut."""
+        """Half-power angles (2,) of the main lobe, rad; NaN where it does not fall to half power within the cut."""
         roots = np.asarray(self._between.solve(0.5, extrapolate=False))
         peak = float(self.angle[np.argmax(self.gain)])
         below, above = roots[roots < peak], roots[roots > peak]
@@ -125,9 +125,9 @@ class PatternCut:
 
     @property
     def null(self) -> float | None:
-        """Sine to the first null on the farther side; None where the cut has none on one side or the other.
+        """Sine of the first null, the larger of both sides; None where a side has none.
 
-        A null is the first least gain beyond half power that is 10 dB down.
+        A null is the first minimum of the gain beyond half power that is at least 10 dB below the peak.
         """
         found = []
         peak = int(np.argmax(self.gain))
@@ -151,7 +151,7 @@ class PatternCut:
 
 
 def _checked(path: Path, name: str, rows: F64) -> F64:
-    """Angles in rad and gains over their peak of one cut as read; RadarError where it will not do."""
+    """Angles in rad and relative gains of one cut as read; RadarError where it is invalid."""
     where = f"{path}: the cut in {name}"
     angle, gain = rows.T
     if angle.size < 3 or not np.isfinite(rows).all():

@@ -1,4 +1,4 @@
-"""Values that are allowed and yet look like a mistake of units: one clear line each."""
+"""Warnings about valid values that look like an error of units, one line each."""
 
 import numpy as np
 
@@ -8,14 +8,16 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 
-# a track that stays within the numbers of longitude and latitude, this high and this slow, is one: rails on which
-# radars creep stand near the ground
+F64 = NDArray[np.float64]
+
+# a track within the numeric bounds of longitude and latitude, above this height and below this speed, is taken as
+# degrees: slow rail-based radars are near the ground
 _DEGREES = np.array([180.0, 90.0])
 _SLOW, _HIGH = 0.2, 50.0  # m/s, m
 
 
 def doubtful_angles(given: RadarInput) -> list[str]:
-    """A look angle or an incidence angle that may be in radians."""
+    """Warning about a look or incidence angle that may be in radians."""
     s = given.sensor
     angles = (("look_angle_deg", s.look_angle_deg), ("incidence_angle_deg", s.incidence_angle_deg))
     return [
@@ -27,7 +29,7 @@ def doubtful_angles(given: RadarInput) -> list[str]:
 
 
 def doubtful_track(given: RadarInput, track: Track, offset: F64) -> list[str]:
-    """A track whose x and y may be longitude and latitude in degrees."""
+    """Warning about a track whose x and y may be longitude and latitude in degrees."""
     position = track.position + offset
     if track.n_pulses < 2 or (np.abs(position[:, :2]) > _DEGREES).any():
         return []
@@ -42,7 +44,7 @@ def doubtful_track(given: RadarInput, track: Track, offset: F64) -> list[str]:
 
 
 def doubtful_pixels(image: ImageRequest, radar: Radar, where: str) -> list[str]:
-    """Pixels wider than a resolution cell, which miss what lies between them.
+    """Warning about pixels wider than a resolution cell.
 
     Parameters
     ----------
@@ -54,8 +56,8 @@ def doubtful_pixels(image: ImageRequest, radar: Radar, where: str) -> list[str]:
     sine = float(np.linalg.norm(look[:2]) / np.linalg.norm(look))
     range_cell = radar.waveform.range_cell / (max(sine, 1e-9) if image.grid == "ground" else 1.0)
     return [
-        f"{where}: {name} = {spacing:g} m is wider than the resolution cell of {cell:.4g} m, so that what lies between "
-        f"pixels is missing; give at most {cell:.4g} m, or 0 for half of it"
+        f"{where}: {name} = {spacing:g} m is wider than the resolution cell of {cell:.4g} m, so that targets between "
+        f"pixels are missing; give at most {cell:.4g} m, or 0 for half of it"
         for name, spacing, cell in (
             ("pixel_spacing_azimuth", image.spacing_azimuth, _azimuth_cell(radar)),
             ("pixel_spacing_range", image.spacing_range, range_cell),

@@ -55,10 +55,10 @@ def linear_parts(channel: str) -> tuple[tuple[complex, str], ...]:
 
 
 def isotropic_response(channel: str) -> complex:
-    """What a scatterer of unit RCS that does not depolarise (HH = VV = 1) has in a channel."""
+    """Response in a channel of a scatterer of unit RCS that does not depolarise (HH = VV = 1)."""
     return sum((factor for factor, part in linear_parts(channel) if part[0] == part[1]), 0.0j)
 
 
 def linear_letters(channels: Sequence[str]) -> set[str]:
-    """Of H and V, those that channels send or receive."""
+    """Linear polarisations, H and V, that channels send or receive."""
     return {letter for channel in channels for _, part in linear_parts(channel) for letter in part}

@@ -1,4 +1,4 @@
-"""When pulses are sent: evenly, with random intervals, or with intervals that take turns (staggered)."""
+"""Pulse intervals: uniform, random, or staggered (a repeated sequence)."""
 
 from dataclasses import dataclass
 
@@ -22,8 +22,8 @@ class PulseIntervals:
 
     Parameters
     ----------
-    sequence : c, intervals that repeat, of mean 1; empty for even ones
-    jitter : sigma, rms of the Gaussian e scaled so
+    sequence : c, repeated intervals of mean 1; empty for uniform ones
+    jitter : sigma, rms of the Gaussian interval errors
     seed : of e
 
     Notes

@@ -45,30 +45,30 @@ class ReceiveWindow:
 
 @dataclass(frozen=True, eq=False)
 class Radar:
-    """Everything about the sensor that simulation and focusing need.
+    """The sensor with all parameters for simulation and focusing.
 
     Parameters
     ----------
-    mode : name of the law that steers the beam, one of `sarmitsuba.radar.mode.MODES`
+    mode : name of the beam steering, one of `sarmitsuba.radar.mode.MODES`
     track, waveform, antenna, pointing, window : see their classes
     channels : polarisation channels, transmit letter first, such as ``HV``, see :mod:`sarmitsuba.radar.polarisation`
     look_side : ``left`` or ``right`` of the flight direction
-    aim_point : (3,) float64, m, scene frame; the point the geometry is referred to
+    aim_point : (3,) float64, m, scene frame; reference point of the geometry
     transmit_power : W
     noise_temperature : K; 0 adds no receiver noise
     losses : two-way system losses, linear power >= 1
     half_aperture : half the synthetic aperture of every pixel, in sines: pulses serve a pixel while the sine of its
         direction along the flight is within this of the boresight's; infinite: all pulses serve every pixel
     offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
-    recorded : where it is not ``track``, the track that the focuser is told; ``track`` is flown
-    recorded_pointing : where it is not ``pointing``, what the focuser is told of the beam; ``pointing`` is true
+    recorded : track that the focuser uses, where it differs from ``track``, which is flown
+    recorded_pointing : pointing that the focuser uses, where it differs from ``pointing``, the true one
     receiver : where the echoes are received elsewhere (bistatic data), where the receiver is when the echo of each
         pulse arrives, with the pulse times of ``track``, the transmitter's; slant range is half the path from there
         over the point to the receiver (so that both may change places)
     receiver_pointing : of the receiver's antenna, which has the transmitter's pattern; None: as ``pointing``
-    delay : (n_pulses,) float64, s, from transmission to reception, where antennas move on meanwhile: ``receiver`` is
-        then where that of the pulse is so much later; None: all stand still during a pulse
-    anchor : where on the Earth the origin of the frame of the user's file lies
+    delay : (n_pulses,) float64, s, from transmission to reception, where antennas move on meanwhile: ``receiver`` then
+        has the positions after that delay; None: start-stop, antennas at rest during a pulse
+    anchor : place on the Earth of the origin of the frame of the user's file
     """
 
     mode: str
@@ -113,7 +113,7 @@ class Radar:
 
     @property
     def mode_law(self) -> RadarMode:
-        """The mode itself.
+        """The registered mode.
 
         Raises
         ------
@@ -124,12 +124,12 @@ class Radar:
 
     @property
     def tracks(self) -> tuple[Track, ...]:
-        """Of every antenna: the transmitter's, and the receiver's where that is another."""
+        """Tracks of all antennas: the transmitter's, and that of a separate receiver."""
         return (self.track,) if self.receiver is None else (self.track, self.receiver)
 
     @property
     def pointings(self) -> tuple[Pointing, ...]:
-        """Of every antenna, as ``tracks``."""
+        """Pointings of all antennas, as ``tracks``."""
         return (
             (self.pointing,)
             if self.receiver is None
@@ -166,21 +166,21 @@ class Radar:
 
     @property
     def all_round(self) -> bool:
-        """Whether the aim point is seen from opposite sides: no image has one range axis then, nor one look."""
+        """Whether the aim point is seen from opposite sides, so that an image has no single range axis or look."""
         line = (self.aim_point - self.track.position)[:, :2]
         return bool((line @ line[self.track.center_index] < 0.0).any())
 
     @property
     def half_turn(self) -> float:
-        r"""Half of what the line of sight turns by over the aperture of a pixel at the aim point, in sines.
+        r"""Half the rotation of the line of sight over the aperture of a pixel at the aim point, in sines.
 
         :math:`s_t = s_a / A` with ``half_aperture`` and ``footprint_speed``: the azimuth resolution is
         :math:`\lambda / 4 s_t`. Infinite where all pulses serve every pixel.
         """
         return self.half_aperture / self.footprint_speed if np.isfinite(self.half_aperture) else np.inf
 
-    def range_rate(self, point: F64, pulses: slice = slice(None)) -> F64:
-        """Change of the slant range of a point (3,), m, scene frame, that stands still: (n_pulses,) m/s."""
+    def range_rate(self, point: NDArray[np.float64], pulses: slice = slice(None)) -> NDArray[np.float64]:
+        """Range rate of a point (3,), m, scene frame, at rest: (n_pulses,) m/s."""
         rates = []
         for track in self.tracks:
             leg = track.position[pulses] - point
@@ -189,30 +189,30 @@ class Radar:
 
     @property
     def range_per_rate(self) -> float:
-        r"""How far echoes appear shifted in range, over their range rate: :math:`f_c T_p / B`, s.
+        r"""Range-Doppler coupling: range shift of echoes over their range rate, :math:`f_c T_p / B`, s.
 
-        0 where antennas stand still during a pulse.
+        0 for the start-stop approximation.
         """
         wave = self.waveform
         return 0.0 if self.delay is None else wave.center_frequency * wave.pulse_width / wave.bandwidth
 
     @property
     def receives_itself(self) -> bool:
-        """Whether the receiver is the transmitting antenna, later."""
+        """Whether the receiver is the transmitting antenna at the later time of reception."""
         return self.delay is not None and self.receiver_pointing is None
 
     def start_stop(self) -> "Radar":
-        r"""The radar that stands still during a pulse and has recorded the same echoes, as nearly as there is one.
+        r"""Equivalent start-stop radar: at rest during a pulse, with nearly the same echoes.
 
         Its antenna is halfway between transmission and reception: slant ranges are those of both places to
         :math:`b^2 \cos^2\psi / 8 R`, for a path b meanwhile and a squint psi, the same for all that is seen. Its
-        receive window begins by so much nearer as an echo from the boresight appears farther than it is. A radar that
-        stands still already stays as it is; two antennas stay two.
+        receive window begins nearer by the range-Doppler shift of an echo from the boresight. A start-stop radar is
+        returned unchanged; separate antennas stay separate.
 
         Notes
         -----
         Ignores that echoes from elsewhere in the beam appear shifted by up to :math:`\kappa v s`, for the sine s of
-        their angle off the boresight along the flight; over an aperture this blurs them in range, and moves none.
+        their angle off the boresight along the flight; over an aperture this blurs echoes in range without a shift.
         """
         if self.delay is None or self.receiver is None:
             return self
@@ -245,7 +245,7 @@ class Radar:
         return right if self.look_side == "right" else -right
 
     def of_pulses(self, pulses: slice | ArrayLike) -> "Radar":
-        """The radar that sent only these pulses: a slice, pulse numbers or a mask.
+        """Radar of selected pulses: a slice, pulse numbers or a mask.
 
         Raises
         ------
@@ -265,11 +265,11 @@ class Radar:
         )
 
     def as_recorded(self) -> "Radar":
-        """The radar that the focuser is told; the receive window stays as it was.
+        """Radar with the recorded track and pointing, which the focuser uses; the receive window is unchanged.
 
         Notes
         -----
-        A receiver apart has the transmitter's errors of place: the baseline between the two is known.
+        A separate receiver has the transmitter's position errors: the baseline between the two is known.
         """
         if self.recorded is None and self.recorded_pointing is None:
             return self
@@ -288,7 +288,7 @@ class Radar:
         )
 
     def in_file_frame(self) -> "Radar":
-        """The same radar with positions in the frame of the user's file."""
+        """Radar with positions in the frame of the user's file."""
         if not self.offset.any():
             return self
         track, recorded, receiver = (

@@ -1,4 +1,4 @@
-"""A receiver apart from the transmitter: on the same aircraft, or following on one of its own."""
+"""Separate receiver of bistatic data: on the same platform or on another."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +13,12 @@ from sarmitsuba.radar.recorded import of_same_pulses
 from sarmitsuba.radar.track import Track
 
 _OFFSETS = ("receiver_offset_along", "receiver_offset_across", "receiver_offset_up")
-# rad, between the lines of sight to the aim point: what is tested
+# rad, largest tested bistatic angle at the aim point
 LARGEST_ANGLE = float(np.radians(30.0))
 
 
 def receiver_track(given: RadarInput, track: Track, aim: F64, offset: F64) -> Track | None:
-    r"""Track of the receiver in the scene frame; None where the transmitter's antenna receives.
+    r"""Track of a separate receiver in the scene frame; None for monostatic data.
 
     .. math:: \mathbf r(t) = \mathbf x(t) + b_a \hat a + b_r \hat r + b_u \hat z
 
@@ -34,8 +34,8 @@ def receiver_track(given: RadarInput, track: Track, aim: F64, offset: F64) -> Tr
     Raises
     ------
     RadarError
-        The file cannot be read or does not fit the transmitter's pulses, parameters contradict each other, or the
-        receiver looks from too far aside.
+        The file cannot be read or does not match the transmitter's pulses, parameters contradict each other, or the
+        bistatic angle is too large.
     """
     s = given.sensor
     if s.receiver_track_file:
@@ -57,14 +57,14 @@ def receiver_track(given: RadarInput, track: Track, aim: F64, offset: F64) -> Tr
     angle = float(bistatic_angle(track, receiver, aim).max())
     if angle > LARGEST_ANGLE:
         raise RadarError(
-            f"{given.where}: the receiver looks at the aim point from {np.degrees(angle):.3g} deg beside the "
-            f"transmitter, more than {np.degrees(LARGEST_ANGLE):.0f} deg; bring it nearer"
+            f"{given.where}: the bistatic angle at the aim point is {np.degrees(angle):.3g} deg, more than "
+            f"{np.degrees(LARGEST_ANGLE):.0f} deg; bring it nearer"
         )
     return receiver
 
 
 def bistatic_angle(track: Track, receiver: Track, point: F64) -> F64:
-    """Angle (n_pulses,), rad, between the lines of sight of two tracks to a point (3,), m."""
+    """Bistatic angle (n_pulses,), rad, between the lines of sight of two tracks to a point (3,), m."""
     a, b = (one.position - point for one in (track, receiver))
     sine = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.arctan2(sine, np.einsum("ni,ni->n", a, b)))

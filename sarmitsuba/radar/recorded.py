@@ -1,4 +1,4 @@
-"""The track that the focuser is told, where it is not the one flown: read from a file, or made by an error model."""
+"""Recorded track, which the focuser uses: read from a file, or the flown track with an error model."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +18,7 @@ _JITTER_PARTS = ("track_jitter_corner", "track_jitter_slope", "track_jitter_seed
 
 @dataclass(frozen=True)
 class TrackError:
-    r"""Recorded less flown position, along the track, across it to the right, and up.
+    r"""Navigation error: recorded minus flown position, along the track, across it to the right, and up.
 
     .. math:: d(t) = o + v (t - t_0) + j(t), \quad S_j(f) \propto \frac{1}{1 + (f / f_c)^q}
 
@@ -44,7 +44,7 @@ class TrackError:
     seed: int = 0
 
     def recorded(self, track: Track) -> Track:
-        """The track as it is recorded."""
+        """Recorded track."""
         time = track.time - 0.5 * (track.time[0] + track.time[-1])
         error = np.asarray(self.offset) + time[:, None] * np.asarray(self.drift)
         if self.jitter > 0.0:
@@ -54,7 +54,7 @@ class TrackError:
 
 
 def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None:
-    """Recorded track of a description in the scene frame; None where it is the one flown.
+    """Recorded track of a description in the scene frame; None where it equals the one flown.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None
     Raises
     ------
     RadarError
-        The file cannot be read or does not fit the flown track's pulses, or parameters contradict each other.
+        The file cannot be read or does not match the flown track's pulses, or parameters contradict each other.
     """
     s = given.sensor
     errors = {name for name in given.sensor_given if name.startswith(_ERRORS)}
@@ -101,7 +101,7 @@ def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None
 
 
 def of_same_pulses(name: str, track: Track, flown: Track, what: str) -> Track:
-    """The track, if it has the pulse times of the one flown; else a RadarError that begins with ``name``."""
+    """The track, checked for the pulse times of the one flown; else a RadarError that begins with ``name``."""
     if track.n_pulses != flown.n_pulses:
         raise RadarError(
             f"{name}: {track.n_pulses} pulses are {what} and {flown.n_pulses} flown; give one line per pulse"

@@ -1,4 +1,4 @@
-"""How a beam moves over the scene along a path: the speed of its footprint, and the track that lights an image."""
+"""Motion of a steered beam over the scene: footprint speed, and the track that illuminates an image."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,20 +14,22 @@ from sarmitsuba.radar.mode import AimGeometry, RadarMode
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.track import Track
 
-# slant ranges up to which a track is looked for on either side of mid-aperture
+F64 = NDArray[np.float64]
+
+# slant ranges on either side of mid-aperture within which the track is searched
 _LONGEST = 50.0
-# rounds of halving, after which an interval is known to float64
+# bisection steps, after which an interval is known to float64
 _HALVINGS = 60
 
 
 @dataclass(frozen=True, eq=False)
 class BeamOverPath:
-    """A beam that a mode steers along a path.
+    """Beam steered by a mode along a path.
 
     Parameters
     ----------
     law : the mode
-    path : what the antenna flies along
+    path : flight path of the antenna
     geometry : about the aim point
     values : of the mode's parameters
     """
@@ -67,13 +69,13 @@ class BeamOverPath:
         Parameters
         ----------
         points : (n, 3) float64, m, scene frame
-        half_aperture : sine off the boresight up to which a pulse serves a point
+        half_aperture : largest sine off the boresight of pulses that are processed for a point
         where : start of an error
 
         Raises
         ------
         RadarError
-            The beam never leaves some point on the side on which it should.
+            The beam never leaves a point on the expected side.
         """
 
         def passes(half: float) -> bool:

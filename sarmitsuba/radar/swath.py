@@ -1,4 +1,4 @@
-"""What the radar has to hold: the image's box, its slant ranges and Doppler bandwidth, the receive window."""
+"""Swath of the radar: the image's box, its slant ranges and Doppler bandwidth, the receive window."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,13 +10,15 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import ReceiveWindow
 
-# Free range cells on both sides of the window, for side lobes and interpolation
+F64 = NDArray[np.float64]
+
+# range cells of margin on both sides of the window, for side lobes and interpolation
 _MARGIN_CELLS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Upright box aligned with the flight direction.
+    """Box with vertical sides aligned with the flight direction.
 
     Parameters
     ----------
@@ -31,11 +33,11 @@ class Box:
     high: F64
 
     def local(self, points: F64) -> F64:
-        """(n, 3) scene-frame points in the box's axes."""
+        """Scene-frame points (n, 3) in the box's axes."""
         return np.asarray((points - self.origin) @ self.axes.T)
 
     def samples(self) -> F64:
-        """(18, 3) corners and midpoints of the edges, in the box's axes, m."""
+        """Corners and midpoints of the edges, (18, 3), in the box's axes, m."""
         mid = 0.5 * (self.low + self.high)
         grid = np.meshgrid(
             *(np.array([self.low[i], mid[i], self.high[i]]) for i in range(2)),
@@ -52,7 +54,7 @@ class Box:
         return np.linalg.norm(q - nearest, axis=1), np.linalg.norm(q - farthest, axis=1)
 
     def overlap(self, other_low: F64, other_high: F64) -> tuple[F64, F64] | None:
-        """Corners of the part shared with another box in the same axes, None when there is none."""
+        """Corners of the intersection with another box in the same axes; None when they do not overlap."""
         low, high = np.maximum(self.low, other_low), np.minimum(self.high, other_high)
         return None if (low > high).any() else (low, high)
 
@@ -60,14 +62,14 @@ class Box:
 def doppler_bandwidth(
     position: F64, velocity: F64, box: Box, wavelength: float, *, instantaneous: bool = False
 ) -> float:
-    r"""Spread of the Doppler frequencies of a box seen from several positions, Hz.
+    r"""Doppler bandwidth of a box seen from several positions, Hz.
 
     .. math:: f_D = 2 v \cdot u / \lambda
 
     Parameters
     ----------
     position, velocity : (n, 3) float64, m and m/s, scene frame
-    box : what is seen
+    box : of the scene
     wavelength : m
     instantaneous : largest spread at one position in place of the spread over all positions
     """
@@ -81,7 +83,7 @@ def doppler_bandwidth(
 
 
 def beam_bandwidth(antenna: Antenna, speed: float, wavelength: float, half_aperture: float = np.inf) -> float:
-    r"""Pulse rate (Hz) above which the beam, out to its first nulls, folds nothing into the processed band.
+    r"""Pulse rate (Hz) above which the beam, to its first nulls, is not aliased into the processed band.
 
     .. math:: f = \frac{2 v}{\lambda} (s_0 + \min(s_0, s_a))
 
@@ -103,7 +105,7 @@ def receive_window(
     near_range: float = 0.0,
     far_range: float = 0.0,
 ) -> ReceiveWindow:
-    """Window that holds the echoes of a box from every pulse.
+    """Receive window that contains the echoes of a box from every pulse.
 
     The start is the same for all pulses unless the range of the aim point migrates by more than a quarter of
     the swath; then it follows that range in whole samples.
@@ -112,7 +114,7 @@ def receive_window(
     ----------
     positions : (n_pulses, 3) float64, m, scene frame, of every antenna: of one, or of transmitter and receiver
     center : (3,) mid-aperture position
-    box : what has to be held; its height is added at both ends for multiple bounces
+    box : to be covered; its height is added at both ends for multiple bounces
     range_cell, sample_spacing : m
     near_range, far_range : given limits at mid-aperture, m; 0 = automatic
     """

@@ -12,11 +12,13 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import one_line
 from sarmitsuba.regular_files import read_text
 
-_FARTHEST = 1e12  # m, of positions in a file
+F64 = NDArray[np.float64]
+
+_FARTHEST = 1e12  # m, bound of positions in a file
 
 
 def numbers_of(pulses: slice | ArrayLike, n: int) -> NDArray[np.intp]:
-    """Numbers of the pulses that a slice, numbers or a mask pick out of ``n``; RadarError where there are none such."""
+    """Pulse numbers that a slice, numbers or a mask select from ``n``; RadarError where the selection is invalid."""
     try:
         return np.arange(n)[pulses if isinstance(pulses, slice) else np.asarray(pulses)]
     except IndexError as error:
@@ -27,7 +29,7 @@ def numbers_of(pulses: slice | ArrayLike, n: int) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Antenna phase-centre positions at the pulse times (stop-and-go: still during one pulse).
+    """Antenna phase-centre positions at the pulse times (stop-and-go: at rest during one pulse).
 
     Parameters
     ----------
@@ -74,7 +76,7 @@ class Track:
 
     @property
     def prf(self) -> float:
-        """Pulse repetition frequency of two pulses or more, Hz: that of the median interval."""
+        """Pulse repetition frequency, Hz, from the median interval of two or more pulses."""
         return 1.0 / float(np.median(np.diff(self.time)))
 
     @property
@@ -101,11 +103,11 @@ class Track:
         return bool(np.abs(fit - self.position).max() < 1e-6)
 
     def moved(self, shift: ArrayLike) -> "Track":
-        """The parallel track, every position moved by ``shift`` (3,), m."""
+        """Parallel track, every position shifted by ``shift`` (3,), m."""
         return Track(self.time, self.position + np.asarray(shift, dtype=np.float64), self.velocity)
 
     def of_pulses(self, pulses: slice | ArrayLike) -> "Track":
-        """Return these pulses (a slice, pulse numbers or a mask) as a track of their own.
+        """Track of selected pulses: a slice, pulse numbers or a mask.
 
         Raises
         ------
@@ -155,7 +157,7 @@ class Track:
         try:
             with np.errstate(over="ignore"):
                 return Track.from_samples(rows[:, 0], rows[:, 1:])
-        except ValueError as error:  # times so near to each other that velocities overflow
+        except ValueError as error:  # times so close to each other that velocities overflow
             raise RadarError(f"{path}: {one_line(error)}; give times in s") from error
 
     @staticmethod

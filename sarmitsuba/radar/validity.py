@@ -1,4 +1,4 @@
-"""Bounds of a radar's numbers on every way in that is no scene file: recordings, results, and what Python code makes.
+"""Bounds of a radar's numbers from sources other than scene files: recordings, results and Python code.
 
 Scene files have the same bounds, in degrees and decibels, beside each parameter of
 :class:`sarmitsuba.radar.description.RadarDescription`.
@@ -20,18 +20,19 @@ from sarmitsuba.radar.track import Track
 # name, value, lowest, highest, unit
 Bound = tuple[str, float, float, float, str]
 
-# m: a position in a frame that lies on the Earth, at a geostationary orbit or at the Moon
+# m: a position in a frame on the Earth, at a geostationary orbit or at the Moon
 FARTHEST = 1e10
 _FASTEST = 1e6  # m/s
 _ROUNDING = 1e-9  # of 0 dB
-# rad, turn from pulse to pulse up to which positions tell velocities, and share by which these may differ
+# rad, rotation from pulse to pulse up to which velocities are checked against positions, and allowed relative
+# difference
 _TURN, _OFF = 0.5, 0.5
-# lengths of unit vectors, over 1: those of files in float32
+# allowed deviation of unit vectors' lengths: files may be in float32
 _UNIT = 1e-3
 
 
 def check_radar(radar: Radar) -> None:
-    """Raise a RadarError where a number of a radar is out of the bounds that scene files have.
+    """Raise a RadarError where a number of a radar is out of the bounds of scene files.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def check_radar(radar: Radar) -> None:
     Raises
     ------
     RadarError
-        What is wrong, its value and its bounds, in one line.
+        One line: name, value and bounds.
     """
     wave, antenna, window = radar.waveform, radar.antenna, radar.window
     check_bounds(
@@ -79,7 +80,7 @@ def check_radar(radar: Radar) -> None:
 
 
 def check_request(request: ImageRequest) -> None:
-    """Raise a RadarError where an image is asked for that cannot be."""
+    """Raise a RadarError where an image request is invalid."""
     if request.grid not in ("slant", "ground"):
         raise RadarError(f'image: grid = "{one_line(request.grid)}" is neither slant nor ground')
     check_bounds(
@@ -97,7 +98,7 @@ def check_request(request: ImageRequest) -> None:
 
 
 def check_anchor(anchor: Anchor) -> None:
-    """Raise a RadarError where the place on the Earth is none."""
+    """Raise a RadarError where the place on the Earth is invalid."""
     check_bounds(
         "anchor",
         (
@@ -109,7 +110,7 @@ def check_anchor(anchor: Anchor) -> None:
 
 
 def check_bounds(where: str, bounds: Iterable[Bound]) -> None:
-    """Raise a RadarError at the first number that lies out of its bounds; NaN lies out of all."""
+    """Raise a RadarError at the first number out of its bounds; NaN is always out of bounds."""
     for name, value, low, high, unit in bounds:
         if not low <= value <= high:
             given, bounds_text = f"{value:g} {unit}".rstrip(), f"{low:g} to {high:g} {unit}".rstrip()
@@ -123,7 +124,7 @@ def _check_track(name: str, track: Track) -> None:
             f"radar: {name} times span {np.ptp(track.time):g} s, or are none; give seconds, at most 1e7"
         )
     speed = np.linalg.norm(track.velocity, axis=1)
-    # a single pulse needs none, and a receiver apart may stand still
+    # a single pulse needs no velocity, and a separate receiver may be at rest
     rests = track.n_pulses == 1 or name == "receiver"
     if not (((speed > 0.0) | rests) & (speed <= _FASTEST)).all():
         raise RadarError(
@@ -135,7 +136,7 @@ def _check_track(name: str, track: Track) -> None:
 
 
 def _check_flight(name: str, track: Track) -> None:
-    """Raise a RadarError where velocities are not those at which the positions change, as far as pulses can tell."""
+    """Raise a RadarError where velocities contradict the change of the positions."""
     steps = np.diff(track.time)
     forward = track.velocity / np.linalg.norm(track.velocity, axis=1)[:, None]
     turns = np.einsum("ni,ni->n", forward[1:], forward[:-1]) < np.cos(_TURN)

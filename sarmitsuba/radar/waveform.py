@@ -1,4 +1,4 @@
-"""The transmitted waveform: a linear frequency-modulated pulse."""
+"""Transmitted waveform: a linear frequency-modulated pulse."""
 
 from dataclasses import dataclass
 

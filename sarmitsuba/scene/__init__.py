@@ -1,1 +1,1 @@
-"""The frozen data model of a scene: geometry, settings, scene."""
+"""Frozen data model of a scene: geometry, settings, scene."""

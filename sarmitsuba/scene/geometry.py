@@ -1,4 +1,4 @@
-"""What there is to see: triangles and ideal points."""
+"""Geometry of a scene: triangles and ideal points."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -22,8 +22,8 @@ class Geometry:
     mesh_names : n_meshes names
     mesh_face_offset : (n_meshes + 1,) int64; mesh i has the faces ``offset[i]:offset[i + 1]``
     mesh_convex : n_meshes, True where the mesh is known to be one closed convex body; empty: none is
-    mesh_motion : n_meshes, how each moves from where ``vertices`` have it at time zero; empty: none does
-    corner_values : attributes of the mesh that maps of its materials lie on, at the corners of every face:
+    mesh_motion : n_meshes, translation of each from ``vertices``, its place at time zero; empty: none moves
+    corner_values : mesh attributes used by maps of its materials, at the corners of every face:
         (n_faces, 3, 2) float64 texture coordinates ``uv``, (n_faces, 3, 1) others; NaN where a mesh has none
     """
 
@@ -60,7 +60,7 @@ class Geometry:
         )
 
     def frozen(self) -> "Geometry":
-        """The same at rest, as it stands at time zero."""
+        """The geometry at rest in its position at time zero."""
         return replace(self, mesh_motion=()) if self.moves else self
 
     @property
@@ -78,9 +78,9 @@ class Geometry:
 
     @property
     def ground_height(self) -> float:
-        """Height of the ground, m: the lower quartile, by area, of all faces that are nearer level than upright.
+        """Height of the ground, m: lower quartile, by area, of the heights of faces inclined by less than 45 degrees.
 
-        It is that of streets where there is any ground, and of the floors of buildings that stand on none.
+        This is the street level where there is ground, else the floors of the buildings.
         """
         corner = self.vertices[self.faces]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -107,7 +107,7 @@ class Geometry:
 
 @dataclass(frozen=True, eq=False)
 class PointTarget:
-    """Ideal isotropic scatterer, the same in every polarisation; hidden when a mesh stands before it.
+    """Ideal isotropic scatterer, equal in every polarisation; hidden behind meshes.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class PointTarget:
     position : (3,) float64, m, scene frame
     rcs : m^2
     phase : rad, of its reflectivity
-    motion : how it moves from ``position``, where it is at time zero
+    motion : translation from ``position``, its place at time zero
     """
 
     name: str
@@ -125,5 +125,5 @@ class PointTarget:
     motion: Motion = STILL
 
     def position_at(self, time: F64) -> F64:
-        """(..., 3) float64, m, scene frame, at times (...,) in s."""
+        """Position (..., 3) float64, m, scene frame, at times (...,) in s."""
         return np.asarray(self.position + self.motion.displacement(time))

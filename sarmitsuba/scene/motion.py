@@ -1,4 +1,4 @@
-"""How a shape moves: uniformly or with a constant acceleration, without turning."""
+"""Motion of a shape: translation with constant velocity or acceleration, without rotation."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,13 @@ from sarmitsuba.parameters import one_line
 
 Triple = tuple[float, float, float]
 
-# m/s and m/s^2; beyond the first a target crosses a range cell within one pulse, beyond the second it is no vehicle
+# m/s and m/s^2; above the first a target crosses a range cell within one pulse, above the second no vehicle accelerates
 MAX_SPEED, MAX_ACCELERATION = 1e4, 1e4
 
 
 @dataclass(frozen=True)
 class Motion:
-    r"""Translation of a shape, which stands where its file puts it at time zero.
+    r"""Translation of a shape from its position at time zero, that of its file.
 
     .. math:: \mathbf{x}(t) = \mathbf{x}_0 + \mathbf{v} t + \tfrac12 \mathbf{a} t^2
 
@@ -33,8 +33,8 @@ class Motion:
 
     Notes
     -----
-    Time is that of the radar's track, zero at mid-aperture (of a track from a file: its own). Ignores turning,
-    deformation, wheels, and what the shape moves by during one pulse (stop-and-go, as the antenna).
+    Time is that of the radar's track, zero at mid-aperture (of a track from a file: its own). Ignores rotation,
+    deformation, wheels, and the motion during one pulse (stop-and-go, as the antenna).
     """
 
     velocity: Triple = (0.0, 0.0, 0.0)
@@ -49,16 +49,16 @@ class Motion:
 
     @staticmethod
     def of(velocity: ArrayLike = (0.0, 0.0, 0.0), acceleration: ArrayLike = (0.0, 0.0, 0.0)) -> "Motion":
-        """The same from any three numbers each."""
+        """Motion from any three numbers each."""
         return Motion(velocity, acceleration)  # type: ignore[arg-type]  # made triples there
 
     @property
     def still(self) -> bool:
-        """True where it stays where it is."""
+        """True without velocity and acceleration."""
         return not (np.any(self.velocity) or np.any(self.acceleration))
 
     def displacement(self, time: ArrayLike) -> F64:
-        """(..., 3) float64, m, off the place at time zero, for times (...,) in s."""
+        """Displacement (..., 3) float64, m, from the place at time zero, for times (...,) in s."""
         t = np.asarray(time, dtype=np.float64)[..., None]
         return np.asarray(t * np.asarray(self.velocity) + 0.5 * t * t * np.asarray(self.acceleration))
 

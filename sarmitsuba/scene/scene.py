@@ -1,4 +1,4 @@
-"""What a scene is after loading: frozen, validated data without any Mitsuba object in it."""
+"""The scene after loading: frozen, validated data without Mitsuba objects."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,19 +22,19 @@ from sarmitsuba.scene.wires import WireTarget, wire_ends
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything that a simulation needs to know.
+    """All inputs of a simulation: geometry, materials, radar, settings and image request.
 
     Parameters
     ----------
     name : of the file, without suffix
     path : scene file, or None when it was built in memory
-    geometry, materials, points : what there is to see
-    radar : what sees it
-    settings, image : how to trace and what to focus
+    geometry, materials, points : scatterers of the scene
+    radar : sensor, with track and receive window
+    settings, image : of the tracing; the image to focus
     offset : (3,) float64, m; scene frame = file frame - offset. Zero unless the geometry lies more than
         5 km from the file's origin, whole metres then
-    notes : one line each; what was assumed or repaired while loading
-    description : of radar and film, that they were made from; None where they were put together by hand
+    notes : one line each: assumptions and repairs made while loading
+    description : parameters that radar and film were made from; None where they were not made from any
     wires : straight round ones that scatter by a closed form
     volumes : closed volumes that waves go through
     scatterers : at known positions, of kinds of a user's own
@@ -57,12 +57,12 @@ class Scene:
 
     @property
     def anchor(self) -> Anchor:
-        """Where on the Earth the origin of the file's frame lies."""
+        """Place on the Earth of the origin of the file's frame."""
         return self.radar.anchor
 
     @property
     def places(self) -> F64:
-        """(n, 3) float64, m, scene frame: bounds of what there is to see beside the mesh."""
+        """Positions of points and bounds of wires and volumes, (n, 3) float64, m, scene frame."""
         positions = np.array([p.position for p in self.points]).reshape(-1, 3)
         return np.concatenate([positions, self.source_places])
 
@@ -80,22 +80,22 @@ class Scene:
 
     @property
     def has_sources(self) -> bool:
-        """True where something beside the mesh returns echoes that no ray finds, ideal points aside."""
+        """True with scatterers that are not in the mesh and not ideal points (wires, volumes)."""
         return bool(self.wires or self.volumes or self.scatterers)
 
     @property
     def traced(self) -> bool:
-        """True where there is anything but ideal points."""
+        """True with scatterers other than ideal points."""
         return self.geometry.n_faces > 0 or self.has_sources
 
     def same_shapes(self, other: "Scene") -> bool:
-        """Whether another scene holds the very same mesh and scatterers beside it, ideal points aside."""
+        """Whether another scene shares the same mesh, wires and volumes; ideal points are not compared."""
         beside = self.wires == other.wires and self.volumes == other.volumes
         beside &= self.scatterers == other.scatterers
         return beside and self.geometry is other.geometry
 
     def replace(self, **changes: object) -> "Scene":
-        """The same geometry and materials under other parameters: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.
+        """Scene with other parameters and the same geometry: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.
 
         Parameters
         ----------
@@ -104,8 +104,8 @@ class Scene:
 
         Raises
         ------
-        SceneError, RadarError : one line: an unknown name, a value out of bounds, or one that materials and shapes were
-            loaded for
+        SceneError, RadarError : one line: an unknown name, a value out of bounds, or a parameter that materials and
+            shapes depend on while loading
         """
         scene = late("sarmitsuba.loader.changes", "changed")(self, changes)
         assert isinstance(scene, Scene)
@@ -117,7 +117,7 @@ class Scene:
         return self.geometry.moves or any(not point.motion.still for point in self.points)
 
     def frozen(self) -> "Scene":
-        """The same at rest, as it stands at time zero."""
+        """The scene at rest in its position at time zero."""
         if not self.moves:
             return self
         points = tuple(replace(point, motion=STILL) for point in self.points)
@@ -140,7 +140,7 @@ class Scene:
         return f"Scene({self.name!r}: {', '.join(part for part in parts if part)})"
 
     def _repr_png_(self) -> bytes:
-        """Plan of the scene, for notebooks."""
+        """Plan view of the scene, for notebooks."""
         png = late("sarmitsuba.view.notebook", "scene_png")(self)
         assert isinstance(png, bytes)
         return png

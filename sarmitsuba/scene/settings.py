@@ -1,4 +1,4 @@
-"""How to trace."""
+"""Settings of the tracing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,34 +7,34 @@ from typing import Literal
 Method = Literal["raw", "hybrid", "image", "raster"]
 Switch = Literal["auto", "on", "off"]
 METHODS: tuple[Method, ...] = ("raw", "hybrid", "image", "raster")
-# an effect whose absence changes the image by less than this is left out, dB of the image's clutter or peak
+# an effect that changes the image by less than this is left out, dB relative to the image's clutter or peak
 TOLERANCE_DB = -40.0
 
 
 @dataclass(frozen=True)
 class TraceSettings:
-    """How to trace; zero means automatic where the parameter says so.
+    """Settings of the tracing; zero means automatic where the parameter says so.
 
     Parameters
     ----------
     method : ``raw`` (every pulse traced), ``hybrid`` (key pulses), ``image`` (one look),
         ``raster`` (one bounce)
-    max_depth : most bounces; 0 = automatic
+    max_depth : largest number of bounces; 0 = automatic
     ray_spacing : m, distance between rays in the launch plane; 0 = automatic
-    diffuse_ray_spacing : m, of the rays that find diffuse scatterers; 0 = automatic, at least ``ray_spacing``
+    diffuse_ray_spacing : m, of the rays for diffuse scattering; 0 = automatic, at least ``ray_spacing``
     key_pulse_interval : pulses that share one tracing; 0 = automatic
     scatterer_cell : m, side of the cells that carry one persistent diffuse scatterer; 0 = automatic
-    gridding_width : samples that one contribution is spread over
-    seed : of every random number
-    pass_days : since the first pass; what changes between passes has changed since
-    keep_orders : keep contributions of different bounce numbers apart
-    keep_subsets : keep two independent ray subsets apart
+    gridding_width : width of the gridding kernel, samples
+    seed : of all random numbers
+    pass_days : days since the first pass, over which the scene decorrelates
+    keep_orders : store contributions by number of bounces
+    keep_subsets : store two independent ray subsets separately
     phase_precision : arithmetic of path lengths and phases
-    tolerance_db : an effect that changes the image by less is left out, dB of its clutter or peak; below 0
-    target_error_db : dB of the image's clutter or peak; 0 = off
-    time_limit : s; 0 = off
-    default_rms_height : m, roughness of materials that state none; used while loading
-    effects : name of an effect to ``auto``, ``on`` or ``off``; what is not named is ``auto``
+    tolerance_db : an effect that changes the image by less is left out, dB relative to its clutter or peak; below 0
+    target_error_db : sampling error up to which passes are added, dB relative to the image's clutter or peak; 0 = off
+    time_limit : for which passes are added, s; 0 = off
+    default_rms_height : m, of materials without a roughness; used while loading
+    effects : name of an effect to ``auto``, ``on`` or ``off``; others are ``auto``
     """
 
     method: Method = "hybrid"

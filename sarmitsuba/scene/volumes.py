@@ -20,7 +20,7 @@ class Volume:
     vertices : (n_v, 3) float64, m, scene frame
     faces : (n_f, 3) int32, normals outwards
     medium : what it is filled with; where volumes overlap, both fill the place
-    spacing : m, distance between the scatterers that stand for it; 0: from the radar's resolution
+    spacing : m, distance between the scatterers that represent it; 0: from the radar's resolution
     """
 
     name: str
@@ -31,15 +31,15 @@ class Volume:
 
     @cached_property
     def content(self) -> float:
-        """m^3."""
+        """Volume, m^3."""
         return enclosed_volume(self.vertices, self.faces)
 
     @cached_property
     def mean_chord(self) -> float:
-        """Mean length of straight ways through it, four times its volume over its surface, m."""
+        """Mean chord length, four times the volume over the surface, m."""
         return 4.0 * self.content / surface_area(self.vertices, self.faces)
 
     @property
     def bounds(self) -> F64:
-        """(2, 3) lower and upper corner, m."""
+        """Lower and upper corner, (2, 3) m."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])

@@ -10,7 +10,7 @@ from sarmitsuba.errors import SceneError
 
 @dataclass(frozen=True, eq=False)
 class WireTarget:
-    """A straight round wire; it returns echoes by the series of the infinite cylinder, and no ray hits it.
+    """Straight round wire that scatters by the series of the infinite cylinder; no ray hits it.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class WireTarget:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.ends).all() and self.length > 0.0):
             raise SceneError(
-                f'radar_wire "{self.name}": its ends are no two finite points; give start and end apart'
+                f'radar_wire "{self.name}": its ends are not two different finite points; give start and end'
             )
         if not 0.0 < self.radius < np.inf:
             raise SceneError(
@@ -42,16 +42,16 @@ class WireTarget:
 
     @property
     def ends(self) -> F64:
-        """(2, 3) float64, m, scene frame."""
+        """Start and end, (2, 3) float64, m, scene frame."""
         return np.stack([self.start, self.end])
 
     @property
     def length(self) -> float:
-        """From end to end, m."""
+        """Length from end to end, m."""
         return float(np.linalg.norm(self.end - self.start))
 
     def moved(self, step: F64) -> "WireTarget":
-        """The same, (3,) m farther on."""
+        """The wire translated by (3,) m."""
         return WireTarget(self.name, self.start + step, self.end + step, self.radius, self.permittivity)
 
 

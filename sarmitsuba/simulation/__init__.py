@@ -1,1 +1,1 @@
-"""From a scene to raw data or an image: sampling plan, pilot, passes, error bars, prediction, RCS, paths."""
+"""Simulation of raw data, images, RCS and path tables: sampling plan, pilot, passes, error bars, prediction."""

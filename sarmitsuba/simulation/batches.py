@@ -1,4 +1,4 @@
-"""What tracing of a run is cut into: batches of pulses that need nothing of each other, wherever they are traced."""
+"""Batches of pulses of a run, which can be traced independently of each other in any process."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,13 +20,13 @@ from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 
 @dataclass(frozen=True)
 class Batch:
-    """Pulses that are traced in one go.
+    """Pulses that are traced together.
 
     Parameters
     ----------
     subset : index of the ray subset
     start, stop : pulses
-    together : as a block, from its key pulse; else every pulse is traced
+    together : whether they share one tracing, of their key pulse; else every pulse is traced
     """
 
     subset: int
@@ -41,10 +41,10 @@ class Traced:
 
     Parameters
     ----------
-    batch : which
-    profiles : (layers of a subset, n_pulses, n_samples) complex64, not weighted by the subset's share yet
-    statistics : what was done
-    grid_bytes : of the largest accumulator grid so far where it was traced
+    batch : pulses and ray subset
+    profiles : (layers of a subset, n_pulses, n_samples) complex64, not yet weighted by the subset's share
+    statistics : of the tracing
+    grid_bytes : of the largest accumulator grid so far in the process that traced it
     """
 
     batch: Batch
@@ -61,14 +61,14 @@ class BatchTracer:
     tracer : of the run
     rays : lattices of every ray subset
     n_layers : layers of one subset
-    max_order : highest bounce order that is kept apart; 0 where all are summed
+    max_order : highest bounce order kept separately; 0 where all are summed
     """
 
     def __init__(self, tracer: Tracer, rays: Rays, n_layers: int, max_order: int) -> None:
         self.tracer, self.rays, self.n_layers, self.max_order = tracer, rays, n_layers, max_order
 
     def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
-        """Trace one batch, with the lattices of its ray subset or with others."""
+        """Trace one batch, with the lattices of its ray subset or with given ones."""
         tracer, radar = self.tracer, self.tracer.sampling.scene.radar
         pulses: Pulses = (KeyPulse if batch.together else EveryPulse)(
             tracer.sampling, batch.start, batch.stop
@@ -102,15 +102,15 @@ class BatchTracer:
 
 @dataclass(frozen=True, eq=False)
 class TraceJob:
-    """All that another process needs to trace batches of a run as the run's own would; it can be pickled.
+    """Input for another process to trace batches of a run; can be pickled.
 
-    Every decision is the run's: effects, sampling, blocks. So the bits do not depend on who traces.
+    All decisions (effects, sampling, blocks) are those of the run, so that the result does not depend on the process.
 
     Parameters
     ----------
     scene : whose geometry is traced
     sampling : plan of the run
-    layers : what is kept apart
+    layers : channels, orders and subsets that are kept separately
     max_depth : most bounces
     pass_index : of the run's rays
     sub_bands : number of frequencies that the band is traced at
@@ -124,7 +124,7 @@ class TraceJob:
     sub_bands: int = 1
 
     def tracer(self) -> BatchTracer:
-        """Build the geometry on this process's device; the back end must be there."""
+        """Tracer with the geometry built on this process's device; the back end must be started."""
         trace_scene = built(self.scene)
         flags, timer = self.sampling.flags, StageTimer()
         tracer = Tracer(self.sampling, flags, trace_scene, self.max_depth, timer, self.sub_bands)
@@ -133,15 +133,15 @@ class TraceJob:
 
 
 class Workers(Protocol):
-    """Workers that trace batches in processes of their own."""
+    """Workers: processes that trace batches."""
 
     @property
     def n_workers(self) -> int:
-        """How many there are now."""
+        """Current number of workers."""
         ...
 
     def trace(self, job: TraceJob, batches: Sequence[Batch]) -> Iterator[Traced]:
-        """Trace batches in any order; each comes back exactly once, whatever happens to a worker."""
+        """Trace batches in any order; each is returned exactly once, even if a worker fails."""
         ...
 
 

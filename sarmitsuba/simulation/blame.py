@@ -1,4 +1,4 @@
-"""Which path made an echo that is not a number: the pulse, the surfaces and what they are made of."""
+"""Search for the path of an echo that is not a finite number: its pulse, shapes and materials."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 ROOM = 16
 # above every finite float32
 LARGEST = 3.4028235e38
-REMEDY = "this is a defect of the program: report the scene; till then leave the shape out or lower max_depth"
+REMEDY = "this is a defect of the program: report the scene; until it is mended leave the shape out or lower max_depth"
 
 
 class NotFinite:
-    """What a recording keeps: contributions of which a number is none."""
+    """Filter of a recording that keeps contributions with a number that is not finite."""
 
     def passes(self, contribution: Contribution) -> mi.Bool:
         """Lanes whose amplitudes, slant range or range rate are not finite."""
@@ -52,16 +52,16 @@ def blamed(
     materials: tuple[Material, ...],
     label: Callable[[int], str],
 ) -> str:
-    """The first path that is not a number, in words; empty where a second look finds none.
+    """Description of the first path that is not a finite number; empty where none is found again.
 
     Parameters
     ----------
     launch : runs the launch again into a recording, and evaluates it
-    n_lanes : rays of the launch; 1 for a source's
+    n_lanes : rays of the launch; 1 for a source of scatterers
     max_depth, n_channels : of the launch
     scene : that was traced, of ``geometry``
     materials : of the geometry
-    label : names a pulse of the launch by its number
+    label : gives the text for a pulse of the launch, from its number
     """
     recording = Recording(n_lanes, n_channels, (ROOM, n_lanes * max_depth), NotFinite())
     launch(recording)
@@ -74,7 +74,7 @@ def blamed(
     faces = scene.geometry_faces[faces[faces >= 0]]
     echo = f"{label(pulse)}: an echo of {order} bounce{'s' if order > 1 else ''}"
     if not faces.size:
-        return f"{echo} from a scatterer that no ray finds (wire, edge, volume or pair)"
+        return f"{echo} from a scatterer other than a surface (wire, edge, volume or pair)"
     face = int(faces[-1])
     shape = geometry.mesh_names[int(np.searchsorted(geometry.mesh_face_offset, face, side="right")) - 1]
     material = with_parts(materials)[int(geometry.face_material[face])]
@@ -84,14 +84,14 @@ def blamed(
 def check_traced(
     data: NDArray[np.complexfloating], power: float, where: str, culprit: Callable[[], str] = str
 ) -> None:
-    """Stop a run whose echoes are not numbers.
+    """Stop a run whose echoes are not finite numbers.
 
     Parameters
     ----------
-    data : pulses or rows first; empty where ``power`` tells all
+    data : pulses or rows first; empty where ``power`` is sufficient
     power : of all contributions
     where : scene and pulse
-    culprit : finds out who it was
+    culprit : function that finds the path and describes it
 
     Raises
     ------

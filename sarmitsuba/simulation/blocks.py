@@ -1,9 +1,9 @@
-"""Key pulses: tracing of a run block by block, and the error that this makes, measured where blocks meet.
+"""Key pulses: tracing of a run block by block, and the resulting error, measured at block boundaries.
 
 Within a block of pulses every path keeps the amplitude and the visibility that it has at the block's key pulse. The
-pulse at which two blocks meet is made from both: the two profiles would be equal if nothing changed from one key pulse
-to the next, so their difference measures what did: shadows, glints, the rays' own hits, curvature and gridding. It
-takes no tracing, and one more synthesised pulse per block.
+pulse at the boundary of two blocks is synthesised from both: the two profiles would be equal if nothing changed from
+one key pulse to the next, so their difference measures the changes of shadows, glints, hits of rays, curvature and
+gridding. It costs no tracing, only one more synthesised pulse per block.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,39 +23,42 @@ from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
 from sarmitsuba.trace.launch import LaunchGrid
 
-# the energy of a path's change between two pulses grows at least as this power of the time between them: one for the
-# edges of shadows, which cross as many scatterers as they have time for, two for glints, less where rays change what
-# they hit; a lower power states a higher error
+C64 = NDArray[np.complex64]
+F64 = NDArray[np.float64]
+
+# exponent of the time between two pulses with which the energy of a path's change grows, at least: one for edges of
+# shadows, which cross scatterers in proportion to time, two for glints, less where rays hit other facets; a lower
+# exponent gives a higher stated error
 GROWTH = 0.5
 # mean over a block, whose pulses are up to half a block from the key pulse, over the change from one key pulse to the
 # next, dB
 BOUNDARY_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
-# one boundary tells the mean over all blocks to within so much, n of them to that over the root of n; added to what is
-# stated, dB (benchmarks/suite/stated_errors.py)
+# standard deviation of the estimate from one block boundary, dB (n boundaries: over the root of n); added to the
+# stated error (benchmarks/stated_errors.py)
 BOUNDARY_SCATTER_DB = 2.5
-# blocks are to be so much below a wanted error of the whole run, dB
+# margin of the error of blocks below a wanted error of the whole run, dB
 BELOW_TARGET_DB = 3.0
 # shortest blocks that are tried: shorter ones cost more than the direct accumulator
 SHORTEST = 8
-# a block's error that is so little above a wanted one is let pass, dB: a block boundary does not tell it better
+# excess over the wanted error that is tolerated, dB: the estimate at a block boundary is not more accurate
 LEEWAY_DB = 1.0
-# nothing wanted, blocks stay as the track allows up to this error above that of the rays, dB: half of it costs twice
-# the time, and shadows that move in steps of less than a cell do not change what an image shows
+# without a wanted error, blocks may exceed the error of ray sampling by this much, dB: half the error costs twice the
+# time, and shadows that move in steps of less than a cell do not change the visible image
 WORTH_DB = 8.0
-# from so many rays per key pulse on their error is looked for on a strip of this share of the launch window first: a
-# tenth of a key pulse is traced more, where all rays shifted would be a whole one
+# number of rays per key pulse from which their error is measured on a strip first, and the strip's share of the launch
+# window: it costs a tenth of a key pulse, where shifting all rays would cost a whole one
 STRIP_FROM = 1_000_000
 STRIP = 0.05
-# energy of a strip that fades as a raised cosine over half of its width, over that of its rays at full weight
+# energy of a strip with raised-cosine tapers over half of its width, relative to full weight
 STRIP_ENERGY = 11.0 / 16.0
-# of the golden section: its multiples spread evenly, however many there are
+# golden section: its multiples modulo one are evenly distributed
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-# a strip has to clear blocks by this much: bright lines elsewhere may carry more of the image than of the error, dB
+# margin required of the error on a strip, dB: bright targets elsewhere may hold more of the image than of the error
 SURE_DB = 3.0
 
 
 def partition(n_pulses: int, length: int) -> list[tuple[int, int]]:
-    """Blocks ``start, stop`` of about equal length, ``length`` at most."""
+    """Blocks ``start, stop`` of pulses, of about equal length, at most ``length``."""
     count = -(-n_pulses // length)
     edges = np.round(np.linspace(0, n_pulses, count + 1)).astype(int)
     return [(int(a), int(b)) for a, b in pairwise(edges)]
@@ -69,15 +72,15 @@ class Blocks:
     tracer : of the run
     rays : lattices of every ray subset
     layers : labels of ``data``: subset after subset
-    data : (n_layers, n_pulses, n_samples) complex64, filled; subsets are not weighted by their shares yet
-    max_order : highest bounce order that is kept apart; 0 where all are summed
-    finished : where finished blocks are kept, and those of an interrupted run taken from; None keeps none
-    spread : traces batches elsewhere, in any order; None: here. The two blocks that settle the interval are always
-        traced here
+    data : (n_layers, n_pulses, n_samples) complex64, filled; subsets are not yet weighted by their shares
+    max_order : highest bounce order kept separately; 0 where all are summed
+    finished : file of finished blocks, also of an interrupted run; None: none
+    spread : traces batches in other processes, in any order; None: in this one. The two blocks from which the interval
+        is determined are always traced in this process
 
     Attributes
     ----------
-    interval : pulses that share one tracing; what geometry allows at first, what the block boundaries allow in the end
+    interval : pulses that share one tracing; at first as the geometry allows, finally as the measured error allows
     """
 
     def __init__(
@@ -99,14 +102,14 @@ class Blocks:
         n = data.shape[1]
         self.interval: int = min(tracer.sampling.key_pulse_interval, n)
         if self.automatic and 1 < self.interval and n < 2 * self.interval:
-            self.interval = self._fitting(-(-n // 2))  # two blocks at least: their boundary tells the error
+            self.interval = self._fitting(-(-n // 2))  # two blocks at least: their boundary gives the error
         if finished is not None:
             self.interval = finished.interval or self.interval
             tracer.largest_grid = max(tracer.largest_grid, finished.grid_bytes)
         self._cut()
 
     def _cut(self) -> None:
-        """Lay the blocks out anew."""
+        """Divide the pulses into blocks of the current interval."""
         self.blocks = partition(self.data.shape[1], self.interval)
         if self.automatic:
             self.interval = max(stop - start for start, stop in self.blocks)
@@ -117,7 +120,7 @@ class Blocks:
         self.first = {start: index for index, (start, _) in enumerate(self.blocks)}
 
     def trace(self) -> Iterator[tuple[float, TraceStatistics]]:
-        """Fill ``data``; yields the share done and the figures of what was just traced."""
+        """Fill ``data``; yields the share done and the statistics of the batch just traced."""
         if self.interval == 1:
             yield from self._all(self._every_pulse(), 0)
             return
@@ -130,7 +133,7 @@ class Blocks:
         self.done |= set(range(len(self.blocks)))
 
     def _all(self, todo: Sequence[Batch], before: int) -> Iterator[tuple[float, TraceStatistics]]:
-        """Have batches traced, ``before`` were; figures are told in their order, so that sums have the same bits."""
+        """Trace batches after ``before`` others; statistics are yielded in order, so that sums have the same bits."""
         waiting: dict[Batch, TraceStatistics] = {}
         told = 0
         for n, traced in enumerate(self._traced(todo, self.spread), before + 1):
@@ -145,7 +148,7 @@ class Blocks:
     def _traced(
         self, batches: Sequence[Batch], spread: Callable[[Sequence[Batch]], Iterator[Traced]]
     ) -> Iterator[Traced]:
-        """Batches, in their place when they are yielded: those an interrupted run has left, then all others, traced."""
+        """Batches, stored in ``data`` before they are yielded: first those of an interrupted run, then new ones."""
         todo, finished = [], self.finished
         for batch in batches:
             found = finished and finished.take(batch.subset, batch.start, batch.stop)
@@ -169,7 +172,7 @@ class Blocks:
         return map(self.batches.trace, batches)
 
     def _keep(self, traced: Traced) -> None:
-        """Put a batch in its place; what a block has beyond its end is for the block boundary."""
+        """Store a batch in ``data``; the extra pulse beyond a block's end is used for the error at the boundary."""
         batch, pick = traced.batch, self._layers_of(traced.batch.subset)
         stop = batch.stop
         if batch.together:
@@ -181,10 +184,10 @@ class Blocks:
         self.tracer.largest_grid = max(self.tracer.largest_grid, traced.grid_bytes)
 
     def settle(self) -> TraceStatistics:
-        """Trace the two blocks in the middle and, where they turn out too long, shorter ones in their place.
+        """Determine the block length: trace the two blocks in the middle, and shorter ones if these are too long.
 
-        Blocks are too long where their error is above the tolerance and far above that of the sampling with rays, or,
-        in a run with a wanted error, above or near that one.
+        Blocks are too long where their error is above the tolerance and far above that of ray sampling, or, in a run
+        with a wanted error, above or near that one.
         """
         if self.interval == 1:
             return TraceStatistics()
@@ -204,15 +207,15 @@ class Blocks:
             self._cut()
 
     def survey(self, most_rays: int) -> tuple[int, int]:
-        """Trace blocks on both sides of further block boundaries, spread over the track: known then, and all there are.
+        """Trace blocks at further block boundaries along the track; returns the numbers of measured and all boundaries.
 
         Parameters
         ----------
-        most_rays : that it may take
+        most_rays : bound on the rays traced for it
 
         Notes
         -----
-        Nothing where every pulse is traced: there are no blocks, and two pulses far apart would share one too large.
+        Does nothing where every pulse is traced: there are no blocks.
         """
         if self.interval == 1:
             return 0, 0
@@ -228,7 +231,7 @@ class Blocks:
         return sum({i, i + 1} <= self.done for i in boundaries), len(boundaries)
 
     def sample(self) -> tuple[float, TraceStatistics]:
-        """Trace one batch of the first ray subset as the run does: the share of its pulses, and figures."""
+        """Trace one batch of the first ray subset; returns the share of its pulses, and its statistics."""
         if self.interval == 1:
             first = self._every_pulse()[0]
             return first.stop / self.data.shape[1], self._here_alone([first])
@@ -236,7 +239,7 @@ class Blocks:
 
     @property
     def _middle(self) -> int:
-        """The first of the two blocks in the middle."""
+        """Index of the first of the two blocks in the middle."""
         return max(0, len(self.blocks) // 2 - 1)
 
     def block(self, index: int) -> TraceStatistics:
@@ -246,7 +249,7 @@ class Blocks:
         return stats
 
     def _here_alone(self, batches: Sequence[Batch]) -> TraceStatistics:
-        """Trace batches in this process; what was done."""
+        """Trace batches in this process; returns the statistics."""
         total = TraceStatistics()
         for traced in self._traced(batches, self._here):
             total = total.plus(traced.statistics)
@@ -274,13 +277,14 @@ class Blocks:
                 batches += [Batch(i, k, min(end, k + step), together=False) for k in starts]
         return batches
 
-    # ------------------------------------------------------------ what blocks cost in accuracy
+    # ------------------------------------------------------------ error of blocks
 
     @property
     def error_db(self) -> float:
-        """Energy of the error against tracing every pulse over that of the data, dB; worst channel so far.
+        """Error energy of blocks against tracing every pulse, relative to the data, dB; worst channel.
 
-        With the scatter of so many boundaries. -inf where every pulse is traced, NaN where there is one block only.
+        From the boundaries measured so far, with the uncertainty of their number added. -inf where every pulse is
+        traced, NaN where there is one block only.
         """
         if self.interval == 1:
             return -np.inf
@@ -289,7 +293,7 @@ class Blocks:
         return float(worst + BOUNDARY_SCATTER_DB / max(len(boundaries), 1) ** 0.5)
 
     def _errors(self, boundaries: Sequence[int]) -> dict[str, float]:
-        """Error of each channel from some of the block boundaries, dB; empty without one."""
+        """Error of each channel from some of the block boundaries, dB; empty without a boundary."""
         if not len(boundaries):
             return {}
         pulses = [self.blocks[i][1] for i in boundaries]
@@ -301,7 +305,7 @@ class Blocks:
         return out
 
     def _channel(self, planes: C64, channel: str) -> C64:
-        """Sum of a channel's layers (n_layers, ...), subsets by their shares."""
+        """Sum of a channel's layers (n_layers, ...), subsets weighted by their shares."""
         total = np.zeros(planes.shape[1:], dtype=np.complex64)
         for plane, layer in zip(planes, self.layers, strict=True):
             if layer.channel == channel:
@@ -309,7 +313,7 @@ class Blocks:
         return total
 
     def _shorter(self) -> int:
-        """Pulses per block that the block boundary in the middle allows; as before where it is content."""
+        """Pulses per block allowed by the error at the middle boundary; the present number if that is small enough."""
         settings = self.tracer.sampling.scene.settings
         error = self._errors([self._middle])
         if max(error.values()) <= settings.tolerance_db + LEEWAY_DB:
@@ -321,12 +325,12 @@ class Blocks:
         return self._fitting(length)
 
     def _fitting(self, length: int) -> int:
-        """The longest block up to a length that suits the track; as before where none does."""
+        """The longest block length up to ``length`` that the track allows; the present one where none is."""
         fitting = self.tracer.sampling.block_length(length)
         return min(fitting, self.interval) if fitting > 1 else self.interval
 
     def _excess(self, error: dict[str, float]) -> float:
-        """How far the worst channel's error is above what is wanted of blocks, dB; 0 where none is."""
+        """Excess of the worst channel's error over the error allowed for blocks, dB; 0 where it is not exceeded."""
         settings = self.tracer.sampling.scene.settings
         tolerance, target = settings.tolerance_db, settings.target_error_db
 
@@ -349,7 +353,7 @@ class Blocks:
         return above_rays(self._shift_errors(rays))
 
     def _subset_errors(self) -> dict[str, float]:
-        """Error of each channel by the sampling with rays, from the subsets in the middle of the track, dB."""
+        """Error of each channel by ray sampling, from the two ray subsets in the middle of the track, dB."""
         start, stop = self.blocks[self._middle][0], self.blocks[self._middle + 1][1]
         shares = np.array([SUBSET_SHARES[layer.subset] for layer in self.layers], dtype=np.float32)
         planes = self.data[:, start:stop] * shares[:, None, None]
@@ -357,7 +361,7 @@ class Blocks:
         return dict(zip(bars.channels, bars.error_db, strict=True))
 
     def _shift_errors(self, rays: Sequence[LaunchGrid]) -> dict[str, float]:
-        """The same at one pulse of one set of rays, or of a strip of it: against rays shifted by half a cell, dB."""
+        """Error of each channel by ray sampling at one pulse, from rays (or a strip) shifted by half a cell, dB."""
         pulse = self.blocks[self._middle][1]
         whole = here = self.data[:, pulse]
         all_rays, share = self.rays.at(pulse)[0], 1.0
@@ -372,18 +376,18 @@ class Blocks:
         return out
 
     def _at(self, rays: Sequence[LaunchGrid], pulse: int) -> C64:
-        """Profiles (n_layers, n_samples) of one pulse with other rays."""
+        """Profiles (n_layers, n_samples) of one pulse with given rays."""
         return self.batches.trace(Batch(0, pulse, pulse + 1, together=True), rays).profiles[:, 0]
 
 
 def _strip(grid: LaunchGrid) -> LaunchGrid:
-    """Rays of a strip across the middle of the window, over all ranges, that fades to both sides."""
+    """Rays of a strip across the middle of the window, over all ranges, with tapers on both sides."""
     half = 0.5 * STRIP * (grid.half_x + grid.taper)
     keep = np.abs(grid.x) <= 2.0 * half
     counts = np.bincount(grid.level[keep], minlength=len(grid.every_level))
     first = np.cumsum([0, *counts[:-1]])
     levels = tuple(replace(level, first=int(n)) for level, n in zip(grid.levels, first, strict=False))
-    # the fade-out of both axes is as wide: over range it ends where the window's does
+    # the taper is equally wide on both axes: over range it ends where the window's does
     half_y = max(grid.half_y + grid.taper - half, 0.0)
     return replace(
         grid, x=grid.x[keep], y=grid.y[keep], half_x=half, half_y=half_y, taper=half, levels=levels
@@ -391,7 +395,7 @@ def _strip(grid: LaunchGrid) -> LaunchGrid:
 
 
 def _shifted(grid: LaunchGrid) -> LaunchGrid:
-    """The lattice shifted by half the diagonal of its cell, each of its levels by its own."""
+    """Lattice shifted by half the diagonal of its cell, each level by half of its own."""
     spacing = np.array([level.spacing for level in grid.every_level], dtype=np.float32)
     half = np.float32(0.5 * np.sqrt(2.0)) * spacing[grid.level]
     angle = grid.turn + 0.25 * np.pi
@@ -401,6 +405,6 @@ def _shifted(grid: LaunchGrid) -> LaunchGrid:
 
 
 def _ratio_db(error: C64, signal: C64) -> float:
-    """Energy over energy, dB; -inf where there is no signal."""
+    """Ratio of the energies of error and signal, dB; -inf where there is no signal."""
     a, b = (float(np.sum(v.real**2 + v.imag**2, dtype=np.float64)) for v in (error, signal))
     return 10.0 * float(np.log10(a / b)) if a > 0.0 and b > 0.0 else -np.inf

@@ -1,4 +1,4 @@
-"""Targets seen from far away: aspects, the middle and outline of a target, and what makers of sources are told."""
+"""Targets in the far field: aspect angles, centre and outline of a target, and the site from which sources are made."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +15,9 @@ from sarmitsuba.simulation.sources.site import VIEW_TURN, Site
 from sarmitsuba.trace.edges import edges_of
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 
-# slant range over the radius of the target: curvature of the wave is then focused away and hardly turns aspects
+F64 = NDArray[np.float64]
+
+# slant range over the radius of the target: focusing removes the curvature of the wave, which hardly changes aspects
 FAR = 1000.0
 # cells of a volume's scatterers over the diameter of the target
 BODY_CELLS = 32.0
@@ -35,24 +37,24 @@ class Aspects:
 
     @property
     def directions(self) -> F64:
-        """(n, 3) unit vectors."""
+        """Unit vectors (n, 3) from the target to the radar, scene frame."""
         c = np.cos(self.elevation)
         return np.stack([c * np.cos(self.azimuth), c * np.sin(self.azimuth), np.sin(self.elevation)], axis=1)
 
     @property
     def by_azimuth(self) -> bool:
-        """True when the azimuth is what changes."""
+        """Whether only the azimuth changes."""
         return bool(np.ptp(self.azimuth) > 0.0)
 
     @property
     def whole_circle(self) -> bool:
-        """True when the azimuths, evenly spaced, go all the way round."""
+        """Whether the azimuths, evenly spaced, cover the full circle."""
         n, turn = self.azimuth.size, float(np.ptp(self.azimuth))
         return n > 2 and turn * n / (n - 1) >= 2.0 * np.pi * (1.0 - 1e-9)
 
 
 def target_middle(scene: Scene) -> tuple[F64, float]:
-    """Middle of everything that there is to see, (3,) m, scene frame, and the radius of what surrounds it, m."""
+    """Centre of all visible objects, (3,) m, scene frame, and radius of the sphere about them, m."""
     around = scene.geometry.bounds if scene.geometry.n_faces else scene.places
     center = 0.5 * (around.min(axis=0) + around.max(axis=0))
     outline = np.concatenate([scene.geometry.vertices, scene.places])
@@ -60,12 +62,12 @@ def target_middle(scene: Scene) -> tuple[F64, float]:
 
 
 def outline_of(scene: Scene) -> F64:
-    """(n, 3) everything that there is to see, m, scene frame."""
+    """Points (n, 3) that outline all visible objects, m, scene frame."""
     return np.concatenate([scene.geometry.vertices, scene.places])
 
 
 class FarSite(Site):
-    """The site of a turntable: everything is lit and resolved by nothing, from as far as the aspects are.
+    """Site of a turntable target: fully lit, unresolved, and seen from the far field at all aspects.
 
     Parameters
     ----------
@@ -74,7 +76,7 @@ class FarSite(Site):
     """
 
     def __init__(self, scene: Scene, flags: KernelFlags, aspects: Aspects) -> None:
-        # pairs alone ask for it
+        # only pairs use it
         super().__init__(scene, flags, geometry_of(scene) if flags.diffuse_pairs else None)
         self.aspects = aspects
 
@@ -85,12 +87,12 @@ class FarSite(Site):
 
     @property
     def cell_area(self) -> float:
-        """See :class:`Site`: ten thousand scatterers in a body as large as the target."""
+        """See :class:`Site`: ten thousand scatterers in a volume as large as the target."""
         return (self.resolution / BODY_CELLS) ** 2
 
     @cached_property
     def edges(self) -> SharpEdges:
-        """See :class:`Site`: whole."""
+        """See :class:`Site`: not cut into pieces."""
         return edges_of(self.scene.geometry, self.scene.materials, self.wavelength)
 
     @property
@@ -134,7 +136,7 @@ class FarSite(Site):
 
 
 def geometry_of(scene: Scene) -> TraceScene | None:
-    """Mesh of a scene on the device, with what lets a part of the waves pass; None where there is neither."""
+    """Mesh of a scene on the device, with its volumes; None where there is neither."""
     if not scene.geometry.n_faces and not scene.volumes:
         return None
     made = build_trace_scene(

@@ -1,4 +1,4 @@
-"""A hash of everything that raw data depend on: two equal ones prove that simulating again would give the same."""
+"""Run hash: a hash of everything on which raw data depend; equal hashes mean equal results."""
 
 import dataclasses
 import hashlib
@@ -13,24 +13,24 @@ import numpy as np
 
 from sarmitsuba.scene.scene import Scene
 
-# packages whose arithmetic the result comes from
+# packages whose arithmetic affects the result
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy")
 
 
 def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
-    """Hash of a scene with its radar and settings, and of the program.
+    """Run hash of a scene with its radar and settings, and of the program.
 
-    The effects plan is not in it by itself: it follows from the scene, the settings and the program.
+    The effects plan is not included: it follows from the scene, the settings and the program.
 
     Parameters
     ----------
     scene : as it will be simulated
-    extensions : modules and ``.py`` files of the user's own that were loaded; the text of files counts
+    extensions : loaded modules and ``.py`` files of the user; files count by their text
 
     Notes
     -----
-    A wanted error and a time limit are left out: they say how many passes are made of the same thing. Modules that an
-    extension imports, and extensions that installed packages announce, count by name and not by text.
+    A wanted error and a time limit are left out: they only set the number of passes. Modules that an extension imports,
+    and extensions registered by installed packages, count by name and not by text.
     """
     digest = hashlib.sha256()
 
@@ -64,7 +64,7 @@ def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
 
 @cache
 def _program() -> str:
-    """Hash of the package's own text; a version number does not change while it is worked on."""
+    """Hash of the package's source text (the version number does not change during development)."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
     for path in sorted(package.rglob("*.py")):

@@ -1,7 +1,7 @@
-"""Blocks of pulses that are traced already, on the disk: a run that was killed goes on from them.
+"""File of finished blocks of pulses, from which an interrupted run continues.
 
-Tracing a block takes nothing from the blocks before it, so that a run that takes some of its blocks from here has the
-same bits as one that traced them all.
+Blocks are traced independently, so that a run that continues from the file has the same bits as one that was not
+interrupted.
 """
 
 import dataclasses
@@ -21,24 +21,24 @@ class FinishedBlocks:
 
     Parameters
     ----------
-    path : file; what another scene, other settings or another program left there is dropped
-    run_hash : of scene, settings and program (:func:`sarmitsuba.simulation.fingerprint.fingerprint`)
+    path : file; contents of another scene, other settings or another program version are discarded
+    mark : run hash of scene, settings and program (:func:`sarmitsuba.simulation.fingerprint.fingerprint`)
     plan : decided effects
-    part : of the work on the scene that the blocks are of: which pass of rays
+    part : text that identifies the pass of rays to which the blocks belong
 
     Attributes
     ----------
     path : of the file
-    found : blocks that an earlier run left, all ray subsets counted
-    stale : whether what an earlier run left belonged to something else
-    interval : pulses per block that the run has come to; None where it has not said so yet
-    settled : whether that is final
-    grid_bytes : of the largest accumulator grid of the blocks that are kept
+    found : number of blocks of an earlier run, over all ray subsets
+    stale : whether the file held blocks of another run hash
+    interval : pulses per block; None where not yet determined
+    settled : whether the interval is final
+    grid_bytes : of the largest accumulator grid of the stored blocks
 
     Raises
     ------
     OutputError
-        The file cannot be written, or is not one of these.
+        The file cannot be written, or is not a file of finished blocks.
     """
 
     def __init__(self, path: Path | str, run_hash: str, plan: EffectsPlan, part: str = "") -> None:
@@ -49,7 +49,9 @@ class FinishedBlocks:
         self._first = {
             "kind": "run",
             "mark": run_hash,
-            "effects": repr((plan.flags, plan.max_depth)),  # a plan of the caller's own is not in the hash
+            "effects": repr(
+                (plan.flags, plan.max_depth)
+            ),  # a plan given by the caller is not part of the run hash
             "variant": mi.variant(),
             "part": part,
         }
@@ -76,7 +78,7 @@ class FinishedBlocks:
         return label["subset"], label["start"], label["stop"]
 
     def note(self, interval: int, *, settled: bool) -> None:
-        """Keep the pulses per block; where they are not settled, blocks are cut anew and those so far dropped."""
+        """Store the number of pulses per block; blocks of another number are discarded."""
         if not settled:
             self._begin()
         self.interval, self.settled = interval, settled
@@ -86,7 +88,7 @@ class FinishedBlocks:
         )
 
     def take(self, subset: int, start: int, stop: int) -> tuple[C64, TraceStatistics] | None:
-        """Profiles, flat complex64, and figures of the block of pulses ``start:stop``; None where there is none."""
+        """Profiles (flat complex64) and statistics of the stored block of pulses ``start:stop``; None if not stored."""
         row = self._rows.get((subset, start, stop))
         if row is None:
             return None
@@ -102,20 +104,20 @@ class FinishedBlocks:
         statistics: TraceStatistics,
         grid_bytes: int,
     ) -> None:
-        """Keep a block.
+        """Store a block.
 
         Parameters
         ----------
         subset : index of the ray subset
         start, stop : its pulses
-        profiles : (n_layers, n_pulses, n_samples), of one pulse more than that where another block follows
+        profiles : (n_layers, n_pulses, n_samples), with one more pulse where another block follows
         statistics : of its tracing
         grid_bytes : of the largest accumulator grid so far
 
         Raises
         ------
         OutputError
-            The disk refused; what is finished stays.
+            The file cannot be written; blocks stored before are kept.
         """
         self.grid_bytes = max(self.grid_bytes, grid_bytes)
         label = {
@@ -130,7 +132,7 @@ class FinishedBlocks:
         self._journal.append(label, profiles)
 
     def close(self) -> None:
-        """Close the file and leave it for the run that goes on from it."""
+        """Close the file and keep it for a later run."""
         self._journal.close()
 
     def remove(self) -> None:
@@ -138,7 +140,7 @@ class FinishedBlocks:
         self._journal.remove()
 
     def __str__(self) -> str:
-        """One line about what an earlier run left; empty where it left nothing."""
+        """One line about blocks of an earlier run; empty where there are none."""
         if self.stale:
             return (
                 f"{self.path}: finished blocks of another scene, of other settings or of another version of the "

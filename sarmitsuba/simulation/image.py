@@ -1,4 +1,4 @@
-"""Images without raw data: the coherent multi-bounce paths of one look, or one bounce by projection."""
+"""Images without raw data: coherent multi-bounce paths of one look (``image``), or projection (``raster``)."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -39,20 +39,20 @@ from sarmitsuba.trace.stage import stages_of
 
 
 class Imager:
-    """The image-domain methods of a run; each further image takes a fraction of the first one's time.
+    """Image-domain methods ``image`` and ``raster`` of a run; further images take a fraction of the time of the first.
 
     Parameters
     ----------
-    run : made ready
+    run : prepared run
     grid : pixels; default: those that the scene asks for, the same for every method
     range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
 
     Notes
     -----
-    :meth:`image` ignores azimuth ambiguities and what changes over the aperture (visibility, specular glints, curvature
-    of paths by several walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also
-    ignores every bounce after the first, the smooth part of surfaces, and phase: its speckle is a random field of the
-    right statistics, not the scene's.
+    :meth:`image` ignores azimuth ambiguities and changes over the aperture (visibility, specular glints, range
+    curvature of multi-bounce paths): moving objects are displaced by their range rate, but not defocused.
+    :meth:`raster` also ignores every bounce after the first, the coherent return of surfaces, and phase: its speckle
+    is a random field of the right statistics, not the speckle of the scene.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Imager:
         if run.scene.radar.receiver is not None:
             raise RadarError(
                 f"{run.scene.name}: methods image and raster look from one place, and the receiver is apart from the "
-                "transmitter; take method hybrid or raw"
+                "transmitter (bistatic); take method hybrid or raw"
             )
         self.run = run
         grid = grid or default_grid(run.scene.radar, run.scene.image)
@@ -95,9 +95,9 @@ class Imager:
         Raises
         ------
         DataError
-            One impulse response does not serve all pixels; the error names the method that does.
+            The impulse response varies too much over the image; the error names a method for this case.
         RadarError
-            What moves would have to be seen at another instant in every place.
+            Something moves, and the beam passes over each pixel at another time.
         """
         if self._look is None:
             scene = self.run.scene
@@ -110,7 +110,7 @@ class Imager:
             )
             if look.grid.fan is not None and scene.moves and self.run.plan.on("moving_targets"):
                 raise RadarError(
-                    f"{scene.name}: method image sees what moves at one instant, and in mode {scene.radar.mode} the "
+                    f"{scene.name}: method image shows movement at one instant, and in mode {scene.radar.mode} the "
                     "beam passes over each place at another; take method hybrid, or set moving_targets off"
                 )
             self._look = look
@@ -122,12 +122,12 @@ class Imager:
 
         Parameters
         ----------
-        pass_index : other values shift the ray lattices and nothing else
+        pass_index : other values shift the ray lattices only
 
         Raises
         ------
         RadarError
-            When nothing comes back.
+            When no echo is received.
         """
         run, look = self.run, self.look
         radar, layers = run.scene.radar, run.layers
@@ -155,12 +155,12 @@ class Imager:
         return self._package(data, layers.layers, "image", self._look_cells())
 
     def raster(self) -> SarImage:
-        """Project the scene once.
+        """Image by projection of the visible surface (one bounce, incoherent).
 
         Raises
         ------
         RadarError
-            Where there is no mesh.
+            When the scene has no mesh.
         """
         run = self.run
         if run.trace_scene is None or run.sampling is None or not run.scene.geometry.n_faces:
@@ -170,7 +170,7 @@ class Imager:
             )
         if run.scene.geometry.moves:
             raise RadarError(
-                f"{run.scene.name}: method raster projects what rests, and a mesh moves; take method image or "
+                f"{run.scene.name}: method raster shows objects at rest only, and a mesh moves; take method image or "
                 "hybrid, or set moving_targets off"
             )
         left_out = f"{run.scene.name}: method raster draws surfaces alone; wires and volumes are left out"
@@ -179,8 +179,8 @@ class Imager:
         left = [stage.name for stage in stages_of(run.plan.flags) if stage.name in run.plan.flags.extra]
         if left:
             raise RadarError(
-                f"{run.scene.name}: method raster traces nothing, so that {', '.join(left)} has no effect; take method "
-                f"image or hybrid, or set {left[0]} off"
+                f"{run.scene.name}: method raster traces no paths, so that {', '.join(left)} has no effect; take "
+                f"method image or hybrid, or set {left[0]} off"
             )
         if self._raster is None:
             self._raster = Raster(
@@ -212,7 +212,7 @@ class Imager:
         run, grid, time = self.run, self.look.grid, self.look.time
         if self._tracer is None:
             assert self.sampling is not None
-            # the image is calibrated for the pattern, so the look is taken without it
+            # the image is corrected for the pattern, so the look is traced without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
         wavelength = run.scene.radar.waveform.wavelength
         most = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
@@ -236,7 +236,7 @@ class Imager:
         return cells
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
-        """Ideal points of the scene on the grid of the looks, layers of the first order only."""
+        """Echoes of the ideal points on the grid of the looks, layers of the first order only."""
         grid, wave = self.look.grid, self.run.scene.radar.waveform
         shape = (len(layers), grid.n_range, grid.n_azimuth)
         there = self.run.trace_scene and self.run.trace_scene.at(float(self.look.time[0]))
@@ -259,11 +259,11 @@ class Imager:
         there: TraceScene | None,
         wavelength: float,
     ) -> None:
-        """Add the ideal points as one look sees them.
+        """Add the echoes of the ideal points to one look.
 
         Parameters
         ----------
-        there : what can stand in the way, at a frequency; what moves is seen by one look alone
+        there : geometry that may occlude, at one frequency; moving objects are seen by one look only
         wavelength : m, at that frequency
         """
         radar, grid, flags = self.run.scene.radar, self.look.grid, self.run.plan.flags
@@ -286,7 +286,7 @@ class Imager:
                 out[i] += spread_points(grid, *place, shown, radar.waveform.wavelength)
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:
-        """Receiver noise as it comes out of the focuser: flat over the response's band."""
+        """Add receiver noise with the spectrum that focusing gives it: flat over the band of the impulse response."""
         radar, look, settings = self.run.scene.radar, self.look, self.run.scene.settings
         power = noise_power(radar, "compressed")
         for index, channel in enumerate(radar.channels):
@@ -304,25 +304,25 @@ class Imager:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
     def _look_cells(self) -> AzimuthCells:
-        """Cells of the image: of every pixel's own aperture, or those of one response for all."""
+        """Resolution cells of the image: of every pixel's own aperture, or of one response for all."""
         if self.look.grid.fan is None:
             return self._middle_cells()
         radar, window = self.run.scene.radar, self.windows[1]
         return self._cells(lambda p: matched_weights(radar, p, window))
 
     def _middle_cells(self) -> AzimuthCells:
-        """Cells of one response for all pixels, that of the image's centre."""
+        """Resolution cells of one response for all pixels, that of the image's centre."""
         radar, grid = self.run.scene.radar, self.grid
         middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
         weights = matched_weights(radar, middle, self.windows[1])
         return self._cells(lambda _: weights)
 
     def _cells(self, weights: Callable[[F64], F64]) -> AzimuthCells:
-        """Cells of pulse weights at places (3,), m; the scene is looked at without the beam, all of it lit alike."""
+        """Resolution cells from pulse weights at positions (3,), m; without the antenna pattern."""
         return azimuth_cells(self.run.scene.radar, self.grid, weights, self.windows[0], lit_alike=True)
 
-    def _passing_antenna(self) -> F64 | None:
-        """Place of the antenna (3,), m, when its beam passes over the image's centre; None where it does not pass."""
+    def _passing_antenna(self) -> NDArray[np.float64] | None:
+        """Position of the antenna (3,), m, when its beam passes over the image's centre; None where it does not."""
         radar, grid = self.run.scene.radar, self.grid
         middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
         time = passing_time(radar, middle) if sweeps(radar) else None
@@ -331,13 +331,13 @@ class Imager:
         return np.array([np.interp(time, radar.track.time, x) for x in radar.track.position.T])
 
     def _raster_cells(self, center: float) -> AzimuthCells:
-        """Cells of the raster: one response in pixels, its range cell that of closest approach or the window's."""
+        """Resolution cells of the raster: one response, with the range cell of closest approach or of the window."""
         assert self.run.sampling is not None
         grid, columns = self.grid, np.arange(self.grid.range.size)
         incidence = incidence_angle(self.run.scene.radar, grid.positions_on_line(grid.shape[0] // 2))
         to_ground = np.sin(
             self.run.sampling.window.incidence
-        )  # slant-range cell over its length on the ground
+        )  # ratio of the slant-range cell to its length on the ground
         if grid.kind == "slant":
             to_ground = grid.across_distance() / grid.range
         return AzimuthCells(*fit_columns(grid, columns, center * np.sin(incidence) / to_ground))
@@ -358,7 +358,7 @@ class Imager:
             **signal_facts(radar),
         }
         metadata = image_metadata(run, method, focus)
-        run.timer = StageTimer(run.timer.clock)  # the next image's
+        run.timer = StageTimer(run.timer.clock)  # for the next image
         if self._tracer is not None:
             self._tracer.timed(run.timer)
         return SarImage(
@@ -381,7 +381,7 @@ def spread_points(
     amplitude: C128,
     wavelength: float,
 ) -> C64:
-    """Spread a few paths on the grid of looks, (n_range, n_azimuth) complex64: ``ImageAccumulator`` in NumPy.
+    """Grid of a look, (n_range, n_azimuth) complex64, with a few paths spread on it: ``ImageAccumulator`` in NumPy.
 
     Parameters
     ----------
@@ -391,7 +391,7 @@ def spread_points(
     """
     kernel = grid.kernel
     place, azimuth, distance = grid.coordinates(slant_range, rate, look)
-    if grid.fan is not None:  # as when the beam passes over them
+    if grid.fan is not None:  # at the time when the beam passes over them
         amplitude = amplitude * (slant_range / distance) ** 2 * grid.share(azimuth, look)
     offset, x, y = grid.cells(place, azimuth)
     inside = (x >= kernel.margin) & (x <= grid.n_range - 1 - kernel.margin)

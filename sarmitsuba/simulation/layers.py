@@ -1,4 +1,4 @@
-"""Layers of a run: channels, times bounce orders and ray subsets where those are kept apart."""
+"""Layers of a run: one per channel, and per bounce order and ray subset where these are kept separately."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ from sarmitsuba.simulation.sources.kind import most_bounces
 
 @dataclass(frozen=True)
 class LayerPlan:
-    """What is kept apart.
+    """Channels, bounce orders and ray subsets that a run keeps separately.
 
     Parameters
     ----------
     channels : polarisation channels
-    orders : bounce orders that are kept apart; (0,) where all are summed
-    subsets : ray subsets that are kept apart; (0,) for one set of all rays, and where nothing is traced
+    orders : bounce orders kept separately; (0,) where all are summed
+    subsets : ray subsets kept separately; (0,) for one set of all rays, and where nothing is traced
     """
 
     channels: tuple[str, ...]
@@ -25,7 +25,7 @@ class LayerPlan:
 
     @staticmethod
     def of(scene: Scene, plan: EffectsPlan) -> "LayerPlan":
-        """Layers that the settings ask for; ``scene`` as the effects plan leaves it."""
+        """Layers required by the settings; ``scene`` with the effects plan applied."""
         settings = scene.settings
         # scatterers beside the mesh return over the ground whatever rays do
         depth = max(
@@ -41,19 +41,19 @@ class LayerPlan:
 
     @property
     def layers(self) -> tuple[Layer, ...]:
-        """Labels: subset after subset, order after order, channel after channel."""
+        """Labels of all layers: subset after subset, order after order, channel after channel."""
         return tuple(Layer(c, o, s) for s in self.subsets for o in self.orders for c in self.channels)
 
     @property
     def per_subset(self) -> int:
-        """Layers of one ray subset."""
+        """Number of layers of one ray subset."""
         return len(self.orders) * len(self.channels)
 
     @property
     def max_order(self) -> int:
-        """Highest bounce order that is kept apart; 0 where all are summed."""
+        """Highest bounce order kept separately; 0 where all are summed."""
         return self.orders[-1]
 
     def of_subset(self, index: int) -> slice:
-        """Where the layers of the ``index``-th subset are."""
+        """Slice of the layers of the ``index``-th subset."""
         return slice(index * self.per_subset, (index + 1) * self.per_subset)

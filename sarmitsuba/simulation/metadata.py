@@ -1,16 +1,16 @@
-"""What raw data and images say about the run that made them."""
+"""Metadata of raw data and images: the run that produced them."""
 
 from collections.abc import Mapping, Sequence
 
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.simulation.run import Run
 
-# ideal points that are named in the metadata, for their quality to be measured
+# largest number of ideal points listed in the metadata, for measurements of image quality
 _MOST_POINTS = 256
 
 
 def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, object]:
-    """Of raw data."""
+    """Metadata of raw data."""
     scene = run.scene
     return {
         **_common(run, plan, notes),
@@ -20,7 +20,7 @@ def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str,
 
 
 def image_metadata(run: Run, method: str, focus: Mapping[str, object]) -> dict[str, object]:
-    """Of an image that was made without raw data; ``focus``: how its pixels are to be read."""
+    """Metadata of an image made without raw data; ``focus``: description of its impulse response and grid."""
     return {
         **_common(run, run.plan, run.notes),
         "method": method,

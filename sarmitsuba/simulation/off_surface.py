@@ -1,16 +1,18 @@
-"""Starts of legs from points that lie on facets: off their planes, on the side that the leg leaves to."""
+"""Start points of legs from points that lie on facets: displaced off the facets, to the side of the leg."""
 
 import numpy as np
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.trace.scene_tables import TraceScene
 
-# m; a point so near a facet lies on it: meshes and heights read from files are hardly more exact
+# m; distance within which a point counts as lying on a facet: meshes and heights in files are not more accurate
 ON_SURFACE = 1e-3
 
 
-def off_surfaces(trace_scene: TraceScene, position: F64, away: F64) -> F64:
-    """Starts (n, 3) of legs from points (n, 3) along ``away`` (n, 3), off the facets that the points lie on, m."""
+def off_surfaces(
+    trace_scene: TraceScene, position: NDArray[np.float64], away: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Start points (n, 3) of legs from points (n, 3) along ``away`` (n, 3), off the facets that they touch, m."""
     start = position.copy()
     points, owner = np.unique(position, axis=0, return_inverse=True)
     for i, point in enumerate(points):
@@ -20,8 +22,10 @@ def off_surfaces(trace_scene: TraceScene, position: F64, away: F64) -> F64:
     return start
 
 
-def _touched_facets(triangles: F64, point: F64, reach: float) -> F64:
-    """Those of the triangles (n, 3, 3) that lie within ``reach`` of the point, (m, 3, 3), m."""
+def _touched_facets(
+    triangles: NDArray[np.float64], point: NDArray[np.float64], reach: float
+) -> NDArray[np.float64]:
+    """Triangles (m, 3, 3), m, of (n, 3, 3), that lie within ``reach`` of the point."""
     near = (triangles.min(axis=1) - reach <= point) & (point <= triangles.max(axis=1) + reach)
     triangles = triangles[near.all(axis=1)]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -44,8 +48,8 @@ def _off_planes(
     point: F64,
     direction: F64,
     clearance: float,
-) -> F64:
-    """Steps (n, 3) that take a point off triangles' planes, to the side that each direction (n, 3) points to, m."""
+) -> NDArray[np.float64]:
+    """Displacements (n, 3), m, that move a point off triangles' planes, to the side of each direction (n, 3)."""
     step = np.zeros_like(direction)
     for _ in range(8 if len(triangles) > 1 else 1):
         for a, b, c in triangles:  # each plane in turn, until all are cleared

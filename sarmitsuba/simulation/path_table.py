@@ -1,4 +1,4 @@
-"""A table of the single paths behind a pulse's echo or a pixel: where they hit, how long they are, what they return."""
+"""Table of the individual paths of a pulse's echo or of a pixel: hit points, lengths and amplitudes."""
 
 import warnings
 from collections.abc import Sequence
@@ -28,44 +28,47 @@ from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.source import Launch
 from sarmitsuba.trace.state import RECIPROCAL, REVERSED
 
-# by the number that a row carries: by physical optics, from a diffuse scatterer straight home, from one back along its
-# own chain of mirrors, from an ideal point, from a diffuse scatterer home through mirrors to a receiver apart, and from
-# a scatterer that no ray finds
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+# kinds of path by their number: physical optics; diffuse scatterer, straight to the antenna; diffuse scatterer,
+# reciprocal (back along the chain of mirrors); ideal point; diffuse scatterer, reversed (through mirrors to a separate
+# receiver); scatterer at a known position
 KINDS = ("coherent", "diffuse", "reciprocal", "point", "reversed", "scatterer")
 POINT = 3
-# contributions that there is room for at first, per ray and at least; a launch that finds more is run once more
+# initial capacity for contributions, per ray and at least; a launch with more contributions is repeated
 ROOM_PER_RAY, LEAST_ROOM = 2, 1 << 16
-# change of amplitudes over the band that is worth a warning, dB: a tenth of what they are
+# change of amplitudes over the band that gives a warning, dB: a tenth of the amplitude
 CHANGES_DB = -20.0
 
 
 @dataclass(frozen=True, eq=False)
 class PathTable:
-    """Paths from the antenna over the scene and back, one per row, strongest first within a pulse.
+    """Table of paths from the antenna over the scene and back, one per row, strongest first within a pulse.
 
     Parameters
     ----------
     channels : of the last axis of ``amplitude``
-    mesh_names, material_names : that ``shape`` and ``material`` number
+    mesh_names, material_names : names indexed by ``shape`` and ``material``
     pulse : (n,) int32 number of the pulse
-    kind : (n,) uint8 place in ``KINDS``
+    kind : (n,) uint8 index into ``KINDS``
     order : (n,) int32 number of bounces, from 1
-    length : (n,) float64, m, from the antenna to the antenna, or to the receiver apart
+    length : (n,) float64, m, from the transmitter over the scene to the receiver
     range_rate : (n,) float64, m/s, of half the length
     amplitude : (n, n_channels) complex128, sqrt(W), with the phase ``exp(-j 2 pi length / wavelength)``
-    points : (n, n_most, 3) float64, m, scene frame; bounce after bounce, NaN beyond the path's own. The bounce that the
-        path turns round at is its phase centre: the diffuse scatterer, or the middle of what is left of a tube;
-        of a pair of diffuse scatterers both bounces stand at the middle between the two
+    points : (n, n_most, 3) float64, m, scene frame; bounce after bounce, NaN beyond the last bounce. The bounce at
+        which the path turns back is its phase centre: the diffuse scatterer, or the phase centre of the tube on the
+        facet; of a pair of diffuse scatterers both bounces are given at the midpoint between the two
     face : (n, n_most) int32 row of ``Scene.geometry.faces``, -1 where there is none
     shape : (n, n_most) int32 number of the mesh, -1 where there is none
     material : (n, n_most) int32 index into ``Scene.materials``, -1 where there is none
 
     Notes
     -----
-    The other bounces are where the middle of the ray's tube hits, so that the legs of a path behind mirrors add up to
-    its length to second order in the tube's width. Slabs that a path goes through are no bounces, and its length holds
-    their delay. Of a path that no ray of a lattice finds, such as a wire's over the ground, every bounce is at its
-    phase centre, on no face.
+    The other bounces are the hits of the tube's central ray, so that the legs of a path behind mirrors add up to its
+    length to second order in the tube's width. Transmission through slabs is no bounce; the length includes its delay.
+    For scatterers at known positions, such as a wire over the ground, all bounces are given at the phase centre, on no
+    face.
     """
 
     channels: tuple[str, ...]
@@ -95,27 +98,28 @@ class PathTable:
         )
 
     def __getitem__(self, rows: "slice | ArrayLike") -> "PathTable":
-        """Some of the rows: a slice, a mask, or one or more numbers."""
+        """Table of some of the rows: a slice, a mask, or one or more numbers."""
         pick = rows if isinstance(rows, slice) else np.atleast_1d(rows)
         one = {f.name: getattr(self, f.name)[pick] for f in fields(self) if f.name not in _NAMES}
         return filled(self, one)
 
     @property
     def slant_range(self) -> F64:
-        """(n,) float64 half the length, m: where the path stands in the echo."""
+        """Slant range (n,) float64, m, of the path in the echo: half its length."""
         return 0.5 * self.length
 
     @property
     def power(self) -> F64:
-        """(n,) float64, W, of all channels."""
+        """Power (n,) float64, W, summed over channels."""
         return np.asarray((np.abs(self.amplitude) ** 2).sum(axis=1))
 
     def strongest(self, share: float) -> "PathTable":
-        """The fewest paths of each pulse that hold this share (0 ... 1) of the paths' powers added up.
+        """The strongest paths of each pulse that together hold this share (0 ... 1) of the sum of all powers.
 
         Notes
         -----
-        Powers, not amplitudes: large plates return what is left when thousands of strong paths cancel.
+        Powers are summed, not amplitudes: the echo of a large plate is the residue of thousands of strong paths that
+        nearly cancel.
         """
         if not 0.0 < share <= 1.0:
             raise RadarError(f"strongest = {share:g} is not a share of the energy; give more than 0, up to 1")
@@ -133,7 +137,7 @@ _NAMES = ("channels", "mesh_names", "material_names")
 
 
 def _named(path: PathTable) -> str:
-    """One path in words."""
+    """Description of one path."""
     order = int(path.order[0])
     shape, material = (int(v[0, order - 1]) for v in (path.shape, path.material))
     last = "from no shape"
@@ -156,26 +160,26 @@ def trace_paths(
     plan: EffectsPlan | None = None,
     pass_index: int = 0,
 ) -> PathTable:
-    """Trace single pulses and return every path, coherent and diffuse, instead of their sum.
+    """Table of all paths of single pulses, coherent and diffuse.
 
     Parameters
     ----------
     scene : as loaded
     pulses : number or numbers of pulses, negative ones from the end; None takes the middle one
-    strongest : share of the energy that is wanted; see :meth:`PathTable.strongest`
-    near : (3,) m, scene frame; keeps the paths of one pixel, such as ``image.grid.positions()[i, j]``: those whose
-        slant range and range rate are this point's
-    cells : resolution cells from the point, in range and in azimuth, that paths may stand away; 1 is the first null of
-        an unweighted response
+    strongest : wanted share of the energy; see :meth:`PathTable.strongest`
+    near : (3,) m, scene frame; keeps only the paths of one pixel, such as ``image.grid.positions()[i, j]``: those with
+        the slant range and range rate of this point
+    cells : largest distance of paths from the point, resolution cells in range and azimuth; 1 is the first null of an
+        unweighted response
     seed : overrides the scene's
     plan : overrides the automatic effects plan
     pass_index : as for :func:`sarmitsuba.simulation.raw.simulate`
 
     Returns
     -------
-    the paths that method ``raw`` adds up to the pulse's echo with the same seed, before any noise and where the effect
-    ``wideband`` is off: each stands in it as ``amplitude sinc((r - slant_range) / range_cell)``; with the effect
-    ``motion_in_pulse`` shifted besides by its range rate, see :mod:`sarmitsuba.echo.pulse_motion`
+    the paths whose sum is the pulse's echo by method ``raw`` with the same seed, without noise and with the effect
+    ``wideband`` off: each contributes ``amplitude sinc((r - slant_range) / range_cell)``; with the effect
+    ``motion_in_pulse`` it is also shifted by its range rate, see :mod:`sarmitsuba.echo.in_pulse`
 
     Raises
     ------
@@ -184,8 +188,8 @@ def trace_paths(
 
     Notes
     -----
-    Ignores what the kernel ignores. One launch per lattice of rays and pulse; a launch that finds more paths than
-    there is room for is run once more. Amplitudes are those at the carrier, of wide bands too.
+    Limitations are those of the kernel. One launch per lattice of rays and pulse; a launch with more paths than the
+    memory holds is repeated. Amplitudes are those at the carrier, also for wide bands.
     """
     table = PathTracer(scene, seed=seed, plan=plan, pass_index=pass_index).trace(
         pulses, near=near, cells=cells
@@ -194,7 +198,7 @@ def trace_paths(
 
 
 class PathTracer:
-    """Traces the paths of one pulse, pixel or part of the image after another, of a scene that is prepared once.
+    """Tracer of path tables for several pulses or pixels of a scene that is prepared once.
 
     Parameters
     ----------
@@ -214,7 +218,7 @@ class PathTracer:
         if wideband is not None and wideband.on and wideband.error_db > CHANGES_DB:
             text = (
                 f"{scene.name}: tables of paths hold the amplitudes at the carrier, and echoes change over the band; "
-                "give wideband=off to the integrator for echoes that keep the carrier's"
+                "give wideband=off to the integrator for echoes with the carrier's amplitudes at all frequencies"
             )
             warnings.warn(text, SarmitsubaWarning, stacklevel=3)
         if self._run.sampling is not None:
@@ -262,12 +266,12 @@ def _pulse_numbers(radar: Radar, pulses: int | Sequence[int] | None) -> list[int
 
 
 def _gate(scene: Scene, point: F64, cells: float) -> Gate:
-    """Slant range and range rate of a point from every pulse, as wide as its resolution cells."""
+    """Gate about the slant range and range rate of a point at every pulse, as wide as its resolution cells."""
     if point.shape != (3,) or not np.isfinite(point).all():
         raise RadarError(f"near has the shape {point.shape}; give one finite point (3,), m, scene frame")
     track = scene.radar.track
     distance, rate = point_history(scene.radar, PointTarget("near", point), slice(None))
-    # a step along the track turns the line of sight, and with it the rate, by so much
+    # change of the range rate for a step along the track, by the rotation of the line of sight
     per_metre = (np.einsum("ni,ni->n", track.velocity, track.velocity) - rate**2) / distance
     speed = np.linalg.norm(track.velocity, axis=1)
     half_rate = cells * azimuth_cell(scene) * per_metre / np.maximum(speed, 1e-300)
@@ -293,7 +297,7 @@ def _of_launch(run: Run, tracer: Tracer, launch: Launch, pulse: int, gate: Gate 
 
 
 def _of_places(scene: Scene, rows: Rows, pulse: int) -> PathTable:
-    """Rows of scatterers at known positions, which no ray has hit; amplitudes still without the phase of the length."""
+    """Table of scatterers at known positions; amplitudes still without the phase of the length."""
     order = rows.labels[:, 2].astype(np.int32)
     there = np.arange(1, int(order.max(initial=1)) + 1) <= order[:, None]
     nothing = np.full(there.shape, -1, dtype=np.int32)
@@ -313,15 +317,15 @@ def _of_places(scene: Scene, rows: Rows, pulse: int) -> PathTable:
 
 
 def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
-    """Rows of a recording as a table; amplitudes still without the phase of the length."""
+    """Table of the rows of a recording; amplitudes still without the phase of the length."""
     scene = run.scene
     kind, order = (rows.labels[:, i].astype(np.int64) for i in (1, 2))
-    turn = np.where(kind == RECIPROCAL, (order + 1) // 2, order)  # bounce that the path turns round at
+    turn = np.where(kind == RECIPROCAL, (order + 1) // 2, order)  # bounce at which the path turns back
     chain, chain_rows = rows.chains(turn)
     path = np.arange(kind.size)
     most = int(order.max(initial=1))
     step = np.arange(1, most + 1)
-    # back through the chain behind the turn
+    # reciprocal paths: back through the chain
     bounce = np.where(step <= turn[:, None], step, 2 * turn[:, None] - step)
     bounce = np.where((kind == REVERSED)[:, None], order[:, None] + 1 - step, bounce)
     there = step <= order[:, None]
@@ -350,7 +354,7 @@ def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
 
 
 def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
-    """Paths of the ideal points that a pulse sees."""
+    """Table of the paths of visible ideal points at a pulse."""
     scene, pick = run.scene, slice(pulse, pulse + 1)
     channels = scene.radar.channels
     flags = run.plan.flags
@@ -384,7 +388,7 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
 
 
 def _empty(scene: Scene) -> PathTable:
-    """Table without a row."""
+    """Table without rows."""
     number, none = np.zeros(0, dtype=np.int32), np.zeros((0, 1), dtype=np.int32)
     return PathTable(
         channels=scene.radar.channels,
@@ -404,7 +408,7 @@ def _empty(scene: Scene) -> PathTable:
 
 
 def joined(tables: Sequence[PathTable]) -> PathTable:
-    """One table of the rows of several of the same scene, table after table."""
+    """Concatenation of several tables of the same scene."""
     most = max(table.points.shape[1] for table in tables)
     wide = [_widened(table, most) for table in tables]
     columns = [f.name for f in fields(PathTable) if f.name not in _NAMES]
@@ -412,7 +416,7 @@ def joined(tables: Sequence[PathTable]) -> PathTable:
 
 
 def _widened(table: PathTable, most: int) -> PathTable:
-    """The table with room for that many bounces."""
+    """Table with space for ``most`` bounces."""
     more = most - table.points.shape[1]
     pad = ((0, 0), (0, more))
     numbers = {

@@ -1,9 +1,9 @@
-"""Pilot trace: how much returns at which bounce, from a few per cent of the rays at a few pulses of the aperture.
+"""Pilot trace: echo power by bounce order, from a few per cent of the rays at a few pulses of the aperture.
 
-Rays go out in square patches about as large as a resolution cell and as dense as in the full run, so that every
-patch sums coherently what one pixel would. Most patches lie at random; the others lie on small features of the
-geometry (separate pieces, concave edges) that random ones would miss. Patches fade out towards their rim, else
-the rim of a patch on a smooth plain would return what the plain does not.
+Rays are launched in square patches about as large as a resolution cell and as dense as in the full run, so that every
+patch has the coherent sum of one pixel. Most patches are at random positions; the others are on small features of the
+geometry (separate pieces, concave edges) that random ones would miss. Patches are tapered towards their edge, else
+the edge of a patch on a smooth plane would give an echo that the plane does not have.
 """
 
 from __future__ import annotations
@@ -37,24 +37,26 @@ from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.state import Contribution, Hit, Kernel, RayState
 
-# bounces followed at first, and at most where the last of them still returns too much
+F64 = NDArray[np.float64]
+
+# bounces traced at first, and at most where the last of them still returns too much
 ORDERS, MOST_ORDERS = 8, 128
 CHANNELS = ("HH", "VV")
-# rays on a side of a patch: enough for the fade-out to suppress the rim by 30 dB
+# rays on a side of a patch: enough for the taper to suppress its edge by 30 dB
 SIDE = 8
-# share of the full run's rays, and most rays whatever the run. A pilot's ray costs two to three of the run's: all
-# effects, two polarisations, patches in no order
+# share of the full run's rays, and upper bound of the rays. A pilot's ray costs two to three of the run's: all
+# effects, two polarisations, patches in random order
 RAY_SHARE = 0.006
 MAX_RAYS = 300_000
-# patches of a pulse, whatever the run: recording and launching take longer than tracing these
+# least patches of a pulse: recording and launching take longer than tracing these
 LEAST_PATCHES = 512
 # a run shorter than this is not worth a pilot: recording and launching its kernels takes about 0.1 s
 SHORTEST_RUN = 2.0
 # share of a run that proofs from the geometry may take
 PROOF_SHARE = 0.05
-# effects up to this rank decide which kinds of return there are, all that the sampling depends on
+# effects up to this rank decide the kinds of return, on which the sampling depends
 KINDS_RANK = 20
-# a feature that so many random patches meet needs none of its own
+# a feature hit by this many random patches needs no patch of its own
 ENOUGH_PATCHES = 8.0
 
 
@@ -66,21 +68,21 @@ def plan_scene(
     sampling: SamplingPlan | None = None,
     clock: Clock = time.perf_counter,
 ) -> EffectsPlan:
-    """Decide the effects of a scene: by static context, and by a pilot trace where they are not enough.
+    """Effects plan of a scene, from the static context and, where that is not enough, from a pilot trace.
 
     Parameters
     ----------
     scene : as loaded
-    trace_scene : built already, or None to build it when a pilot needs it
-    pilot : force or forbid the pilot; None lets the size of the run decide
-    sampling : of this scene with all returns there may be, None to work it out
-    clock : that the pilot is timed with
+    trace_scene : geometry on the device, or None to build it when a pilot needs it
+    pilot : force or forbid the pilot; None: by the size of the run
+    sampling : of this scene with all possible returns, None to compute it
+    clock : for the pilot's time
     """
     return plan_in(examine(scene, trace_scene, pilot=pilot, sampling=sampling, clock=clock))
 
 
 def plan_in(context: SceneContext, *, warn: bool = True) -> EffectsPlan:
-    """Decide the effects of a scene by what is known of it."""
+    """Effects plan of a scene in a given context."""
     return plan_effects(
         context.scene,
         context.sampling,
@@ -99,7 +101,7 @@ def examine(
     sampling: SamplingPlan | None = None,
     clock: Clock = time.perf_counter,
 ) -> SceneContext:
-    """Find out all that the effects of a scene are decided from; parameters as for :func:`plan_scene`."""
+    """Context from which the effects of a scene are decided; parameters as for :func:`plan_scene`."""
     if scene.geometry.n_faces == 0:
         return SceneContext(scene)
     sampling = sampling or SamplingPlan.of(scene)
@@ -112,7 +114,7 @@ def examine(
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not returns:
         return SceneContext(scene, sampling.for_effects(), known_shape=shape)
-    # a realisation of pairs takes so little that no run is too short for it
+    # a draw of pairs is cheap enough for every run
     paired = draft.flags.diffuse and pilot is not False and _may_pair(scene)
     traced = wanted or not (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape))
     known = SceneContext(scene, sampling.for_effects(), known_shape=shape)
@@ -135,20 +137,20 @@ def examine(
 
 
 def _may_pair(scene: Scene) -> bool:
-    """Whether pairs of diffuse scatterers are asked for, or left to the plan, in a run of several bounces."""
+    """Whether pairs of diffuse scatterers are requested, or left to the plan, in a run of several bounces."""
     settings = scene.settings
     return settings.effects.get("diffuse_pairs") != "off" and settings.max_depth != 1
 
 
 def _may_ring(scene: Scene, shape: ShapeAnalysis) -> bool:
-    """Whether faces look at each other, so that a path between them may have any number of bounces."""
+    """Whether faces are opposite each other, so that a path between them may have any number of bounces."""
     return shape.facing(both_sides=bool(SceneContext(scene).seen_through))
 
 
 def worth_a_pilot(sampling: SamplingPlan) -> bool:
-    """True where the run is long enough, or keeps bounce orders apart, which costs memory for each.
+    """Whether a pilot trace pays: the run is long enough, or keeps bounce orders separately, which costs memory.
 
-    Long enough as a run by key pulses, whatever the method: all methods of one scene have one plan.
+    The length is that of a run by key pulses for every method: all methods of one scene have one plan.
     """
     return run_seconds(_by_key_pulses(sampling)) >= SHORTEST_RUN or sampling.scene.settings.keep_orders
 
@@ -162,7 +164,7 @@ def _by_key_pulses(sampling: SamplingPlan) -> SamplingPlan:
 
 @dataclass(frozen=True, eq=False)
 class _Patches:
-    """Patches of one pulse: ``grid`` holds SIDE^2 rays of each in turn; the first ``n_random`` lie at random."""
+    """Patches of rays of one pulse: ``grid`` holds SIDE^2 rays of each in turn; the first ``n_random`` are random."""
 
     grid: LaunchGrid
     n_random: int
@@ -179,22 +181,22 @@ def run_pilot(
     clock: Clock = time.perf_counter,
     orders: int = ORDERS,
 ) -> PilotResult:
-    """Trace the pilot.
+    """Result of a pilot trace: power by patch, kind of return and bounce order.
 
     Parameters
     ----------
     draft : plan from the static context; effects that the user switched off stay off
     sampling : of the full run, with the scene as loaded
-    trace_scene : built already, or None
+    trace_scene : geometry on the device, or None
     pulses : numbers of the pulses; default first, quarter, middle, three quarters, last
-    shape : of the geometry, None to work it out
+    shape : analysis of the geometry, None to compute it
     clock : of the seconds in the result
-    orders : bounces to follow
+    orders : bounces to trace
 
     Notes
     -----
-    Ignores mechanisms that only pulses between those chosen see, unless a patch is so small that its own lobe
-    spans the gap, as it is for returns of single resolution cells.
+    Ignores mechanisms visible only at pulses between those chosen, unless a patch is so small that its lobe spans the
+    gap, as for returns of single resolution cells.
     """
     ensure_backend()
     start = clock()
@@ -247,7 +249,7 @@ def run_pilot(
 
 
 def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
-    """All on but what the user switched off: one kernel for nearly all scenes, compiled once per machine."""
+    """Kernel flags with all effects on except those switched off by the user: one kernel for nearly all scenes."""
     off = {name for name, switch in scene.settings.effects.items() if switch == "off"}
     return KernelFlags(
         channels=CHANNELS,
@@ -269,7 +271,7 @@ def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
 
 
 def _features(shape: ShapeAnalysis, sampling: SamplingPlan, n_patches: int) -> tuple[F64, F64]:
-    """Small features that random patches would not meet often enough, strongest first: points, sizes."""
+    """Small features that random patches would not hit often enough, strongest first: points, sizes."""
     points, sizes = shape.features
     if not len(points):
         return points, sizes
@@ -300,7 +302,7 @@ def _place(
     centre = rng.uniform(-half, half, (n_random, 2))
     if n_features:
         aim = project(points[:n_features], sampling.scene.radar.track.position[pulse], window.frame)
-        # the first patch of a feature sits on it; what covers the rest of a larger one is spread over it
+        # the first patch of a feature is centred on it; further patches of a larger one are spread over it
         first = np.ones(n_features, dtype=bool)
         first[1:] = (np.diff(points[:n_features], axis=0) != 0).any(axis=1)
         spread = np.where(first, 0.0, 0.5 * sizes[:n_features])[:, None]
@@ -324,7 +326,7 @@ def _place(
 
 
 class _PatchAccumulator:
-    """Coherent sums by patch, kind of return and bounce order; two channels."""
+    """Accumulator of coherent sums by patch, kind of return and bounce order; two channels."""
 
     def __init__(self, n_patches: int, orders: int, wavelength: float, reference_range: float) -> None:
         self.n_lanes, self.orders = n_patches * SIDE**2, orders
@@ -341,7 +343,7 @@ class _PatchAccumulator:
     def visit(
         self, state: tuple[mi.UInt32, ...], ray: RayState, hit: Hit
     ) -> tuple[tuple[mi.UInt32, ...], mi.UInt32 | None]:
-        """Power of the rays that are followed no farther; see :class:`sarmitsuba.trace.kernel.Follower`."""
+        """Add up the power of rays that end at the last bounce; see :class:`sarmitsuba.trace.kernel.Follower`."""
         last = hit.active & (hit.order == dr.opaque(mi.UInt32, self.orders))
         power = sum(dr.squared_norm(re) + dr.squared_norm(im) for re, im in ray.fields)
         share = power / (len(ray.fields) * SIDE**2)
@@ -373,7 +375,7 @@ def _trace(
 ) -> tuple[F64, float]:
     """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, reciprocal, and their coherent sum.
 
-    And the largest share of a patch's power that still goes on after the last order.
+    And the largest share of a patch's power that continues after the last order.
     """
     radar, window = sampling.scene.radar, sampling.window_at(pulse)
     pick = slice(pulse, pulse + 1)

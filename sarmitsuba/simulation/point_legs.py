@@ -1,4 +1,4 @@
-"""Legs between ideal points and antennas, and the echoes that come of them, for every method."""
+"""Legs between ideal points and antennas, with occlusion and transmission, for every method."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,11 +24,11 @@ class PointLegs:
 
     Parameters
     ----------
-    seen : (n,) float64, 1 where the point sees the antenna, else 0
-    shift : (n, 3) float64, m, of the antenna as the point sees it through slabs
+    seen : (n,) float64, 1 where the leg is not occluded, else 0
+    shift : (n, 3) float64, m, apparent shift of the antenna by slabs
     to_antenna : (n, 3) unit vectors
-    waves : (n, 2, 2) complex128: the H and V (second) that a point has of unit waves sent in H and V (first); likewise
-        home. None where nothing takes a part of the wave
+    waves : (n, 2, 2) complex128: H and V components (second axis) at the point of unit waves sent in H and V (first);
+        the same for reception. None where legs are not attenuated
     """
 
     seen: F64
@@ -38,7 +38,7 @@ class PointLegs:
 
     @property
     def delay(self) -> F64:
-        """(n,) m, one-way path that slabs add."""
+        """One-way delay (n,) of slabs, m."""
         return np.asarray(np.einsum("ni,ni->n", self.shift, self.to_antenna))
 
     @staticmethod
@@ -50,15 +50,15 @@ class PointLegs:
         antenna: F64,
         up: tuple[float, float, float],
     ) -> "PointLegs":
-        """Trace the legs.
+        """Legs between points and an antenna, traced.
 
-        A point on a surface is not hidden by the facets that it touches, see
-        :func:`sarmitsuba.simulation.off_surface.off_surfaces`; one farther behind a surface is.
+        A point on a surface is not occluded by the facets that it touches, see
+        :func:`sarmitsuba.simulation.off_surface.off_surfaces`; a point farther behind a surface is.
 
         Parameters
         ----------
-        trace_scene : what may stand in the way; None: nothing
-        flags : whether slabs let waves through; facets hide points whatever ``visibility`` says of rays
+        trace_scene : objects that may occlude; None: free space
+        flags : whether slabs transmit; facets occlude points also with ``visibility`` off
         wavelength : m
         position, antenna : (n, 3) float64, m
         up : vertical reference of the polarisation
@@ -94,7 +94,7 @@ class PointLegs:
         antenna: F64,
         up: tuple[float, float, float],
     ) -> "PointLegs":
-        """Legs (n,) at different times (n,), s: where shapes of the scene move, each among them where they then are."""
+        """Legs (n,) at different times (n,), s, each with moving shapes at their positions at that time."""
         if trace_scene is None or trace_scene.movers is None:
             return PointLegs.of(trace_scene, flags, wavelength, position, antenna, up)
         each = [
@@ -105,7 +105,7 @@ class PointLegs:
 
     @staticmethod
     def joined(legs: Sequence["PointLegs"]) -> "PointLegs":
-        """Legs of one after the other."""
+        """Concatenation of several sets of legs."""
         waves = [leg.waves for leg in legs if leg.waves is not None]
         return PointLegs(
             np.concatenate([leg.seen for leg in legs]),
@@ -115,9 +115,9 @@ class PointLegs:
         )
 
     def channel(self, home: "PointLegs", name: str) -> C128:
-        """What a channel has of an ideal point of unit RCS (HH = VV = 1), (n,), out by these legs and home by others.
+        """Response (n,) of a channel to an ideal point of unit RCS (HH = VV = 1), by these legs and back by ``home``.
 
-        See :func:`isotropic_response` where nothing stands in the way. 0 where the point is hidden.
+        As :func:`isotropic_response` in free space. 0 where the point is occluded.
         """
         seen = self.seen * home.seen
         if self.waves is None or home.waves is None:
@@ -128,14 +128,14 @@ class PointLegs:
 
 
 def takes_part(trace_scene: TraceScene | None, flags: KernelFlags) -> bool:
-    """Whether anything in a scene takes a part of the waves on straight legs."""
+    """Whether slabs or volumes of a scene attenuate waves on straight legs."""
     return trace_scene is not None and (
         bool(trace_scene.passages) or lets_waves_through(trace_scene.slabs, flags)
     )
 
 
 def over_band(scene: Scene, trace_scene: TraceScene | None, bands: SubBands) -> tuple[TraceScene | None, ...]:
-    """What stands in the way, at each traced frequency."""
+    """Geometry that acts on straight legs, with the materials at each traced frequency."""
     if bands.count == 1 or trace_scene is None:
         return (trace_scene,)
     return tuple(
@@ -145,11 +145,11 @@ def over_band(scene: Scene, trace_scene: TraceScene | None, bands: SubBands) -> 
 
 
 def _device(kind: type, rows: F64) -> "mi.Vector3d":
-    """Rows (n, 3) as a vector of the device."""
+    """Rows (n, 3) as a Dr.Jit vector."""
     number = mi.Float64 if kind is mi.Vector3d else mi.Float
     return kind(*(device_array(number, np.ascontiguousarray(row)) for row in rows.T))
 
 
 def _rows(vector: "mi.Vector3f") -> F64:
-    """(n, 3) of a vector of the device."""
+    """Rows (n, 3) of a Dr.Jit vector."""
     return np.asarray(vector, np.float64).T

@@ -1,4 +1,4 @@
-"""Ideal point scatterers: analytic echoes, hidden where a mesh stands in the way."""
+"""Ideal point scatterers: analytic echoes, with occlusion by meshes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,20 +23,22 @@ from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import changes_echoes, echoed
 from sarmitsuba.trace.state import SCATTERER, Contribution
 
-# pulses of one NumPy batch times samples; bounds temporaries to about 100 MB
+F64 = NDArray[np.float64]
+
+# pulses times samples of one NumPy batch; bounds temporary arrays to about 100 MB
 _BATCH = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class PointEcho:
-    """Echoes of ideal points: of one at n pulses, or of n at one.
+    """Echoes of ideal points: of one point at n pulses, or of n points at one pulse.
 
     Parameters
     ----------
     slant_range, range_rate : (n,) float64, m and m/s, with the delay in slabs
-    amplitude : (n,) complex128, sqrt(W), co-polar, as if nothing stood in the way
+    amplitude : (n,) complex128, sqrt(W), co-polar, in free space
     legs : to the transmitter and to the receiver
-    changed : (n,) complex128 of each channel, as stages of the kernel change them; None: none does
+    changed : (n,) complex128 of each channel after the stages of the kernel; None without such stages
     """
 
     slant_range: F64
@@ -70,17 +72,17 @@ class PointEcho:
 
     @property
     def seen(self) -> F64:
-        """(n,) 1 where both antennas are seen, else 0."""
+        """Visibility (n,): 1 where neither leg is occluded, else 0."""
         return self.legs[0].seen * self.legs[1].seen
 
-    def channel(self, name: str) -> C128:
-        """(n,) complex128, sqrt(W), of a channel, without the phase of the slant range; 0 where hidden."""
+    def channel(self, name: str) -> NDArray[np.complex128]:
+        """Amplitude (n,) complex128, sqrt(W), of a channel, without the phase of the slant range; 0 where occluded."""
         if self.changed is not None:
             return self.changed[name]
         return np.asarray(self.amplitude * self.legs[0].channel(self.legs[1], name))
 
     def through_stages(self, flags: KernelFlags, wavelength: float, position: F64) -> "PointEcho":
-        """The echoes as stages of the kernel change them; ``position``: (n, 3) m, of the points."""
+        """Echoes after the stages of the kernel; ``position``: (n, 3) m, of the points."""
         if not changes_echoes(flags):
             return self
         n = len(self.slant_range)
@@ -122,9 +124,9 @@ def point_echo(
 
     Parameters
     ----------
-    scene, flags : radar, and whether the antenna pattern counts
-    trace_scene : what can stand in the way, or None; as it is at time zero
-    wavelength : m, of what stands in the way
+    scene, flags : radar, and whether the antenna pattern is applied
+    trace_scene : geometry that may occlude, at time zero; None: free space
+    wavelength : m, for transmission through slabs and volumes
     """
     radar = scene.radar
     time = radar.track.time[pick]
@@ -149,19 +151,19 @@ def add_points(
     layers: Sequence[Layer],
     sub_bands: int = 1,
 ) -> int:
-    r"""Add every point target's exact band-limited echo to range-compressed data.
+    r"""Add the exact band-limited echoes of all ideal points to range-compressed data.
 
     .. math:: K \sqrt{\sigma} e^{j \phi} g_t / (R_t R_r) \, \mathrm{sinc}((r - R) / \Delta r) e^{-j 4 \pi f_c R / c}
 
-    with :math:`R = (R_t + R_r) / 2` half the path from the transmitter to the receiver, mostly one antenna.
+    with :math:`R = (R_t + R_r) / 2`, half the path from the transmitter to the receiver (often one antenna).
 
     Parameters
     ----------
-    scene, flags : what to add and whether the antenna pattern counts
-    trace_scene : what can hide a point, or None
+    scene, flags : scene with the points, and whether the antenna pattern is applied
+    trace_scene : geometry that may occlude a point, or None
     data : (n_layers, n_pulses, n_samples) complex64, changed in place; layers of the first order only
     layers : labels of ``data``
-    sub_bands : number of frequencies at which what stands in the way is looked at
+    sub_bands : number of frequencies at which transmission is computed
 
     Returns
     -------
@@ -169,15 +171,15 @@ def add_points(
 
     Notes
     -----
-    An ideal scatterer is isotropic and does not depolarise (a compact channel has its part of HH = VV); it neither
-    blocks nor reflects rays. On a surface it has no image in that surface, and a sheet without thickness that it lies
-    on hides it from neither side.
+    An ideal scatterer is isotropic and does not depolarise (a compact channel has its component of HH = VV); it neither
+    occludes nor reflects rays. A point on a surface has no image in that surface, and a sheet without thickness does
+    not occlude a point that lies on it, from either side.
     """
     radar = scene.radar
     track, window = radar.track, radar.window
     wave = radar.waveform
     partly = takes_part(trace_scene, flags)
-    wanted = {  # both ray subsets see the whole point
+    wanted = {  # both ray subsets hold the full echo of the point
         i: layer
         for i, layer in enumerate(layers)
         if layer.order in (0, 1) and (isotropic_response(layer.channel) or partly)
@@ -211,7 +213,7 @@ def add_points(
 
 
 def point_history(radar: Radar, point: PointTarget, pick: slice) -> tuple[F64, F64]:
-    """Slant range (m) of a point in the pulses ``pick`` and its change (m/s), two (n,) float64, as in free space."""
+    """Slant range (m) and range rate (m/s) of a point in the pulses ``pick``, two (n,) float64, in free space."""
     time = radar.track.time[pick]
     position, own = point.position_at(time), point.motion.velocity_at(time)
     antennas = [(track.position[pick], track.velocity[pick]) for track in radar.tracks]
@@ -222,7 +224,7 @@ def point_history(radar: Radar, point: PointTarget, pick: slice) -> tuple[F64, F
 def _ranges_and_rates(
     position: F64, velocity: F64, antennas: Sequence[tuple[F64, F64]]
 ) -> tuple[list[F64], list[F64]]:
-    """Range (m) of points to each antenna and its change (m/s), (n,) each, from positions and velocities (n, 3)."""
+    """Range (m) of points to each antenna and range rate (m/s), (n,) each, from positions and velocities (n, 3)."""
     ranges, rates = [], []
     for place, speed in antennas:
         line = place - position
@@ -233,5 +235,5 @@ def _ranges_and_rates(
 
 
 def _mean(values: Sequence[F64]) -> F64:
-    """Of one antenna or two."""
+    """Mean over one antenna or two."""
     return values[0] if len(values) == 1 else np.asarray(0.5 * (values[0] + values[1]))

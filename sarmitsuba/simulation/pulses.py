@@ -1,4 +1,4 @@
-"""Pulses of one batch: the antennas at those that are traced, the grid of their echoes, and the profiles made of it."""
+"""Pulses of one batch: antenna states at the traced pulses, grid of their echoes, and range profiles from the grid."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ class AntennaStates:
 
     Parameters
     ----------
-    position, velocity : (n, 3) float64, m and m/s, scene frame, of the antenna that transmits
-    pick : pulses whose pointing holds
-    receiver : position and velocity of an antenna apart that receives; None: the one that transmits does
+    position, velocity : (n, 3) float64, m and m/s, scene frame, of the transmitting antenna
+    pick : pulses whose pointing applies
+    receiver : position and velocity of a separate receiving antenna; None: one antenna transmits and receives
     """
 
     position: F64
@@ -33,14 +33,14 @@ class AntennaStates:
 
     @classmethod
     def on_tracks(cls, radar: Radar, pick: slice) -> "AntennaStates":
-        """As flown, at some pulses."""
+        """States on the flown tracks at some pulses."""
         apart = radar.receiver
         receiver = None if apart is None else (apart.position[pick], apart.velocity[pick])
         return cls(radar.track.position[pick], radar.track.velocity[pick], pick, receiver)
 
     @property
     def n_pulses(self) -> int:
-        """Pulses of the launch."""
+        """Number of pulses of the launch."""
         return len(self.position)
 
 
@@ -49,8 +49,8 @@ class Pulses(ABC):
 
     Attributes
     ----------
-    states : of the antennas, at the pulses that are traced
-    each : pulses that a traced path goes to
+    states : of the antennas, at the traced pulses
+    each : number of pulses to which a traced path contributes
     """
 
     states: AntennaStates
@@ -60,11 +60,11 @@ class Pulses(ABC):
     def accumulator(
         self, n_orders: int, n_channels: int, max_order: int, wavelength: float, least_bytes: int
     ) -> GridAccumulator:
-        """An empty grid for the echoes; see :class:`GridAccumulator`."""
+        """Empty grid for the echoes; see :class:`GridAccumulator`."""
 
     @abstractmethod
     def profiles(self, grid: NDArray[np.complexfloating], share: RangeFilter | None) -> C64:
-        """Range-compressed profiles (n_layers, n_pulses, n_samples) of a filled grid, by its share of the band."""
+        """Range-compressed profiles (n_layers, n_pulses, n_samples) of a filled grid; ``share``: of the band."""
 
 
 class KeyPulse(Pulses):
@@ -94,7 +94,7 @@ class KeyPulse(Pulses):
         pick = slice(self.plan.key, self.plan.key + 1)
         self.states = AntennaStates(position[:1], velocity[:1], pick, receiver)
         self.each = self.plan.n_pulses
-        # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
+        # the synthesis applies each pulse's azimuth pattern: the rays of the block carry the elevation pattern only
         self.beam = sampling.flags.antenna_pattern and sampling.azimuth_later
 
     def accumulator(
@@ -109,12 +109,12 @@ class KeyPulse(Pulses):
 
 
 class EveryPulse(Pulses):
-    """Pulses of one sector of the track, each traced, all in one launch.
+    """Pulses of one sector of the track, each of them traced, in one launch.
 
     Parameters
     ----------
     sampling : of the run
-    start, stop : pulses, no more than memory allows
+    start, stop : pulses, as many as memory allows
     """
 
     def __init__(self, sampling: SamplingPlan, start: int, stop: int) -> None:

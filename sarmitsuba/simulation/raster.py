@@ -1,4 +1,4 @@
-"""One bounce by projection, as real-time SAR simulators do: visible surface, incoherent sigma0, random speckle."""
+"""Method ``raster``: image by projection of the visible surface, with incoherent sigma0 and random speckle."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ STAND_IN_DB = -15.0
 
 
 class Raster:
-    """A screen of parallel rays along one line of sight, projected onto an image grid.
+    """Screen of parallel rays along one line of sight, projected onto an image grid.
 
     Parameters
     ----------
     sampling : plan of the run; gives the scene, its lit part and its resolution
-    trace_scene : what is visible
+    trace_scene : geometry
     grid : pixels
-    range_window, azimuth_window : set the impulse response
-    antenna : (3,) m, scene frame, from where it looks; None: from mid-aperture
+    range_window, azimuth_window : of the impulse response
+    antenna : (3,) m, scene frame, antenna position; None: mid-aperture
 
     Notes
     -----
@@ -80,11 +80,11 @@ class Raster:
 
     @property
     def n_rays(self) -> int:
-        """Samples of the screen."""
+        """Number of samples of the screen."""
         return self.columns * self.rows
 
     def _stand_in(self) -> mi.Float:
-        """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
+        """Diffuse table of Lambert's law, for scenes of smooth surfaces only, which otherwise would have no echo."""
         text = (
             f"{self.scene.name}: method raster: no material scatters diffusely, so every surface is given Lambert's "
             f"law of {STAND_IN_DB:g} dB; give materials a diffuse_law, or use method image"
@@ -96,8 +96,8 @@ class Raster:
         table = np.broadcast_to(one[None, :, None], (len(with_parts(self.scene.materials)), DIFFUSE_NODES, 2))
         return device_array(mi.Float, np.asarray(table, dtype=np.float32))
 
-    def run(self, flags: KernelFlags, cell_azimuth: float) -> C64:
-        """Make the image, (n_channels, n_azimuth, n_range) complex64; ``cell_azimuth`` in m."""
+    def run(self, flags: KernelFlags, cell_azimuth: float) -> NDArray[np.complex64]:
+        """Complex image, (n_channels, n_azimuth, n_range) complex64; ``cell_azimuth``: resolution, m."""
         power = self.power(flags)
         scene, grid = self.scene, self.grid
         cell_range = scene.radar.waveform.range_cell
@@ -181,7 +181,7 @@ class Raster:
         planes = []
         columns = dr.opaque(mi.UInt32, n_range)
         for channel in channels:
-            # channels of one letter twice, and of two, are not correlated over a surface without a preferred side
+            # co-polar and cross-polar channels are uncorrelated for a reflection-symmetric surface
             power = f32(0.0)
             for factor, part in linear_parts(channel):
                 co = amplitude.x * amplitude.x if part[0] == "H" else amplitude.y * amplitude.y
@@ -206,7 +206,7 @@ class Raster:
         material: mi.UInt32,
         seen: mi.Bool,
     ) -> mi.Vector2f:
-        """Root of sigma0 for h and v at places (m) of the surface, whose waves tilt it where it is water."""
+        """Square root of sigma0 for h and v at points (m) of the surface, tilted by waves where it is water."""
         f32, water = mi.Float, self.trace_scene.water
         if water is not None:
             lit = dr.select(dr.dot(normal, d) > 0.0, -normal, normal)
@@ -219,8 +219,8 @@ class Raster:
         amplitude = low + (high - low) * (theta - f32(node))
         return amplitude if water is None else amplitude * water.level(material, angle, -2.0 * d)
 
-    def _pixel(self, leg: mi.Vector3d, antenna: F64) -> tuple[mi.Float64, mi.Float64]:
-        """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""
+    def _pixel(self, leg: mi.Vector3d, antenna: NDArray[np.float64]) -> tuple[mi.Float64, mi.Float64]:
+        """Fractional pixel (azimuth, range), float64, of points at ``leg`` (Vector3d, m) from the antenna."""
         grid, f64 = self.grid, mi.Float64
         along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64))
         closest2 = dr.squared_norm(leg) - dr.square(along)
@@ -242,8 +242,8 @@ def _constant(value: F64, vector: Any, scalar: Any) -> Any:
     return vector(*(dr.opaque(scalar, float(v)) for v in value))
 
 
-def _band(n: int, share: float, window: Window) -> F64:
-    """Window over the band on n FFT bins; ``share`` is the pixel spacing over the cell."""
+def _band(n: int, share: float, window: Window) -> NDArray[np.float64]:
+    """Window over the band on n FFT bins; ``share``: ratio of pixel spacing and resolution cell."""
     bins = scipy.fft.fftfreq(n) / share  # of the band, -1/2 ... 1/2
     return np.asarray(window(bins), dtype=np.float64)
 

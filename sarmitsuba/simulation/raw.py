@@ -32,7 +32,7 @@ from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.timing import Clock
 
-# share of the echoes' power outside the receive window that is worth a warning
+# share of the echoes' power outside the receive window that gives a warning
 LOST_POWER = 0.05
 
 
@@ -50,7 +50,7 @@ def simulate(
     run_hash: str | None = None,
     workers: Workers | None = None,
 ) -> RawData:
-    """Trace a scene and return the range-compressed echoes of every pulse.
+    """Raw data of a scene: the range-compressed echoes of every pulse.
 
     Parameters
     ----------
@@ -58,23 +58,23 @@ def simulate(
     seed : overrides the scene's
     progress : called after every batch
     plan : overrides the automatic effects plan
-    pass_index : other values shift the ray lattices and nothing else: independent samples of the same scene
-    ready : called once the run is planned and fits, before it is traced
+    pass_index : other values shift the ray lattices only: independent samples of the same scene
+    ready : called once the run is planned and fits into memory, before it is traced
     clock : of the stages' seconds in the metadata
-    state : file that keeps every finished block of pulses, so that a run that was killed goes on from there with the
-        same bits; remove it when the data are safe. None keeps nothing
-    run_hash : of what the blocks in ``state`` depend on; default: that of the scene, its settings and the program
+    state : file of finished blocks of pulses, from which an interrupted run continues with the same bits; remove it
+        when the data are stored. None: no file
+    mark : run hash of the blocks in ``state``; default: that of the scene, its settings and the program
     workers : workers that share the tracing, such as :class:`sarmitsuba.cluster.dask_workers.DaskWorkers`; the result
         has the same bits
 
     Returns
     -------
-    raw : ``compressed`` domain; layers are channels, times bounce orders and ray subsets where those are kept
+    raw : ``compressed`` domain; one layer per channel, and per bounce order and ray subset where these are kept
 
     Raises
     ------
     RadarError
-        When not a single path comes back.
+        When no echo is received.
     ResourceError
         The run does not fit into memory.
     OutputError
@@ -82,7 +82,7 @@ def simulate(
 
     Notes
     -----
-    Ignores what the kernel ignores; within a block of pulses amplitudes and visibility are those of its key pulse.
+    Limitations are those of the kernel; within a block of pulses amplitudes and visibility are those of its key pulse.
     """
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
@@ -101,7 +101,7 @@ def simulate(
 
 @exclusive
 def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -> RawData:
-    """Range-compressed echoes of a run that was made ready; see :func:`simulate`."""
+    """Range-compressed echoes of a prepared run; see :func:`simulate`."""
     scene, plan = run.scene, run.plan
     radar, settings = scene.radar, scene.settings
     layers = run.layers.layers
@@ -165,8 +165,8 @@ def _trace(
     )
 
 
-def _check_energy(scene: Scene, stats: TraceStatistics, data: C64) -> list[str]:
-    """Raise where nothing came back; warn where much was dropped and return the warning's text."""
+def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64]) -> list[str]:
+    """Raise an error if there is no echo; warn if much power is outside the receive window, and return the text."""
     if scene.geometry.n_faces and stats.hits == 0 and not scene.points and not scene.has_sources:
         raise RadarError(
             f"{scene.name}: none of {stats.rays} rays hits the scene; check that the image footprint "
@@ -189,7 +189,7 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: C64) -> list[str]:
 
 
 def _check_heights(scene: Scene) -> list[str]:
-    """Say where the beam's correction is off because places stand off the image plane, and warn where by much."""
+    """Notes on errors of the beam correction at points off the image plane, with a warning where they are large."""
     places = np.concatenate([scene.geometry.vertices, scene.places])
     found = height_error(scene.radar.as_recorded(), scene.image, places)
     if found is None or abs(found.error_db) < NOTED_DB:

@@ -39,11 +39,11 @@ from sarmitsuba.trace.surfaces import Surfaces
 MAX_LANES = 4_000_000
 # bytes of a ray: its place while the lattice is sorted, and its lane
 RAY_BYTES = 80
-# bounces followed at most where nothing is said, and directions that tell how many are enough
+# default bound on the bounces, and number of directions used to determine how many are enough
 MOST_DEPTH, PROBED = 256, 24
-# rad: rounding of the distance that a plane wave's phases may have, and both errors of a larger target's together
+# rad: allowed phase error of the plane wave by rounding of the distance, and total error allowed for large targets
 MOST_ROUNDING, MOST_PHASE_ERROR = 0.05, 0.5
-# direction that the launch planes' x axes follow where they can
+# direction whose projection gives the x axes of the launch planes
 _ALONG = np.array([0.0, 1.0, 0.0])
 
 
@@ -58,8 +58,8 @@ class RcsResult:
     channels : labels of the last axis
     rays_per_direction : rays in the launch window
     ray_spacing : m, between them
-    max_depth : bounces that were followed
-    unfinished : (n_directions,) from which some ray was followed to its last bounce
+    max_depth : bounces that were traced
+    unfinished : (n_directions,) whether some ray was still active at the last bounce
     """
 
     amplitude: C128
@@ -69,8 +69,8 @@ class RcsResult:
     max_depth: int
     unfinished: NDArray[np.bool_]
 
-    def rcs_dbsm(self, channel: str | None = None) -> F64:
-        """(n_directions,) RCS of all orders summed coherently, dB above 1 m^2."""
+    def rcs_dbsm(self, channel: str | None = None) -> NDArray[np.float64]:
+        """RCS (n_directions,) of all orders summed coherently, dB above 1 m^2."""
         i = self.channels.index(channel) if channel else 0
         total = np.abs(self.amplitude[:, :, i].sum(axis=1)) ** 2
         with np.errstate(divide="ignore"):
@@ -79,7 +79,7 @@ class RcsResult:
 
 @dataclass(frozen=True)
 class BouncesLeft:
-    r"""What bounces return beyond those that are followed.
+    r"""Truncation error by the number of bounces: relative energy of the bounces that are not traced.
 
     Of scattering amplitudes :math:`a_m` over some directions the larger of the shares
 
@@ -90,9 +90,10 @@ class BouncesLeft:
 
     Parameters
     ----------
-    depth : bounces n after which it is below the tolerance; those that were followed in search of it where none are
-    left_db : what is left after as many, dB; -inf for nothing
-    enough : whether that is below the tolerance
+    depth : number of bounces n after which it is below the tolerance; where there is none, the number traced in the
+        search
+    left_db : relative energy after as many bounces, dB; -inf for none
+    enough : whether it is below the tolerance
     """
 
     depth: int
@@ -106,14 +107,14 @@ class BouncesLeft:
         tolerance_db: float = TOLERANCE_DB,
         most: int = MOST_DEPTH,
     ) -> "BouncesLeft":
-        """Follow ever more bounces until what is left falls below a tolerance.
+        """Trace an increasing number of bounces until the remaining energy falls below a tolerance.
 
         Parameters
         ----------
         traced : scattering amplitudes (n_directions, depth, n_channels) of a few directions by bounce order
-        depth : bounces to begin with; twice as many are followed at first
+        depth : initial number of bounces; twice as many are traced at first
         tolerance_db : dB
-        most : bounces to follow at most
+        most : bound on the bounces
         """
         while True:
             depth = min(2 * depth, most)
@@ -123,7 +124,7 @@ class BouncesLeft:
             with np.errstate(divide="ignore", invalid="ignore"):
                 shares = [np.nan_to_num(over(power) / over(power)[0]) for over in (_energy, _strongest)]
                 left_db = 10.0 * np.log10(np.max(shares, axis=(0, 2)))
-            # the last quarter shows that no more comes after it
+            # the last quarter shows that later bounces are negligible
             above = np.flatnonzero(left_db > tolerance_db)
             needed = int(above[-1]) + 1 if above.size else 1
             if needed <= (3 * depth) // 4:
@@ -132,21 +133,21 @@ class BouncesLeft:
                 return BouncesLeft(depth, float(left_db[-1]), False)
 
     def notes(self, name: str, followed: int) -> tuple[str, ...]:
-        """What is to be said of a scene where so many bounces are followed."""
+        """Notes on a scene for which ``followed`` bounces are traced."""
         if self.enough and self.depth <= followed:
             return ()
         if self.enough:
             return (
-                f"{name}: {followed} bounces are followed, and {self.depth} matter; set max_depth to auto",
+                f"{name}: {followed} bounces are traced, and {self.depth} are significant; set max_depth to auto",
             )
         return (
-            f"{name}: {followed} bounces are followed, and bounce {self.depth} still returns {self.left_db:.0f} dB of "
-            "what all return; give max_depth to follow more, or let something take a part of every wave",
+            f"{name}: {followed} bounces are traced, and bounce {self.depth} still returns {self.left_db:.0f} dB of "
+            "the total; set a higher max_depth, or give some surfaces a lossy material",
         )
 
 
 def probed(unfinished: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Directions that tell how many bounces are enough: spread over those where rays go on."""
+    """Directions from which the needed number of bounces is determined, among those with rays still active."""
     rows = np.flatnonzero(unfinished)
     return np.asarray(rows[:: -(-rows.size // PROBED)])
 
@@ -160,13 +161,13 @@ def _strongest(power: F64) -> F64:
 
 
 def _far_enough(radius: float, wavelength: float) -> float:
-    """Distance at which a wave is plane over a target of that radius, m, and phases are not yet lost in rounding."""
+    """Distance, m, at which the wave is plane over a target of this radius and phases are not affected by rounding."""
     wavenumber = 2.0 * np.pi / wavelength
     # sagitta of the wave over the target is r^2 / 2R; two-way phase k r^2 / R
     plane = wavenumber * radius**2 / 1e-4
     if wavenumber * np.spacing(plane) < MOST_ROUNDING:
         return float(plane)
-    # where both errors are alike
+    # distance at which both errors are equal
     even = radius / np.sqrt(np.finfo(np.float64).eps)
     if 2.0 * wavenumber * radius**2 / even > MOST_PHASE_ERROR:
         raise RadarError(
@@ -200,43 +201,43 @@ def monostatic_rcs(
     passages: Sequence[Passage] = (),
     progress: Progress = silent,
 ) -> RcsResult:
-    """Trace a target from many directions and return its scattering amplitudes.
+    """Monostatic scattering amplitudes (RCS) of a target over directions.
 
     Parameters
     ----------
     geometry, materials : the target, scene frame
     directions : (n, 3) unit vectors from the target to the radar
     frequency : Hz
-    ray_spacing : m; 0 = wavelength / 4.5, wider where a direction would take more than ``most_rays``
-    max_depth : most bounces; 0 = 8, and where paths are longer, as many as return something (`BouncesLeft`) in some of
+    ray_spacing : m; 0 = wavelength / 4.5, wider where a direction would need more than ``most_rays``
+    max_depth : most bounces; 0 = 8, and where paths are longer, as many as are significant (`BouncesLeft`) in some of
         the directions
-    distance : m to the antenna; 0 = far enough for a plane wave (phase error over the target below 1e-4 rad; of targets
-        of kilometres as small as rounding of the distance leaves it, 0.5 rad at most)
-    keep_orders : keep bounce numbers apart
-    flags : effects; default all coherent ones that the materials call for
+    distance : m to the antenna; 0 = far enough for a plane wave (phase error over the target below 1e-4 rad; for
+        targets of kilometres as small as rounding allows, at most 0.5 rad)
+    keep_orders : keep bounce orders separately
+    flags : effects; default all coherent ones that apply to the materials
     seed : shift and turn of the ray lattice, and the diffuse scatterers
     realisation : number of the independent lattice of this seed
     cell : m, edge of the cells that carry one diffuse scatterer; 0 = a third of the wavelength
     up : (3,) vertical reference of the polarisation, scene frame
     days : since the first pass
-    most_rays : of one direction, where their distance is automatic
-    sources : what returns echoes beside the surfaces, such as edges and wires
-    places : (n, 3) m, where wires and volumes stand; the mesh may then be empty
-    passages : what takes a part of the waves that pass, such as volumes
+    most_rays : of one direction, where the ray spacing is automatic
+    sources : of echoes other than surfaces, such as edges and wires
+    places : (n, 3) m, positions of wires and volumes; the mesh may then be empty
+    passages : objects that attenuate waves, such as volumes
     progress : called after every launch
 
     Raises
     ------
     RadarError
-        The directions are not (n, 3) finite vectors, ``max_depth`` is negative, or the target is so large that float64
-        holds no plane wave's phases over it.
+        The directions are not (n, 3) finite vectors, ``max_depth`` is negative, or the target is too large for the
+        phases of a plane wave in float64.
     ResourceError
         The rays of one direction do not fit into memory.
 
     Notes
     -----
-    Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores, and edge
-    diffraction unless it is among the ``sources``.
+    Phase is referred to the centre of the target's bounds. Limitations are those of the kernel; edge diffraction is
+    included only by the ``sources``.
     """
     wavelength = SPEED_OF_LIGHT / frequency
     depth = max_depth or DEFAULT_DEPTH
@@ -259,7 +260,7 @@ def monostatic_rcs(
     check_fits(
         f"rcs of a target of {2.0 * radius:.3g} m",
         int(min(RAY_BYTES * n_rays, 2.0**62)),
-        f"{n_rays:.3g} rays {spacing:.3g} m apart take the most: leave ray_spacing out or set it wider, or check that "
+        f"{n_rays:.3g} rays {spacing:.3g} m apart need the most: leave ray_spacing out or set it wider, or check that "
         "the model is in metres",
     )
     grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, realisation=realisation)
@@ -281,8 +282,8 @@ def monostatic_rcs(
 
     def traced(
         rows: NDArray[np.intp], depth: int, apart: bool, progress: Progress
-    ) -> tuple[C128, NDArray[np.bool_]]:
-        """Amplitudes of some directions, bounce orders apart or not, and where some ray had all its bounces."""
+    ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+        """Amplitudes of some directions, and whether some ray was still active at the last bounce."""
         n_orders, alive = depth if apart else 1, np.zeros(rows.size, dtype=bool)
         amplitude = np.empty((rows.size, n_orders, len(channels)), dtype=np.complex128)
         deep = replace(settings, max_depth=depth)
@@ -331,7 +332,7 @@ def _stop(
     geometry: Geometry,
     materials: tuple[Material, ...],
 ) -> None:
-    """Raise the error about a launch whose echoes are not numbers; see `check_traced`."""
+    """Raise the error about a launch with echoes that are not finite; see `check_traced`."""
 
     def again(recording: Recording) -> None:
         _, state = trace(Kernel.of(scene, grid, batch, flags, settings), Antenna(), recording)
@@ -344,8 +345,8 @@ def _stop(
     check_traced(np.zeros(0, np.complex64), np.nan, "rcs", names)
 
 
-def _direction(look: F64, number: int) -> str:
-    """A direction in words."""
+def _direction(look: NDArray[np.float64], number: int) -> str:
+    """Text for a direction."""
     return "direction ({:.4f}, {:.4f}, {:.4f})".format(*look[number])
 
 
@@ -357,8 +358,8 @@ def _unit_rows(directions: ArrayLike) -> F64:
     return np.asarray(look / np.linalg.norm(look, axis=1, keepdims=True))
 
 
-def _window(geometry: Geometry, position: F64, frame: LaunchFrame) -> F64:
-    """Half extents (2,) of the launch window that holds the bounds of the geometry from every position, m."""
+def _window(geometry: Geometry, position: NDArray[np.float64], frame: LaunchFrame) -> NDArray[np.float64]:
+    """Half extents (2,) of the launch window that covers the bounds of the geometry from every position, m."""
     if not geometry.n_faces:
         return np.zeros(2)
     corners = np.array(list(itertools.product(*geometry.bounds.T)))
@@ -370,7 +371,7 @@ def _window(geometry: Geometry, position: F64, frame: LaunchFrame) -> F64:
 
 
 def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth: int) -> KernelFlags:
-    """The coherent effects that materials call for."""
+    """Kernel flags with the coherent effects that apply to the materials."""
     slabs = any(m.thickness > 0.0 for m in materials)
     return KernelFlags(
         channels=channels,

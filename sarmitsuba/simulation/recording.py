@@ -1,4 +1,4 @@
-"""Records what the trace kernel adds up: every contribution, and the chain of hits behind it."""
+"""Recording of the trace kernel's individual contributions, each with its chain of hits."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
 
 class Sieve(Protocol):
-    """What is recorded."""
+    """Condition for contributions to be recorded."""
 
     def passes(self, contribution: Contribution) -> mi.Bool:
-        """Lanes whose contribution is."""
+        """Lanes whose contribution is recorded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """What is recorded of each pulse: slant ranges and range rates about given ones.
+    """Interval of slant range and range rate, for each pulse, in which contributions are recorded.
 
     Parameters
     ----------
     slant_range, range_rate : (n_pulses,) float64, m and m/s
-    half_range, half_rate : (n_pulses,) float64, farthest from them, m and m/s
+    half_range, half_rate : (n_pulses,) float64, half widths of the interval, m and m/s
     """
 
     slant_range: F64
@@ -41,7 +41,7 @@ class Gate:
     half_rate: F64
 
     def passes(self, contribution: Contribution) -> mi.Bool:
-        """Lanes whose contribution lies within."""
+        """Lanes whose contribution lies within the gate."""
         pulse, active = contribution.pulse, contribution.active
         middle_r, half_r, middle_s, half_s = (
             dr.gather(mi.Float64, device_array(mi.Float64, x), pulse, active)
@@ -52,7 +52,7 @@ class Gate:
 
 
 class Recording:
-    """Writes contributions and hits to lists as they come; a hit knows the one before it on its path.
+    """Lists of contributions and hits of a launch; each hit refers to the previous one of its path.
 
     An accumulator and a follower of :func:`sarmitsuba.trace.kernel.trace`. Contributions without power are left out.
 
@@ -60,8 +60,8 @@ class Recording:
     ----------
     n_lanes : rays of the launch
     n_channels : amplitudes per contribution
-    room : contributions and hits that there is room for; more are counted only
-    gate : contributions that are recorded; None: all
+    room : capacity for contributions and hits; further ones are only counted
+    gate : condition for contributions; None: all
     """
 
     def __init__(
@@ -80,16 +80,16 @@ class Recording:
 
     @property
     def memory(self) -> list[mi.Float]:
-        """Everything that a launch writes to."""
+        """Arrays to which a launch writes."""
         hits = [self.hit_point, self.hit_labels, self.hit_count]
         return [*hits, self.count, self.labels, self.lengths, self.amplitudes]
 
     def begin(self) -> LaneArrays:
-        """Number of this lane, and of the hit that it is at."""
+        """Number of the lane and of its current hit."""
         return (dr.arange(mi.UInt32, self.n_lanes), mi.UInt32(NO_HIT))
 
     def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> tuple[LaneArrays, mi.UInt32 | None]:
-        """Append a hit, with the one before it; see :class:`sarmitsuba.trace.kernel.Follower`."""
+        """Append a hit, with a reference to the previous one; see :class:`sarmitsuba.trace.kernel.Follower`."""
         assert ray.trail is not None
         slot = dr.scatter_inc(self.hit_count, mi.UInt32(0), hit.active)
         kept = hit.active & (slot < dr.opaque(mi.UInt32, self.room[1]))
@@ -101,10 +101,10 @@ class Recording:
         return (state[0], trail), trail
 
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
-        """Append; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+        """Append a contribution; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         if dr.flag(dr.JitFlag.SymbolicScope):
             return self._append(state, contribution)
-        # a slot outside of any loop could be used once only
+        # a slot outside of any loop could be used only once
 
         def waiting(once: mi.Bool, state: LaneArrays) -> mi.Bool:
             return once
@@ -117,7 +117,7 @@ class Recording:
 
     def _append(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         power = sum((dr.squared_norm(a) for a in contribution.amplitudes), mi.Float(0.0))
-        kept = contribution.active & ~(power <= 0.0)  # also what is not a number
+        kept = contribution.active & ~(power <= 0.0)  # also NaN
         if self.gate is not None:
             kept &= self.gate.passes(contribution)
         slot = dr.scatter_inc(self.count, mi.UInt32(0), kept)
@@ -134,16 +134,16 @@ class Recording:
         return state
 
     def found(self) -> tuple[int, int]:
-        """Contributions and hits of the launch, recorded or not."""
+        """Number of contributions and hits of the launch, recorded or not."""
         return int(self.count[0]), int(self.hit_count[0])
 
     @property
     def whole(self) -> bool:
-        """Whether there was room for all; call after the launch."""
+        """Whether the capacity was sufficient; call after the launch."""
         return all(found <= room for found, room in zip(self.found(), self.room, strict=True))
 
     def rows(self) -> Rows:
-        """What was recorded; call after the launch. Sorted: threads append in any order."""
+        """Recorded rows, sorted (threads append in any order); call after the launch."""
         n, hits = (min(found, room) for found, room in zip(self.found(), self.room, strict=True))
         labels = self.labels.numpy().reshape(-1, 5)[:n]
         lengths = self.lengths.numpy().reshape(-1, 5)[:n]
@@ -160,7 +160,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """A recording on the host.
+    """Recording as NumPy arrays.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class Rows:
     lengths : (n, 5) float64 slant range (m), range rate (m/s) and phase centre (m)
     amplitudes : (n, n_channels) complex64 without the phase of the slant range
     hit_point : (n_hits, 3) float64, m
-    hit_labels : (n_hits, 2) uint32 row of the path's hit before, or ``NO_HIT``, and row of the scene's tables
+    hit_labels : (n_hits, 2) uint32 row of the path's previous hit, or ``NO_HIT``, and row of the scene's tables
     """
 
     labels: U32
@@ -180,7 +180,7 @@ class Rows:
     def chains(self, hits: NDArray[np.intp]) -> tuple[F64, I64]:
         """Hits of every path, first to last: points (n, most, 3) in m, and rows (n, most) of the scene's tables.
 
-        NaN and -1 beyond a path's own.
+        NaN and -1 beyond the last hit of a path.
 
         Parameters
         ----------

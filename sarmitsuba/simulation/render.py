@@ -1,7 +1,7 @@
-"""The ladder of methods: one scene, one image grid, four ways to fill it, from interactive to exact.
+"""Image of a scene by any of the four methods, from interactive to exact, on the same grid.
 
 ``raster``: one bounce by projection, incoherent; ``image``: coherent multi-bounce paths of one look;
-``hybrid``: raw data with paths shared by neighbouring pulses, focused; ``raw``: the same with every pulse traced.
+``hybrid``: focused raw data, paths shared by neighbouring pulses; ``raw``: the same with every pulse traced.
 """
 
 import time
@@ -38,7 +38,7 @@ def render(
     ready: Ready | None = None,
     clock: Clock = time.perf_counter,
 ) -> SarImage:
-    """Simulate a scene and focus it: the calibrated image, by any method of the ladder.
+    """Calibrated complex image of a scene, simulated and focused by any method.
 
     Parameters
     ----------
@@ -48,27 +48,27 @@ def render(
     grid : pixels; default: those that the scene asks for, the same for every method
     focuser, range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
     plan : overrides the automatic effects plan
-    pass_index : other values shift the ray lattices and nothing else
+    pass_index : other values shift the ray lattices only
     progress : called after every batch
-    ready : called once the run is planned and fits, before it is traced
+    ready : called once the run is planned and fits into memory, before it is traced
     clock : of the stages' seconds in the metadata
 
     Returns
     -------
-    SarImage : the same grid, units and, but for ``raster``, phase from every method
+    SarImage : grid, units and (except for ``raster``) phase are the same for every method
 
     Raises
     ------
     SceneError
         There is no such method.
     RadarError
-        When nothing comes back.
+        When no echo is received.
     ResourceError
         The run does not fit into memory.
 
     Notes
     -----
-    What ``image`` and ``raster`` ignore: see :class:`sarmitsuba.simulation.image.Imager`.
+    For the limitations of ``image`` and ``raster`` see :class:`sarmitsuba.simulation.image.Imager`.
     """
     name = method or scene.settings.method
     if name not in METHODS:
@@ -78,7 +78,7 @@ def render(
         settings = replace(settings, seed=seed)
     run = Run(replace(scene, settings=settings), plan=plan, clock=clock)
     one_look = name in ("image", "raster")
-    # what it refuses comes before what the run would take
+    # refusals of the method come before those for memory
     imager = Imager(run, grid, range_window=range_window, azimuth_window=azimuth_window) if one_look else None
     run.needs(grid).check()
     if ready:

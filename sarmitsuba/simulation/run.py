@@ -1,4 +1,4 @@
-"""A run of a scene, made ready for any method: effects decided, geometry on the device, sampling planned."""
+"""Preparation of a run for any method: effects plan, geometry on the device, sampling plan."""
 
 import time
 from collections.abc import Callable
@@ -29,12 +29,12 @@ from sarmitsuba.timing import Clock, StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene
 
-# told when a run is made ready and before anything is traced, e.g. to show its plan and what it will take
+# callback for a prepared run before it is traced, e.g. to show its plan, time and memory
 Ready = Callable[["Run"], None]
 
 
 class Run:
-    """What every method of simulation starts from.
+    """Prepared run: the common starting point of all methods of simulation.
 
     Parameters
     ----------
@@ -42,22 +42,22 @@ class Run:
     plan : overrides the automatic effects plan
     clock : of the run's stages
     workers : workers that share the tracing of raw data; None: this process traces alone
-    geometry : of the scene as loaded, on the device already; None builds it
+    geometry : of the scene as loaded, on the device; None: it is built
 
     Attributes
     ----------
-    scene : as the effects plan leaves it
+    scene : with the effects plan applied
     plan : decided effects
-    context : that they were decided in; None where the plan was given
-    trace_scene : geometry on the device; None where there are ideal points alone
-    sampling : how the scene is sampled; likewise
-    layers : what is kept apart
+    context : of the decisions; None where the plan was given
+    trace_scene : geometry on the device; None in a scene of ideal points only
+    sampling : sampling plan; likewise
+    layers : channels, orders and subsets kept separately
     timer : seconds by stage
     statistics : of the last image or raw data
-    report : the rays that raw data took; None before, and where there is no mesh
-    shortfalls : surface that the lattices made last are too coarse for
-    notes : one line each; what was assumed, repaired or is worth a warning
-    finished : where raw data keep their finished blocks; None, the default, keeps none
+    report : on the sampling of the raw data; None before, and without a mesh
+    shortfalls : surface for which the most recent lattices are too coarse
+    notes : one line each: assumptions, repairs and warnings
+    finished : file of finished blocks of raw data; None (default): no file
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Run:
             points, left_out = lit_points(self.scene)
             self.scene = replace(self.scene, points=points)
         if self.sampling is not None and not self.scene.same_shapes(scene):
-            # what moved was stopped, or something left out
+            # moving shapes were stopped, or something was left out
             if self.scene.traced:
                 self.trace_scene, self._built_from = built(self.scene), self.scene
             else:
@@ -117,7 +117,7 @@ class Run:
         self.timer.lap("plan")
 
     def at(self, factor: float) -> "Run":
-        """The run with its rays so many times as far apart; it shares the geometry and every decision."""
+        """Run with all ray spacings multiplied by a factor; geometry and decisions are shared."""
         other = copy(self)
         other.timer = StageTimer(self.timer.clock)
         if self.sampling is not None:
@@ -128,18 +128,18 @@ class Run:
         return other
 
     def otherwise(self, scene: Scene) -> "Run":
-        """The run of the same scene with other settings, its effects decided by what is known already."""
+        """Run of the same scene with other settings, its effects decided in the same context."""
         assert self.context is not None
         plan = plan_in(replace(self.context, scene=scene), warn=False)
         shared = self.trace_scene if scene.same_shapes(self._built_from) else None
         return Run(scene, plan=plan, clock=self.timer.clock, geometry=shared)
 
     def needs(self, grid: ImageGrid | None = None) -> Needs:
-        """What the run takes; nothing of it is allocated yet. It is worked out once.
+        """Rays, bytes and seconds that the run needs, before anything is allocated; computed once.
 
         Parameters
         ----------
-        grid : pixels; default: those that the scene asks for
+        grid : pixels; default: those of the scene
         """
         key = (self.sampling, grid)
         if self._needs is None or self._needs[0] != key:
@@ -151,7 +151,7 @@ class Run:
         return self._needs[1]
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
-        """What traces this scene; off, ``antenna_pattern`` leaves the beam's weight out."""
+        """Tracer of this scene; ``antenna_pattern`` off leaves out the weight of the beam."""
         assert self.trace_scene is not None
         flags = replace(
             sampling.flags,
@@ -161,7 +161,7 @@ class Run:
         return Tracer(sampling, flags, self.trace_scene, plan.max_depth, self.timer, plan.sub_bands)
 
     def job(self, sampling: SamplingPlan, pass_index: int) -> TraceJob:
-        """What another process needs to trace a part of the run's raw data."""
+        """Input for another process to trace a part of the run's raw data."""
         plan = self.plan
         return TraceJob(self._built_from, sampling, self.layers, plan.max_depth, pass_index, plan.sub_bands)
 
@@ -171,7 +171,7 @@ class Run:
         Raises
         ------
         RadarError
-            Not a single ray is left for some pulse.
+            There is no ray for some pulse.
         """
         assert self.trace_scene is not None
         rays = Rays(sampling, self.trace_scene, self.layers.subsets, pass_index)
@@ -183,14 +183,14 @@ class Run:
         return rays
 
     def lattices(self, sampling: SamplingPlan, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
-        """:meth:`rays` at the middle of the track: of every pulse, where nothing moves."""
+        """Lattices (see :meth:`rays`) at the middle of the track; the same for all pulses where nothing moves."""
         return self.rays(sampling, pass_index).at(self.scene.radar.track.center_index)
 
     def _check_rays(self, sampling: SamplingPlan, grids: tuple[LaunchGrid, ...]) -> None:
         for window in sampling.windows:
             if not any(grid.serves(window.pulses[0]) for grid in grids):
                 raise RadarError(
-                    f"{self.scene.name}: rays {sampling.spacings.coherent:.3g} m apart all pass beside what is to be "
-                    f"seen, {2 * window.half_x:.3g} m x {2 * window.half_y:.3g} m as the radar sees it; set "
+                    f"{self.scene.name}: ray spacing {sampling.spacings.coherent:.3g} m is larger than the lit scene, "
+                    f"{2 * window.half_x:.3g} m x {2 * window.half_y:.3g} m across the line of sight; set "
                     "ray_spacing to a fraction of that"
                 )

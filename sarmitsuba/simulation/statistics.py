@@ -1,4 +1,4 @@
-"""What a run did: counts of the trace kernel, and the rays it took."""
+"""Statistics of a run: counts of the trace kernel, and the ray sampling."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from sarmitsuba.trace.launch import LaunchGrid, Purpose
 
 @dataclass(frozen=True)
 class TraceStatistics:
-    """What a simulation did.
+    """Counts and powers of a simulation.
 
     Parameters
     ----------
     rays, hits, contributions : over all pulses traced
     outside : contributions outside the receive window or the Doppler window, dropped
     key_pulses : pulses that were traced
-    path_pulses : contributions times the pulses they went to
-    power, power_outside : of all contributions and of those dropped, taken singly, W
+    path_pulses : contributions times the pulses to which they were added
+    power, power_outside : sum of the powers of all contributions, and of those dropped, W
     """
 
     rays: int = 0
@@ -31,23 +31,23 @@ class TraceStatistics:
     power_outside: float = 0.0
 
     def plus(self, other: "TraceStatistics") -> "TraceStatistics":
-        """Sum."""
+        """Sum of two statistics."""
         return TraceStatistics(**{name: value + getattr(other, name) for name, value in vars(self).items()})
 
     def scaled(self, factor: float) -> "TraceStatistics":
-        """Times a factor, counts rounded."""
+        """Statistics times a factor, counts rounded."""
         whole = {n: round(v * factor) if isinstance(v, int) else v * factor for n, v in vars(self).items()}
         return TraceStatistics(**whole)
 
 
 @dataclass(frozen=True)
 class LatticeSpacings:
-    """Distances between the rays of all subsets together, m; 0 where there is no lattice of the kind.
+    """Ray spacings of all subsets together, m; 0 where there is no lattice of the kind.
 
     Parameters
     ----------
-    every : of lattices that serve both kinds of return, where there are no others
-    coherent, diffuse : of the rays that serve this kind of return
+    every : of lattices for both kinds of return, where there are no others
+    coherent, diffuse : of the rays for this kind of return
     """
 
     every: float = 0.0
@@ -56,7 +56,7 @@ class LatticeSpacings:
 
     @staticmethod
     def of(lattices: Sequence[Sequence[LaunchGrid]]) -> "LatticeSpacings":
-        """From the lattices of every subset; finer levels over small parts do not count."""
+        """Spacings from the lattices of every subset; finer levels over small parts do not count."""
         grids = [grid for subset in lattices for grid in subset]
 
         def spacing(*purposes: Purpose) -> float:
@@ -69,32 +69,32 @@ class LatticeSpacings:
 
     @property
     def finest(self) -> float:
-        """The least, m."""
+        """Smallest spacing, m."""
         return min(self.as_dict().values())
 
     @property
     def of_coherent(self) -> float:
-        """Of the rays that serve coherent returns, m; 0 without any."""
+        """Spacing of the rays for coherent returns, m; 0 without any."""
         return self.coherent or self.every
 
     def as_dict(self) -> dict[str, float]:
-        """By purpose, those that there are."""
+        """Spacings by kind of return, without absent ones."""
         by_purpose = {"all": self.every, "coherent": self.coherent, "diffuse": self.diffuse}
         return {name: value for name, value in by_purpose.items() if value > 0.0}
 
 
 @dataclass(frozen=True)
 class SamplingReport:
-    """The rays that a simulation took.
+    """Sampling of a simulation.
 
     Parameters
     ----------
-    spacings : distances between them
+    spacings : ray spacings
     rays_per_key_pulse : of all subsets and lattices
     scatterer_cell : m, edge of the diffuse scatterers' cells
     key_pulse_interval : pulses that shared one tracing
-    block_error_db : error that this makes against tracing every pulse, measured; -inf where every one is, NaN where one
-        block holds all
+    block_error_db : measured error of that against tracing every pulse; -inf where every pulse is traced, NaN for a
+        single block
     grid_bytes : of the largest accumulator grid
     """
 

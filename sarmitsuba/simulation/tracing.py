@@ -32,17 +32,17 @@ from sarmitsuba.trace.tubes.polygon import INNER_UP_TO
 
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
-# phase from ray to ray at the carrier up to which tubes on a facet keep their common sides, rad, where the band is
-# traced at several frequencies from every pulse: what is left at edges and corners is right over the band, what is to
-# cancel is so at the traced frequencies only. In a block of pulses edges and corners keep the amplitude of its key
-# pulse: there tubes count as areas as long as they do at the carrier
+# phase difference of neighbouring rays at the carrier up to which terms of common sides of tubes are kept, rad, where
+# the band is traced at several frequencies at every pulse: the returns of edges and corners are right over the band,
+# while these terms cancel exactly only at the traced frequencies. In a block of pulses edges and corners keep the
+# amplitude of its key pulse: there the limit is that at the carrier
 EVERY_PULSE_UP_TO = 0.5
 # bytes of one accumulator grid; bounds the pulses of a direct batch
 MAX_GRID_BYTES = 256_000_000
 
 
 class Tracer:
-    """Everything about tracing a scene that does not change from batch to batch.
+    """Tracer of a scene: geometry, sources and settings common to all batches.
 
     Parameters
     ----------
@@ -94,11 +94,11 @@ class Tracer:
         self.by_frequency = (self,) if sub_bands == 1 else tuple(self._at(f) for f in self.bands.frequencies)
 
     def _at(self, frequency: float) -> "Tracer":
-        """The same rays, places and random numbers at another frequency, Hz."""
+        """Tracer with the same rays, positions and random numbers at another frequency, Hz."""
         other, wavelength = copy(self), SPEED_OF_LIGHT / frequency
         materials = tuple(m.at_frequency(frequency) for m in self.sampling.scene.materials)
         other.trace_scene = self.trace_scene.at_frequency(materials, wavelength)
-        # all frequencies leave out the same sides: what cancels at one then cancels in between
+        # the same sides of tubes are left out at all frequencies, so that terms which cancel do so also in between
         kept = INNER_UP_TO * frequency / self.bands.center_frequency
         other.kernel = replace(self.kernel, wavelength=wavelength, kept_up_to=kept)
         other.sources = tuple(source.at(wavelength) for source in self.sources)
@@ -106,7 +106,7 @@ class Tracer:
         return other
 
     def timed(self, timer: StageTimer) -> None:
-        """Add stages to another timer, at every frequency."""
+        """Use another timer for the stages, at every frequency."""
         for tracer in {self, *self.by_frequency}:
             tracer.timer = timer
 
@@ -116,30 +116,30 @@ class Tracer:
         return 1 if self.flags.motion else None
 
     def pose(self, time: F64) -> None:
-        """Put all that moves where it stands at the times of the pulses to come, (n,) s: meshes at the first."""
+        """Move all objects to their positions at the times of the next pulses, (n,) s; meshes to those at the first."""
         for tracer in {self, *self.by_frequency}:
             tracer.times = time
             if self.flags.motion:
                 tracer.trace_scene = tracer.trace_scene.at(float(time[0]))
 
     def over_band(self) -> Iterator[tuple["Tracer", RangeFilter | None]]:
-        """The tracer at every frequency of the band, with its share of the spectrum."""
+        """Tracer at every traced frequency of the band, with its share of the spectrum."""
         for i, tracer in enumerate(self.by_frequency):
             yield tracer, self.bands.range_filter(i)
 
     def launches(self, rays: Sequence[LaunchGrid], n_pulses: int) -> list[Launch]:
-        """Every launch of a batch of pulses that has these lattices: surfaces, then scatterers at known positions."""
+        """All launches of a batch of pulses with these lattices: surfaces, then scatterers at known positions."""
         return launches(self.sources, rays, n_pulses)
 
     def kernel_of(self, grid: LaunchGrid, states: AntennaStates, accumulator: Accumulator) -> Kernel:
-        """What a launch is recorded with; parameters as for :meth:`launch`."""
+        """Kernel of a launch; parameters as for :meth:`launch`."""
         flags, settings = self.flags, self.kernel
         frame = grid.frame or self.sampling.window.frame
         batch = pulse_batch(self.sampling.scene.radar, states, frame, patterned=flags.antenna_pattern)
         if flags.water_motion:
             batch = replace(batch, time=self.times)
         if isinstance(accumulator, BlockAccumulator) and self.sampling.azimuth_later:
-            # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
+            # the range rate of a moving object does not give its position in the beam: the rays carry the full pattern
             batch = batch.with_azimuth_later
         if settings.kept_up_to is not None and isinstance(accumulator, DirectAccumulator):
             settings = replace(settings, kept_up_to=settings.kept_up_to * (EVERY_PULSE_UP_TO / INNER_UP_TO))
@@ -152,10 +152,10 @@ class Tracer:
 
         Parameters
         ----------
-        launch : which
+        launch : source and part
         states : of the antennas, at its pulses
-        accumulator : what echoes are added to
-        each : pulses that a path goes to
+        accumulator : to which echoes are added
+        each : number of pulses to which a path contributes
         """
         antenna = self.sampling.scene.radar.antenna
         kernel = self.kernel_of(launch.part.grid, states, accumulator)
@@ -179,7 +179,7 @@ class Tracer:
         )
 
     def _stop(self, launch: Launch, kernel: Kernel, pick: slice) -> None:
-        """Raise the error about a launch whose echoes are not numbers; see :func:`check_traced`."""
+        """Raise the error about a launch with echoes that are not finite; see :func:`check_traced`."""
         scene = self.sampling.scene
 
         def again(recording: Recording) -> None:
@@ -200,14 +200,14 @@ class Tracer:
         check_traced(np.zeros(0, np.complex64), np.nan, scene.name, culprit)
 
 
-def _reference_range(radar: Radar, center: F64) -> float:
-    """Distance that stands for both legs at a point (3,): of two antennas the geometric mean, m."""
+def _reference_range(radar: Radar, center: NDArray[np.float64]) -> float:
+    """Reference length of both legs at a point (3,), m: for two antennas the geometric mean."""
     legs = [float(np.linalg.norm(center - track.center_position)) for track in radar.tracks]
     return legs[0] if len(legs) == 1 else float(np.sqrt(legs[0] * legs[1]))
 
 
 def pulse_batch(radar: Radar, states: AntennaStates, frame: LaunchFrame, *, patterned: bool) -> PulseBatch:
-    """Antenna state of a launch; ``patterned``: with the pointing of the beams."""
+    """Antenna states of a launch; ``patterned``: with the pointing of the beams."""
     pick = states.pick
 
     def of(position: F64, velocity: F64, pointing: Pointing) -> PulseBatch:
@@ -231,6 +231,6 @@ def polarisation_up(radar: Radar, center: F64, antenna: F64) -> tuple[float, flo
     look = center - antenna
     look = look / np.linalg.norm(look)
     up = np.array([0.0, 0.0, 1.0])
-    if abs(look[2]) > np.cos(np.radians(1.0)):  # within a degree of nadir H and V lose their meaning
+    if abs(look[2]) > np.cos(np.radians(1.0)):  # within a degree of nadir H and V are undefined
         up = radar.across
     return (float(up[0]), float(up[1]), float(up[2]))

@@ -1,7 +1,7 @@
-"""A target on a turntable: its radar cross section over aspects, and the image that the aspects on a circle make.
+"""Radar cross section of a target over aspect angles, and its inverse-SAR (turntable) image.
 
 Azimuth is counted from +x (east) towards +y (north) and elevation from the horizontal upwards, both of the direction
-from the target to the radar. Phase is referred to the middle of everything that there is to see.
+from the target to the radar. Phase is referred to the centre of all visible objects.
 """
 
 import dataclasses
@@ -39,28 +39,31 @@ from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.stage import STAGES
 
-# cosine of the elevation below which H and V are taken from the azimuth: the vertical no longer tells them
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+
+# cosine of the elevation below which H and V are defined by the azimuth, since the direction is nearly vertical
 STEEP = 1e-3
-# directions that are traced a second time, with other rays, for the error of the sampling
+# number of directions traced a second time, with other rays, for the sampling error
 CHECKED = 24
-# distance of those rays over the first ones', and energy of the first ones' error over that of the difference: both
-# have a part of it in common (benchmarks/suite/stated_errors.py --kind rcs)
+# spacing of these rays relative to the first, and energy of the error relative to the difference, since a part of the
+# error is common to both (benchmarks/stated_errors.py --kind rcs)
 OTHER_SPACING, ERROR_SHARE = 2.0**-0.5, 2.0
-# energy of the error of phases over that of the returns: rays' sums in float32, and the bend of the waves
+# relative error energy of phases: sums of rays in float32, and wavefront curvature
 ROUNDING = 10.0**-9.5
 # resolution cells over the target's diameter, and bandwidth over frequency, where no bandwidth is given
 CELLS_ACROSS, WIDEST_BAND = 48.0, 0.4
-# aspects of an image over those that the target's width needs, and the most there are
+# aspects of an image relative to the number needed for the target's width, and the largest number
 ASPECT_MARGIN, MOST_ASPECTS = 1.25, 4096
 # pixel spacing over the Nyquist spacing
 PIXEL_FILL = 0.5
-# of the arc's time axis; nothing depends on it
+# arbitrary speed along the arc
 PULSES_PER_SECOND = 100.0
-# rad; images between these elevations: from below the horizontal plane folds, from straight above nothing turns
+# rad; elevations for which images are made: not from below, nor from straight above, where the target only rotates
 LOWEST, HIGHEST = 0.0, float(np.radians(80.0))
-# rad; an antenna in the very plane of the image is raised by this much
+# rad; an antenna in the plane of the image is raised by this much
 RAISED = 1e-4
-# rad; smallest turn that resolves anything worth a picture
+# rad; least range of azimuth for an image
 LEAST_TURN = float(np.radians(1.0))
 
 
@@ -73,9 +76,9 @@ class RcsSweep:
     aspects : directions to the radar
     frequency : Hz
     result : scattering amplitudes, bounce orders apart
-    max_depth : bounces that were followed
-    error_db : of every channel, energy of the sampling error over that of the returns, dB; NaN where nothing is traced
-    notes : one line each; what was assumed
+    max_depth : bounces that were traced
+    error_db : of every channel, energy of the sampling error relative to the echoes, dB; NaN where nothing is traced
+    notes : one line each: assumptions
     """
 
     aspects: Aspects
@@ -87,12 +90,12 @@ class RcsSweep:
 
     @property
     def orders(self) -> tuple[int, ...]:
-        """Bounce numbers that return anything."""
+        """Bounce orders that have an echo."""
         power = np.abs(self.result.amplitude).max(axis=(0, 2))
         return tuple(int(i) + 1 for i in np.flatnonzero(power > 0.0))
 
     def dbsm(self, channel: str, order: int | None = None) -> F64:
-        """(n,) RCS of one bounce number, or of all added coherently, dB above 1 m^2; -inf where nothing returns."""
+        """RCS (n,) of one bounce order, or of all summed coherently, dB above 1 m^2; -inf without an echo."""
         amplitude = self.result.amplitude[:, :, self.result.channels.index(channel)]
         picked = amplitude.sum(axis=1) if order is None else amplitude[:, order - 1]
         with np.errstate(divide="ignore"):
@@ -109,33 +112,33 @@ def rcs_sweep(
     most_rays: int = FINE_RAYS,
     progress: Progress = silent,
 ) -> RcsSweep:
-    """Trace everything in a scene from many aspects in the far field, with the effects that the scene calls for.
+    """Radar cross section of a scene over aspects in the far field, with the effects that apply to the scene.
 
     Parameters
     ----------
-    scene : its geometry, materials, points, frequency, ``max_depth``, ``ray_spacing``, seed and switched effects count;
-        its track, beam, power and noise do not
+    scene : geometry, materials, points, frequency, ``max_depth``, ``ray_spacing``, seed and switched effects are used;
+        track, beam, power and noise are not
     aspects : directions to the radar
     channels : polarisations; empty: those of the scene's radar
-    checked : about as many directions are traced again for the sampling error; 0: none, and the error is NaN
-    most_rays : of one direction, where their distance is automatic
+    checked : approximate number of directions traced again for the sampling error; 0: none, and the error is NaN
+    most_rays : of one direction, where the ray spacing is automatic
     progress : called after every launch
 
     Raises
     ------
     RadarError
-        Straight above or below, an azimuth sweep only turns the polarisation.
+        The direction is vertical: an azimuth sweep only rotates the polarisation.
 
     Notes
     -----
-    Ignores what the kernel ignores (creeping waves, waves between edges). Ground in the scene is part of the target,
+    Limitations are those of the kernel (no creeping waves, no waves between edges). Ground is part of the target,
     up to its edges.
     """
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
         raise RadarError(
-            f"rcs: from an elevation of {np.degrees(aspects.elevation[steep][0]):g} deg an azimuth sweep turns nothing "
-            "but the polarisation; give an elevation between -89.9 and 89.9 deg"
+            f"rcs: from an elevation of {np.degrees(aspects.elevation[steep][0]):g} deg an azimuth sweep rotates only "
+            "the polarisation; give an elevation between -89.9 and 89.9 deg"
         )
     ensure_backend()
     channels = channels or scene.radar.channels
@@ -172,7 +175,7 @@ def rcs_sweep(
 
 @dataclass(frozen=True, eq=False)
 class _AspectTracing:
-    """Tracing of one scene from any aspects."""
+    """Tracing of one scene at given aspects."""
 
     scene: Scene
     flags: KernelFlags
@@ -183,7 +186,7 @@ class _AspectTracing:
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:
-        """Of returns beside the rays'."""
+        """Sources of the scene at known positions (wires, edges, volumes, pairs)."""
         return sources_of(self.site)
 
     def amplitudes(self, aspects: Aspects, realisation: int) -> RcsResult:
@@ -199,7 +202,7 @@ class _AspectTracing:
         return dataclasses.replace(first, amplitude=amplitude, unfinished=unfinished)
 
     def left(self, aspects: Aspects, unfinished: NDArray[np.bool_]) -> BouncesLeft | None:
-        """What later bounces return, from some of the aspects where rays go on; None where none does."""
+        """Truncation error by later bounces, from some aspects with rays still active; None without such aspects."""
         if not unfinished.any():
             return None
         pick = probed(unfinished)
@@ -212,9 +215,9 @@ class _AspectTracing:
         )
 
     def errors(self, aspects: Aspects, found: RcsResult, checked: int) -> tuple[float, ...]:
-        """Energy of the error of the sum of all orders over that of the sum, dB, from some aspects traced again.
+        """Relative error energy of the sum of all orders, dB, from some aspects traced again.
 
-        With rays ``OTHER_SPACING`` times as far apart: much of what two lattices of one density have in common shows.
+        With ``OTHER_SPACING`` times the ray spacing, which reveals most of the error common to lattices of one density.
         """
         total = found.amplitude.sum(axis=1)
         n = total.shape[0]
@@ -254,10 +257,10 @@ class _AspectTracing:
 
 
 def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple[Scene, KernelFlags, int]:
-    """The scene, effects of the trace kernel and most bounces, as the plan of a radar at these aspects has them."""
+    """Scene, kernel flags and largest number of bounces, from the effects plan of a radar at these aspects."""
     center, radius = target_middle(scene)
     position = center + aspects.directions * max(FAR * radius, 1.0)
-    # the target turns, the antenna does not fly
+    # the target rotates, the antenna is at rest
     track = Track(np.arange(float(len(position))), position, np.zeros_like(position))
     geometry = AimGeometry(center, position[0], np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
     radar = dataclasses.replace(
@@ -294,7 +297,7 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
 
 
 def _uprights(aspects: Aspects) -> Iterator[tuple[NDArray[np.intp], tuple[float, float, float]]]:
-    """Aspects that have one vertical reference of the polarisation: their numbers, and the reference."""
+    """Groups of aspects with a common vertical reference of the polarisation: their indices, and the reference."""
     steep = np.sign(aspects.elevation) * (np.cos(aspects.elevation) < STEEP)
     for side in (0.0, 1.0, -1.0):
         pick = np.flatnonzero(steep == side)
@@ -308,7 +311,7 @@ def _uprights(aspects: Aspects) -> Iterator[tuple[NDArray[np.intp], tuple[float,
 
 
 def _points(scene: Scene, flags: KernelFlags, channels: tuple[str, ...], aspects: Aspects) -> C128:
-    """Amplitudes (n, n_channels) of the ideal points, hidden where a mesh stands before them that is no slab."""
+    """Amplitudes (n, n_channels) of the ideal points, with occlusion by meshes and transmission through slabs."""
     look = aspects.directions
     center, radius = target_middle(scene)
     wavelength = scene.radar.waveform.wavelength
@@ -329,20 +332,20 @@ def _points(scene: Scene, flags: KernelFlags, channels: tuple[str, ...], aspects
 
 
 def _notes(scene: Scene, spacing: float) -> tuple[str, ...]:
-    """What is to be said of rays that are farther apart than small and curved parts want."""
+    """Notes on ray spacings larger than small and curved parts need."""
     wavelength = scene.radar.waveform.wavelength
     if spacing <= 1.001 * wavelength / RAYS_PER_WAVELENGTH:
         return ()
     return (
-        f"{scene.name}: rays are {spacing / wavelength:.2g} wavelengths apart, where small and curved parts want "
-        f"{1.0 / RAYS_PER_WAVELENGTH:.2g}; the sampling error says what that costs. Set ray_spacing for other ones",
+        f"{scene.name}: rays are {spacing / wavelength:.2g} wavelengths apart, where small and curved parts need "
+        f"{1.0 / RAYS_PER_WAVELENGTH:.2g}; the stated sampling error includes this. Set ray_spacing for another value",
     )
 
 
 def image_refusal(aspects: Aspects) -> str:
-    """Why no image is made of the aspects; empty when one is."""
+    """Reason why the aspects give no image; empty where they do."""
     if not aspects.by_azimuth:
-        return "only a sweep of azimuth makes an image"
+        return "only a sweep of azimuth gives an image"
     if np.ptp(aspects.azimuth) < LEAST_TURN:
         return f"the azimuth turns by less than {np.degrees(LEAST_TURN):g} deg"
     if not LOWEST <= aspects.elevation[0] <= HIGHEST:
@@ -353,9 +356,9 @@ def image_refusal(aspects: Aspects) -> str:
 def turntable_scene(
     scene: Scene, aspects: Aspects, *, channels: tuple[str, ...] = (), bandwidth: float = 0.0
 ) -> Scene:
-    r"""Return the scene under a radar that flies the arc of an azimuth sweep: rendered, it is the target's image.
+    r"""Scene with a radar that flies the arc of an azimuth sweep: rendering it gives the target's inverse-SAR image.
 
-    The arc is sampled so that nothing folds over a target of radius r, at the highest frequency:
+    The arc is sampled without aliasing for a target of radius r, at the highest frequency:
 
     .. math:: \Delta \phi \le \frac{\lambda}{4 r \cos\epsilon}
 
@@ -368,12 +371,12 @@ def turntable_scene(
 
     Returns
     -------
-    scene whose image stands on the horizontal plane through the target's middle; where the whole arc would be more than
-    4096 pulses, the pulses are those about the sweep's middle
+    scene whose image plane is the horizontal plane through the target's middle; where the whole arc would need more
+    than 4096 pulses, the pulses are those about the sweep's middle
 
     Notes
     -----
-    The radar is a thousand radii away. In the plane of the image itself it is raised by 1e-4 rad.
+    The radar is a thousand radii away. If it lies in the image plane it is raised by 1e-4 rad.
     """
     center, radius = target_middle(scene)
     frequency = scene.radar.waveform.center_frequency

@@ -1,1 +1,1 @@
-"""The bench: a scene under sliders, simulated anew at every change, on a page of this machine."""
+"""The studio: a web page on this machine with sliders that simulates a scene again at every change."""

@@ -1,4 +1,4 @@
-"""What stands on the bench: a state that is a scene file, and what is seen of it.
+"""State of the studio as a scene file, and its simulated view.
 
 A state is written as a scene file and simulated from that file, so that the file which a user saves gives the same
 image to the bit.
@@ -41,7 +41,7 @@ _MADE_OF = ("material", "permittivity_real", "permittivity_imag", "conductivity"
 
 @dataclass(frozen=True)
 class BenchState:
-    """Where the sliders stand.
+    """Slider values of the studio.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class BenchState:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What is seen of a state.
+    """Simulated view of a state.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def first_state(source: str) -> BenchState:
     path = resolve(source)
     if is_mesh_file(path):
         raise SceneError(
-            f"{path.name}: the bench takes scene files; write one that names the mesh in a shape, such as "
+            f"{path.name}: the studio takes scene files; write one that names the mesh in a shape, such as "
             f'<shape type="ply"><string name="filename" value="{path.name}"/></shape>'
         )
     has_radar = any(node.get("type") == "sar_antenna" for node in _parsed(path).iter("sensor"))
@@ -133,7 +133,7 @@ def surfaces(source: Path) -> tuple[str, ...]:
 def scene_xml(state: BenchState) -> str:
     """The state as a scene file.
 
-    The radar is the bench's own, and so is the integrator; shapes and BSDFs are those of the source, scaled about the
+    Radar and integrator are those of the studio; shapes and BSDFs are those of the source, scaled about the
     origin and made of what the state says. Paths of meshes are absolute.
 
     Raises
@@ -168,7 +168,7 @@ def scene_xml(state: BenchState) -> str:
 
 
 def command(path: Path) -> str:
-    """The command line that makes the bench's image from a saved state."""
+    """The command line that makes the studio's image from a saved state."""
     source, out = shlex.quote(str(path)), shlex.quote(str(path.with_suffix("")))
     return f"python -m sarmitsuba render {source} -o {out} --no-error-bars --window {WINDOW}"
 

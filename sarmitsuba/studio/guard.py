@@ -1,4 +1,4 @@
-"""Who may use the bench's page: who was given its address, from a page of its own, on this machine."""
+"""Access control of the studio's page: only this machine, its own page, and the secret address."""
 
 import hmac
 import http
@@ -35,7 +35,7 @@ class Guard:
         self.token = secrets.token_urlsafe(24)
 
     def refusal(self, request: Request) -> str:
-        """Why a request is not answered; empty where it is."""
+        """Reason for refusing a request; empty where it is accepted."""
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
         try:

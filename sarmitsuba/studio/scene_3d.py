@@ -1,4 +1,4 @@
-"""The bench in three dimensions: bodies, the radar on its track, its beam, the image on the ground; plain arrays.
+"""3-D view of the studio as plain arrays: bodies, radar on its track, beam, image on the ground.
 
 The radar is brought near: its distance from the aim point shrinks to a few sizes of the scene, all its directions stay
 true.

@@ -1,4 +1,4 @@
-"""The page of the bench: sliders beside a scene in three dimensions, made with viser; the only module that knows it.
+"""Web page of the studio: sliders beside a 3-D view of the scene; the only module that uses viser.
 
 Sliders only say that something has changed. Whoever calls :meth:`Studio.serve` simulates, always the newest state, so
 that a slider that is dragged never waits for states that it has left behind.
@@ -35,7 +35,7 @@ _BEAM, _TRACK = (40, 110, 220), (20, 60, 140)
 
 
 class Studio:
-    """The bench, open to browsers.
+    """Web server of the studio.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One-way power gain of textbook antennas, and what a beam that points elsewhere than the processor thinks does."""
+"""One-way power gain of textbook antennas, and the effect of mispointing on focused points."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Ghosts of points in azimuth: echoes that the pulse repetition frequency cannot tell from the wanted ones."""
+"""Azimuth ambiguities of points: positions and levels of ghosts."""
 
 import numpy as np
 

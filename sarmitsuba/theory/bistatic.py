@@ -1,4 +1,4 @@
-"""Echoes that are received elsewhere than they are sent from: ideal points, conducting facets, the line of a corner."""
+"""Bistatic echoes of ideal points, conducting facets and dihedral corner lines."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -1,4 +1,4 @@
-"""Return of two diffuse scatterers in a row on Lambertian surfaces: a bowl in closed form, facets by a double sum."""
+"""Diffuse double bounce between Lambertian surfaces: a bowl in closed form, facets by a double sum."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Where a radar image must show the returns of a building and of a bridge, far from the antenna."""
+"""Positions of the returns of a building and of a bridge in a radar image, in the far field."""
 
 from dataclasses import dataclass
 

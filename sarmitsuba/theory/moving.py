@@ -1,4 +1,4 @@
-"""Where, how sharp and with which phase a radar image shows what moves, for a straight track and a uniform antenna."""
+"""Displacement, smearing and phase of moving targets in a radar image, for a straight track and a uniform antenna."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,7 +8,7 @@ from sarmitsuba.arrays import F64
 
 
 def azimuth_displacement(slant_range: ArrayLike, range_speed: ArrayLike, speed: ArrayLike) -> F64:
-    r"""How far ahead along the track a target shows that moves away from the radar, m.
+    r"""Azimuth displacement of a target from its range speed, m, positive ahead along the track.
 
     .. math:: \Delta x = -\frac{R\, v_r}{v}
 

@@ -1,4 +1,4 @@
-"""Echo of an antenna that moves on during its pulse: exactly, and what standing still for it gets wrong."""
+"""Echo with antenna motion during the pulse: exact form, and errors of the start-stop approximation."""
 
 import numpy as np
 

@@ -9,7 +9,7 @@ from sarmitsuba.constants import EARTH_GRAVITY, EARTH_ROTATION
 
 @dataclass(frozen=True)
 class OrbitDoppler:
-    r"""What a radar in a circular orbit sees of a resting point in its zero-Doppler plane.
+    r"""Doppler quantities of a point at rest in the zero-Doppler plane of a circular orbit.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What pulses at uneven times do to the response of an aperture."""
+"""Response of an aperture with non-uniform pulse times."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -17,7 +17,7 @@ _NODES = 256
 
 
 def aperture_cell(wavelength: float, slant_range: float, length: float, squint_angle: float = 0.0) -> float:
-    r"""Azimuth cell of an aperture that all pixels share (spotlight), m.
+    r"""Azimuth cell of an aperture common to all pixels (spotlight), m.
 
     .. math:: \delta = \frac{\lambda R}{2 L \cos\psi}
 

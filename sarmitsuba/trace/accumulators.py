@@ -1,4 +1,4 @@
-"""Where contributions go: per-pulse sums (RCS), per-pulse range grids (direct) or range-rate grids (block)."""
+"""Accumulators of echoes: per-pulse sums (RCS), per-pulse range grids (direct) or range-rate grids (block)."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.state import Contribution
 
 
-# numbers in the smallest grid (2 MB), and up to which sizes quadruple (32 MB); beyond, they double
+# float64 numbers in the smallest grid (2 MB), and the size up to which grids grow by four (32 MB); beyond it by two
 SMALLEST_GRID = 1 << 18
 FOURFOLD_UP_TO = 1 << 22
 
 
 class GridAccumulator:
-    """Spreads contributions onto complex grids with a non-uniform FFT kernel, summed in float64.
+    """Complex grid onto which echoes are spread with the gridding kernel of a non-uniform FFT, summed in float64.
 
     The million equal contributions of a plate at normal incidence, added one by one in float32, are 0.4 % (-48 dB)
     off; in float64 the sum is exact to float32 whatever its order, and costs no more time.
@@ -38,11 +38,11 @@ class GridAccumulator:
 
     Parameters
     ----------
-    n_slots, n_rows, n_columns : shape of the grid: orders (1 when summed), then two coordinates
+    n_slots, n_rows, n_columns : shape of the grid: bounce orders (1 when summed), then two coordinates
     n_channels : amplitudes per contribution
     max_order : orders kept apart, 1..max_order; 0 sums all orders
     wavelength : m
-    least_bytes : of the memory; the largest grid of a run serves the smaller ones with one kernel
+    least_bytes : smallest size of the memory; smaller grids of a run then use the kernel compiled for the largest
 
     Attributes
     ----------
@@ -69,8 +69,8 @@ class GridAccumulator:
         self.window: tuple[mi.Float64, float] | None = None
         self.packet = (mi.Vector2d, mi.Vector4d, mi.ArrayXd)[min(self.padded.bit_length() - 1, 2)]
 
-    def watch(self, start_range: F64, extent: float) -> None:
-        """Count what falls outside the receive window, though its tails are kept.
+    def watch(self, start_range: NDArray[np.float64], extent: float) -> None:
+        """Count the echoes centred outside the receive window; the part of them that falls inside is kept.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class GridAccumulator:
         return (r < 0.0) | (r > dr.opaque(mi.Float64, extent))
 
     def begin(self) -> LostCount:
-        """Contributions of this lane that fell outside the receive window, their power and that of all, W."""
+        """Initial count of this lane: echoes outside the receive window, their power and the power of all, W."""
         return mi.UInt32(0), mi.Float(0.0), mi.Float(0.0)
 
     def spread(
@@ -98,7 +98,7 @@ class GridAccumulator:
         cells: tuple[mi.Float64, mi.Float64],
         kernels: tuple[GriddingKernel, GriddingKernel],
     ) -> mi.Bool:
-        """Spread over rows and columns (position in cells and kernel of each); the lanes that are within the grid.
+        """Spread echoes over rows and columns (position in cells, kernel); returns the lanes within the grid.
 
         ``range_offset`` (m) is the slant range less the reference that the phase is taken from.
         """
@@ -162,16 +162,16 @@ class GridAccumulator:
 
 
 def grid_numbers(shape: tuple[int, int, int], n_channels: int) -> int:
-    """Numbers (float64) that the grid of a :class:`GridAccumulator` of so many slots, rows and columns takes."""
+    """Number of float64 values in the grid of a :class:`GridAccumulator` of this shape (slots, rows, columns)."""
     padded = 1 << (n_channels - 1).bit_length()
     return rounded_size(2 * padded * math.prod(shape))
 
 
 def rounded_size(n: int) -> int:
-    """Numbers to allocate for ``n``: the size is compiled into an expanding scatter-add, few sizes mean few kernels.
+    """Number of float64 values to allocate for ``n``; the size is compiled in, so few sizes mean few kernels.
 
-    Powers of four while memory hardly counts, then of two: what a loop over looks, bands and extents of the image
-    passes through has then been compiled after a few rounds.
+    Powers of four for small grids, then powers of two: a loop over looks, bands and image extents meets all of them
+    within a few rounds.
     """
     bits = max((n - 1).bit_length(), SMALLEST_GRID.bit_length() - 1)
     if n <= FOURFOLD_UP_TO:
@@ -180,7 +180,7 @@ def rounded_size(n: int) -> int:
 
 
 class BlockAccumulator(GridAccumulator):
-    """Adds each path once to a (range, range rate) grid that becomes all pulses of a block."""
+    """Grid over range and range rate onto which each path is added once; it yields all pulses of a block."""
 
     def __init__(
         self,
@@ -198,7 +198,7 @@ class BlockAccumulator(GridAccumulator):
         """Spread on the block's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         plan = self.plan
         slant_range = contribution.slant_range
-        if plan.in_pulse is not None:  # where it appears is up to each pulse: the synthesis shifts it
+        if plan.in_pulse is not None:  # the shift differs from pulse to pulse: the synthesis applies it
             moving = plan.in_pulse
             numbers = (dr.opaque(mi.Float64, x) for x in (moving.range_per_rate, float(moving.reference[0])))
             slant_range = carrier_range(slant_range, contribution.range_rate, *numbers)
@@ -213,7 +213,7 @@ class BlockAccumulator(GridAccumulator):
 
 
 class DirectAccumulator(GridAccumulator):
-    """Adds each path to its own pulse's range grid."""
+    """Range grid of every pulse, onto which the paths of that pulse are added."""
 
     def __init__(
         self,
@@ -255,7 +255,7 @@ class DirectAccumulator(GridAccumulator):
 
 
 class SumAccumulator(GridAccumulator):
-    """Adds each path to its own pulse's sum, for radar cross sections over many looks.
+    """Coherent sum of the paths of every pulse, for radar cross sections over many looks.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ class SumAccumulator(GridAccumulator):
 
 
 def grid_cells(x: mi.Float64, kernel: GriddingKernel, n: int) -> tuple[mi.UInt32, list[mi.Float], mi.Bool]:
-    """First cell, weights and validity of a position in cells; the kernel's cell convention."""
+    """First cell and weights of the gridding kernel at a position (in cells), and whether they lie within the grid."""
     shifted = x + kernel.shift
     base = dr.floor(shifted)
     first = mi.Int32(base) - kernel.lead
@@ -291,7 +291,7 @@ def grid_cells(x: mi.Float64, kernel: GriddingKernel, n: int) -> tuple[mi.UInt32
 
 
 def phase_factor(slant_range: mi.Float64, wavelength: float) -> mi.Complex2f:
-    """``exp(-j 4 pi x / lambda)`` of a float64 slant range: reduced to one cycle in float64, sine in float32."""
+    """Two-way phase factor ``exp(-j 4 pi x / lambda)`` of a slant range, reduced to one cycle in float64."""
     cycles = slant_range * dr.opaque(mi.Float64, 2.0 / wavelength)
     s, c = dr.sincos(mi.Float(cycles - dr.floor(cycles)) * (2.0 * dr.pi))
     return mi.Complex2f(c, -s)

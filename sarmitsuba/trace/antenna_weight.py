@@ -1,4 +1,4 @@
-"""Weight of a ray by its direction and by where it starts: the antenna pattern and the launch window's fade-out."""
+"""Antenna pattern along a ray, and the taper at the edge of the launch window."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.launch import PulseBatch
 
 
-# sines of two legs that differ by less are one direction in float32; gain of a block's azimuth pattern that is none
+# sines of the directions of two legs closer than this count as equal (float32); azimuth gain that counts as zero
 _APART, _DARK = 1e-6, 1e-3
 
 
 def fade(x: mi.Float, half: float, taper: float) -> mi.Float:
-    """1 within ``half``, raised-cosine fall to 0 over ``taper`` beyond it; 1 everywhere where ``taper`` is 0."""
+    """Raised-cosine taper: 1 within ``half``, falling to 0 over ``taper`` beyond it; 1 everywhere if ``taper`` is 0."""
     # one kernel for both: a window with a fade-out and one without
     width = dr.opaque(mi.Float, taper if taper > 0.0 else np.inf)
     t = dr.clip((dr.abs(x) - dr.opaque(mi.Float, half)) / width, 0.0, 1.0)
@@ -30,12 +30,12 @@ class BeamPattern:
     """One-way amplitude pattern of the pulse that a lane belongs to.
 
     In a block of pulses only the elevation pattern counts: each pulse's own azimuth pattern comes from the synthesis
-    (:func:`sarmitsuba.echo.block.synthesise`), at the mean of the path's first and last leg. What two legs apart have
-    over that mean is :meth:`received`'s.
+    (:func:`sarmitsuba.echo.block.synthesise`), at the mean direction of the path's first and last leg. The error of
+    that mean for legs in different directions is corrected in :meth:`received`.
 
     Parameters
     ----------
-    first_leg : (lanes,) directions in which the rays start, where they may come back from another; else None
+    first_leg : (lanes,) launch directions of the rays; None where every echo returns along its launch direction
     """
 
     def __init__(
@@ -60,14 +60,14 @@ class BeamPattern:
         return dr.select(dr.dot(u, self.boresight) > 0.0, dr.sqrt(dr.maximum(two_way, 0.0)), 0.0)
 
     def received(self, u: mi.Vector3f) -> mi.Float:
-        r"""As :meth:`one_way`, for the last leg of a path.
+        r"""Relative one-way amplitude of the last leg of a path; as :meth:`one_way`.
 
-        Where the azimuth pattern g comes later, at the mean of both legs, this carries what the legs' own have over it,
+        Where the azimuth pattern g is applied later, at the mean direction of both legs, this holds the correction
 
         .. math:: \sqrt{g(s_1) g(s_2)} / g((s_1 + s_2) / 2)
 
-        which for a Gaussian is the same for all pulses of the block. It is held at 1 where g is below -60 dB there, and
-        bounded by 2: next to a null it is not.
+        which for a Gaussian pattern is the same for all pulses of the block. It is 1 where g at the mean is below
+        -60 dB, and at most 2: the correction diverges next to a null.
         """
         gain = self.one_way(u)
         if self.first_sine is None:

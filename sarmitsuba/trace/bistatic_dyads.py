@@ -1,4 +1,4 @@
-"""Polarisation of rough surfaces between two directions: first-order perturbation theory, and tilted facets.
+"""Bistatic polarimetric scattering by rough surfaces: first-order perturbation theory, and tilted facets.
 
 Dyads are given by their values ``(hh, hv, vh, vv)``, first letter received, second incoming, between the vectors of
 :class:`Planes`. Both are symmetric: exchanging the two directions transposes them.
@@ -20,7 +20,7 @@ Dyad: TypeAlias = "tuple[mi.Complex2f, mi.Complex2f, mi.Complex2f, mi.Complex2f]
 
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """Both directions at a surface with the field vectors of their planes of incidence.
+    """Incident and scattered direction at a surface, with the polarisation vectors of both planes of incidence.
 
     Parameters
     ----------
@@ -39,29 +39,29 @@ class Planes:
 
     @classmethod
     def of(cls, n: mi.Vector3f, d: mi.Vector3f, s: mi.Vector3f) -> Planes:
-        """Planes of incidence of two directions."""
+        """Planes of incidence of the incident and the scattered direction."""
         h_i, h_s = field.incidence_basis_pair(d, s, n)
         return cls(n, d, s, h_i, dr.cross(h_i, d), h_s, dr.cross(h_s, -s))
 
 
 def bragg_dyad(planes: Planes, chi: mi.Complex2f) -> tuple[Dyad, mi.Float]:
-    r"""``cos_i cos_s alpha`` of first-order perturbation theory for any two directions.
+    r"""Bistatic polarisation coefficients ``cos_i cos_s alpha`` of first-order perturbation theory.
 
     .. math::
         D = \chi\,(A_i \cdot A_s + \varepsilon N_i N_s), \quad
         A = \frac{c}{c + q} E_h\, \hat h + \frac{c\,q}{\varepsilon c + q} E_v\, \hat t, \quad
         N = \frac{c \sin\theta}{\varepsilon c + q} E_v
 
-    with the field that a wave from each direction has at the flat boundary: ``2 A`` along it and ``2 N`` across it,
-    inside. That is the published set ``alpha_hh = (eps - 1) cos(phi) / ((c_i + q_i)(c_s + q_s))``, ... in one
-    bilinear form, reciprocal at sight, and without a plane of incidence where a direction is along the normal.
+    with the field of a wave from each direction at the flat boundary: ``2 A`` tangential to it and ``2 N`` normal to
+    it, inside. That is the published set ``alpha_hh = (eps - 1) cos(phi) / ((c_i + q_i)(c_s + q_s))``, ... as one
+    bilinear form, manifestly reciprocal, which needs no plane of incidence where a direction is along the normal.
     Source: Tsang, Kong and Ding, Scattering of Electromagnetic Waves (2000), chapter 9; Ulaby, Moore and Fung,
     volume II (1982), chapter 12.
 
     Returns
     -------
     dyad : values between ``planes``
-    co_polar : what co-polar power it had if both planes of incidence were one, root of hh times vv
+    co_polar : root of hh times vv (co-polar power) of the same angles with both directions in one plane of incidence
     """
     waves = []
     for ray, h in ((planes.d, planes.h_i), (-planes.s, planes.h_s)):
@@ -84,10 +84,10 @@ def bragg_dyad(planes: Planes, chi: mi.Complex2f) -> tuple[Dyad, mi.Float]:
 
 
 def facet_dyad(planes: Planes, chi: mi.Complex2f) -> Dyad:
-    """Fresnel coefficients of the facet that mirrors ``d`` into ``s``, over that at normal incidence.
+    """Fresnel coefficients of the facet that mirrors ``d`` into ``s``, relative to normal incidence.
 
-    The facet's normal is halfway between ``-d`` and ``s``; its own plane of incidence, not the mean surface's, says
-    what is perpendicular and what is parallel, so that a tilt across the ray turns the polarisation.
+    The facet's normal bisects ``-d`` and ``s``. Perpendicular and parallel refer to the plane of incidence of this
+    facet, not of the mean surface, so that a tilt across the ray rotates the polarisation.
     """
     normal = dr.normalize(planes.s - planes.d)
     r_te, r_tm = field.fresnel(dr.maximum(dr.dot(planes.s, normal), 1e-7), chi)

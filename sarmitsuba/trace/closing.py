@@ -1,4 +1,4 @@
-"""The stage that closes a path to the antenna by physical optics, and how the antenna receives what comes back."""
+"""Physical-optics return of a path's last facet to the antenna, and the antenna's receiving polarisation and gain."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
 
 
-# a receiving vector: real, or complex where something stands in the way
+# a receiving vector: real, or complex behind slabs and volumes
 Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
 
 
@@ -41,7 +41,7 @@ class Receiver:
 
 
 def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
-    """How the antenna receives what comes from a hit; lane and hit are adjusted for the delay in slabs."""
+    """Receiving polarisations and gain of the antenna for a hit; lane and hit are adjusted for the delay in slabs."""
     around = Surroundings.within(kernel)
     gain = lane.pattern.received(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
     if around.clear:
@@ -49,7 +49,7 @@ def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Recei
         return Receiver({"H": h, "V": v}, gain), lane, hit
     through = hit.sees
     if ray.crossed is not None and not kernel.bistatic:
-        # what came straight from the antenna through no slab goes home through none
+        # a first leg that crossed no slab has a return leg that crosses none
         through = through & (~hit.first | (ray.crossed > 0))
     basis = antenna_basis(around, hit.to_antenna)
     vectors, shift = around.passed(
@@ -65,7 +65,7 @@ def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Recei
 
 
 def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Complex2f:
-    """What is linear in a receiving vector, from its value for a real one."""
+    """Value of a function linear in the receiving vector, for a real or a complex one."""
     if not isinstance(q, tuple):
         return value(q)
     return value(q[0]) + mi.Complex2f(0.0, 1.0) * value(q[1])
@@ -80,16 +80,16 @@ def close_coherent(
     reflection: Reflection,
     receive: Receiver,
 ) -> Contribution:
-    r"""Return of the tube by physical optics: both equivalent currents, and the phase integral over the patch.
+    r"""Coherent return of a ray tube by physical optics: electric and magnetic currents, phase integral over the patch.
 
-    A chain over A that closes at B and the reversed one, over B to A, are one path of one length, and reciprocity wants
-    ``S_HV(AB) = S_VH(BA)``. Both chains are traced, so that the mean of an estimate and of the reversed chain's,
+    A chain over A that closes at B and the reversed one, over B to A, have equal length, and reciprocity demands
+    ``S_HV(AB) = S_VH(BA)``. Both chains are traced, so that the mean of the two estimates,
 
     .. math:: \tfrac12 (S_{HV}(AB) + S_{VH}(BA)) + \tfrac12 (S_{HV}(BA) + S_{VH}(AB)),
 
-    is, in the sum over both, the symmetric part of the scattering matrix at every closing: HV = VH in any basis, and
-    co-polar channels, which hold both estimates already, as they are. Of the two chains of a corner that counts whose
-    last facet ends first, see :func:`sarmitsuba.trace.corners.corner_share`.
+    is the symmetric part of the scattering matrix at every closing: HV = VH in any basis. Co-polar channels hold both
+    estimates already and are unchanged. Of the two chains of a corner the one whose last facet limits the beam is
+    weighted higher, see :func:`sarmitsuba.trace.corners.corner_share`.
     """
     flags, constants = kernel.flags, kernel.constants
     s = hit.to_antenna
@@ -103,7 +103,7 @@ def close_coherent(
         else:
             turned = both_chains(kernel, lane, ray, hit, share, corner)
     slant_range, point = _mean_leg(kernel, hit), hit.p
-    # of antenna and virtual antenna, as the lit patch sees them
+    # velocities of antenna and virtual antenna relative to the lit patch
     velocity, virtual_velocity = lane.velocity, ray.virtual_velocity
     if hit.movement is not None and ray.shadow_boundary is not None:
         patch = ray.shadow_boundary.at(hit.movement, hit.largest_cell).on(
@@ -114,7 +114,7 @@ def close_coherent(
         dr.dot(hit.to_antenna64, velocity) - dr.dot(hit.direction64, virtual_velocity)
     )  # of the leg back and of the leg from the virtual antenna
     if flags.tube_phase:
-        # what is left of a facet comes from its edges and stands at their range and range rate
+        # the uncancelled part of a facet's return comes from its edges: it has their range and range rate
         filled, *place = polygon.phase_integral(
             -constants.wavenumber * wave,
             tube_here.u,
@@ -126,7 +126,7 @@ def close_coherent(
         rim = tube_here.u * place[0] + tube_here.v * place[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
         point = point + mi.Vector3d(rim)
-        # a point of the tube is seen along another launch direction, whatever mirrors are in between
+        # every point of the tube has its own launch direction, whatever mirrors lie in between
         change_out = place[0] * lane.tube_rate_a + place[1] * lane.tube_rate_b
         if hit.movement is not None and ray.spread is None:
             # mirrors and facet move too; the tube's edges are mirrored like the virtual antenna
@@ -171,7 +171,7 @@ def _closed(
     e_out: field.ComplexVector,
     q: mi.Vector3f,
 ) -> mi.Complex2f:
-    """Radiation of a facet towards the antenna, received along ``q``; see :func:`close_coherent`."""
+    """Field radiated by a facet towards the antenna, component along ``q``; see :func:`close_coherent`."""
     n, s = hit.normal, hit.to_antenna
     if flags.fresnel:
         return field.po_receive(e, e_out, hit.direction, reflection.direction, n, s, q)
@@ -186,7 +186,7 @@ def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
 
 
 def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
-    """``a`` in the lanes where the condition holds, else ``b``; pulse and activity of ``b``."""
+    """Contribution ``a`` in the lanes where the condition holds, else ``b``; pulse and activity of ``b``."""
     return replace(
         b,
         kind=dr.select(condition, a.kind, b.kind),

@@ -1,4 +1,4 @@
-"""Which of the two facets of a corner limits a double bounce: there it is closed, for both directions of its path."""
+"""Weights of a double bounce and of its reversed path, by which facet of the corner limits the lit area."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace.scene_tables import INNER_BIT
 from sarmitsuba.trace.state import Hit, Kernel, Lane, Mirror, RayState
 
-# power of the ratio of reaches with which a path's share falls
+# exponent of the ratio of reaches in the weight
 POWER = 8
-# reach, over the distance from the fold, of a facet that nothing ends; and the least sine of a corner's angle
+# relative reach of a facet without an edge in this direction; least sine of the angle of a corner
 UNLIMITED, LEAST_SINE = 1e3, 0.1
-# rad, angle between transmitter and receiver up to which, and from which on no more, both chains estimate each path
+# rad, bistatic angles up to which both chains count as estimates of each path, and from which each counts alone
 NEAR, FAR = 0.03, 0.1
 
 
 def mirror_at(kernel: Kernel, hit: Hit) -> Mirror:
-    """The facet of a hit as the mirror that the ray comes from afterwards."""
+    """Facet of a hit, recorded as the mirror of the ray's next leg."""
     point = mi.Vector3f(hit.p - hit.vertex0)
     return Mirror(
         hit.face,
@@ -29,7 +29,7 @@ def mirror_at(kernel: Kernel, hit: Hit) -> Mirror:
 
 
 def _flat(kernel: Kernel, hit: Hit) -> mi.Bool:
-    """Whether a facet is no part of a curved surface."""
+    """Whether a facet is flat, not part of a curved surface."""
     table = kernel.scene.curvature_table
     if table is None:
         return mi.Bool(True)
@@ -38,35 +38,35 @@ def _flat(kernel: Kernel, hit: Hit) -> mi.Bool:
 
 
 def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> tuple[mi.Float, mi.Bool]:
-    r"""Weight of a double bounce, by which of its two facets ends first on its way and on that of the reversed path.
+    r"""Weight of a double bounce relative to its reversed path, by which of its two facets limits the lit area.
 
-    A path over A that closes at B, and the reversed one, over B to A, are estimates of one field each by the other's
-    transpose; together they count twice. The currents at B end at an edge where B does, as physical optics wants it.
-    Where the light that A sends ends within B, because A ends, there is no edge: then the reversed path, which ends at
-    the edge of A, is the better one. With r the reach of B over that of A (distances of the facets' ends from the fold
-    over those of the two hits) on the path, and r' on the reversed one, to which B mirrors the antenna,
+    A path over A that closes at B, and the reversed one, over B to A, estimate the same return (transposed); both are
+    summed. Physical optics integrates the currents on B up to an edge of B. Where the area lit by A ends within B,
+    because A ends, there is no edge of B: then the reversed path, which ends at the edge of A, is the better estimate.
+    With r the reach of B over that of A (distance of a facet's end from the fold over that of the hit on it) on the
+    path, and r' on the reversed one, to which B mirrors the antenna,
 
     .. math::
         w_{AB} = \frac{2 f}{f + g}, \quad f = \frac1{1 + r^8}, \quad g = \frac{r'^8}{1 + r'^8}, \quad
         w_{AB} + w_{BA} = 2
 
-    In a square corner r' is r. Both end at their own edges, and both count once, for wide corners near the direction
-    where the facets are equally long.
+    In a square corner r' is r. In wide corners, near the direction where both facets are equally long, both paths end
+    at an edge and both have weight one.
 
     Parameters
     ----------
     kernel : its scene has the facets' edges
-    mirror, hit : where the ray comes from, and where it closes
+    mirror, hit : facet of the first bounce, and hit where the path closes
 
     Returns
     -------
-    w of the path, and lanes that have one; 1 for other hits than the second, for curved surfaces, between facets that
-        are nearly parallel, and where no path goes the other way round
+    w of the path, and lanes that have one; 1 for other hits than the second, for curved surfaces, between nearly
+        parallel facets, and where the reversed path does not exist
 
     Notes
     -----
-    Ignores ends of the facets along the fold, and other objects that end their light. For an antenna apart that
-    receives see :func:`both_chains`.
+    Ignores the ends of the facets along the fold, and shadows of other objects on them. For a separate receiving
+    antenna see :func:`both_chains`.
     """
     d, s, n_a, n_b = hit.direction, hit.to_antenna, mirror.normal, hit.normal
     cosine = dr.dot(n_a, n_b)
@@ -95,15 +95,15 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> tuple[mi.Float, mi
 def both_chains(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, share: mi.Float, corner: mi.Bool
 ) -> mi.Complex2f:
-    r"""Factor of a double bounce where another antenna receives, from the path's slant range.
+    r"""Factor on a double bounce received by a separate antenna, for both directions of the path.
 
     The chain over A and B is an estimate of two paths, transmitter, A, B, receiver, and the other way round, receiver,
     A, B, transmitter; so is the chain over B and A. With the slant ranges :math:`h, h'` of the two
 
     .. math:: c = (1 - t) + t \, \tfrac{w}{2} \left(1 + e^{2 j k (h - h')}\right)
 
-    where t falls from 1 to 0 between ``NEAR`` and ``FAR`` of angle between both antennas: far apart each path closes
-    where it hits last.
+    where t falls from 1 to 0 for bistatic angles from ``NEAR`` to ``FAR``: for large angles each path closes at its own
+    last hit.
 
     Parameters
     ----------
@@ -115,8 +115,8 @@ def both_chains(
 
     Notes
     -----
-    Ignores that the two ranges differ within a range cell, and that the other path meets both facets elsewhere by the
-    angle between the antennas times the size of the corner.
+    Ignores the difference of the two ranges within a range cell, and the distance between the hits of both paths (the
+    bistatic angle times the size of the corner).
     """
     assert ray.virtual_receiver is not None
     other = dr.norm(hit.p - ray.virtual_receiver) + dr.norm(lane.transmitter - hit.p)
@@ -139,7 +139,7 @@ def _reach(
     distance: mi.Float,
     hit: Hit,
 ) -> mi.Float:
-    """How far a facet goes on from the fold, over the distance of a point; ``away``: unit vector from the fold."""
+    """Extent of a facet from the fold, relative to the distance of a point; ``away``: unit vector from the fold."""
     beyond = mi.Float(UNLIMITED) * distance
     for i in range(N_EDGES):
         edge = dr.gather(mi.Vector4f, kernel.scene.edge_table, face * N_EDGES + i, hit.active)

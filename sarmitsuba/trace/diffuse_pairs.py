@@ -1,21 +1,21 @@
-r"""Paths over two diffuse scatterers: antenna, A, B, antenna, and the same way round.
+r"""Echoes of double diffuse scattering: antenna, A, B, antenna, and the reversed path.
 
-With random phases the sum over all pairs is a complex Gaussian; only its power is a fact of the scene, and that is what
-a random choice of pairs has to keep. A pair {A, B} returns
+With random phases the sum over all pairs is complex Gaussian, and only its mean power is a property of the scene: a
+random choice of pairs has to preserve it. A pair {A, B} returns
 
 .. math:: s_{AB} + s_{BA}, \quad
     s_{AB} = \frac{\sqrt{\sigma^0_A \sigma^0_B}}{\sqrt{4 \pi} r} \, \mathbf q \cdot D_B D_A \mathbf e
 
-for each m^2 of both ends. Both orders are one path walked both ways: with one antenna they have one length, and by
-reciprocity :math:`s_{BA}` is :math:`s_{AB}` of the transposed channel. So co-polar channels have twice the power of
-what their two orders had if they did not know of each other (coherent backscatter enhancement), and HV = VH. Pairs
+for each m^2 of both ends. Both orders are one path in both directions: with one antenna their lengths are equal, and
+by reciprocity :math:`s_{BA}` is :math:`s_{AB}` of the transposed channel. So co-polar channels have twice the power
+of two uncorrelated paths (coherent backscatter enhancement), and HV = VH. Pairs
 drawn with the density p (:mod:`sarmitsuba.trace.pair_search`) return
 
 .. math:: S = \sum_{drawn} g \, (s_{AB} + s_{BA}) / \sqrt p, \qquad
     \langle |S|^2 \rangle = \int_{\{A, B\}} p \, |s_{AB} + s_{BA}|^2 / p
 
-with a fixed random phase g of each pair: the power of all pairs, without bias. The weight :math:`1 / p` that keeps a
-sum of fields would return :math:`\int |s|^2 / p` instead, the more the fewer pairs are drawn.
+with a fixed random phase g of each pair: an unbiased estimate of the power of all pairs. The weight :math:`1 / p`, as
+for a sum of fields, would give :math:`\int |s|^2 / p` instead, which grows as fewer pairs are drawn.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class _PairEnd:
-    """One scatterer of a pair."""
+    """Position and surface of one scatterer of a pair."""
 
     point: mi.Vector3d
     normal64: mi.Vector3d
@@ -64,7 +64,7 @@ class _PairEnd:
 
 @dataclass(frozen=True, eq=False)
 class _StruckEnd:
-    """An end with the wave that falls on it; see :class:`sarmitsuba.trace.scattering_matrix.Struck`."""
+    """One scatterer of a pair with its incident wave; see :class:`sarmitsuba.trace.scattering_matrix.Struck`."""
 
     material: mi.UInt32
     normal: mi.Vector3f
@@ -74,14 +74,14 @@ class _StruckEnd:
 
 @dataclass(frozen=True, eq=False)
 class _LitEnd:
-    """An end's leg to an antenna, and the amplitude of the launch window there."""
+    """Leg from one scatterer of a pair to an antenna, and the amplitude of the launch window there."""
 
     leg: Leg
     fade: mi.Float
 
 
 class PairSource:
-    """Returns of pairs of diffuse scatterers; a :class:`sarmitsuba.trace.source.Source`.
+    """Echoes of pairs of diffuse scatterers; a :class:`sarmitsuba.trace.source.Source`.
 
     Parameters
     ----------
@@ -89,10 +89,9 @@ class PairSource:
 
     Notes
     -----
-    Ignores three and more diffuse scatterers in a row, mirrors between, before and after the two, and what either
-    scatterer does to the other within a wavelength. Ends are surfaces at rest. A pair's
-    random phase is its own: as surfaces coarse against the wavelength have it, what a cell sends to another does not
-    tell what it sends home.
+    Ignores three and more diffuse scatterers in a row, mirrors between, before and after the two, and near-field
+    coupling within a wavelength. Both scatterers are surfaces at rest. The random phase of a pair is independent of
+    the speckle of its two cells, as for surfaces rough against the wavelength.
     """
 
     def __init__(self, pairs: SurfacePairs) -> None:
@@ -102,7 +101,7 @@ class PairSource:
         self.key = device_array(mi.UInt32, pairs.key)
 
     def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
-        """As few launches as memory allows; the window of the first lattice lights all."""
+        """Launches for a batch of pulses, as few as memory allows; the window of the first lattice lights all pairs."""
         step = max(1, MAX_LANES // n_pulses)
         return [Part(rays[0], first, min(step, self.n - first)) for first in range(0, self.n, step)]
 
@@ -124,7 +123,7 @@ class PairSource:
         one = self._path(kernel, antenna, pulse, (a, out_a), (b, home_b), weight)
         added = accumulator.begin()
         if receiver is None:
-            # the other way round has the same length, and the transposed channel
+            # the reversed path has the same length, and the transposed channel
             other = self._path(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
             both = tuple(x + y for x, y in zip(one.amplitudes, other.amplitudes, strict=True))
             added = accumulator.add(added, replace(one, amplitudes=both))
@@ -136,11 +135,11 @@ class PairSource:
         return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
 
     def at(self, wavelength: float) -> PairSource:
-        """Itself: the kernel's tables tell what its ends scatter."""
+        """The same pairs at another wavelength, m: itself, since the kernel's tables hold the material's properties."""
         return self
 
     def _ends(self, kernel: Kernel, index: mi.UInt32) -> tuple[_PairEnd, _PairEnd, mi.Float]:
-        """Both scatterers, and the weight of the pair."""
+        """Both scatterers of a pair, and its weight."""
         rows = [dr.gather(mi.Vector4d, self.places, 4 * index + i) for i in range(4)]
         faces = dr.gather(mi.Vector2u, self.faces, index)
         key = dr.gather(mi.UInt32, self.key, index) + kernel.constants.seed
@@ -180,14 +179,14 @@ class PairSource:
         end: tuple[_PairEnd, _LitEnd],
         weight: mi.Float,
     ) -> Contribution:
-        """The path over both ends in one order."""
+        """Length, range rate and amplitudes of the path over both scatterers in one order."""
         flags, constants = kernel.flags, kernel.constants
         (a, lit), (b, home) = begin, (end[0], end[1].leg)
         out = lit.leg
         across = mi.Vector3f(b.point - a.point)
         r = dr.norm(across)
         s = across / r
-        # both planes of incidence are needed whatever else the kernel does
+        # needs both planes of incidence, also in kernels of backscatter alone
         planes = replace(flags, multi_bounce=True)
         never = mi.Bool(False)
         first = ScatteringMatrix(
@@ -232,7 +231,7 @@ class PairSource:
 
 
 def _rows(pairs: SurfacePairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """(n, 4, 4) float64: point of an end and the weight, its normal and a zero, twice."""
+    """(n, 4, 4) float64 table of pairs: point of an end and the weight, its normal and a zero, for both ends."""
     rows = np.zeros((pairs.n, 4, 4))
     rows[:, 0::2, :3], rows[:, 1::2, :3] = pairs.point, pairs.normal
     rows[:, 0, 3] = pairs.weight
@@ -240,7 +239,7 @@ def _rows(pairs: SurfacePairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float6
 
 
 def _lit(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _PairEnd) -> _LitEnd:
-    """Leg between an end and the antenna of a pulse."""
+    """Leg between one scatterer of a pair and the antenna of a pulse."""
     position, velocity = antenna_of(pulses, pulse)
     clearance = kernel.constants.clearance
 
@@ -252,7 +251,7 @@ def _lit(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _PairEnd) ->
 
 
 def _window(kernel: Kernel, pulse: mi.UInt32, position: mi.Vector3d, leaving: mi.Vector3d) -> mi.Float:
-    """Amplitude that a ray of the launch window has which starts in a direction."""
+    """Amplitude of the launch window for a ray that leaves the antenna in a given direction."""
     grid, frame = kernel.grid, kernel.pulses.frame
     if not kernel.flags.taper:
         return mi.Float(1.0)
@@ -264,7 +263,7 @@ def _window(kernel: Kernel, pulse: mi.UInt32, position: mi.Vector3d, leaving: mi
     across = dr.cross(x, y)
     there = position - center + leaving * (dr.dot(center - position, across) / dr.dot(leaving, across))
     gx, gy = mi.Float(dr.dot(there, x)), mi.Float(dr.dot(there, y))
-    # beyond the fade-out there are no rays, and without one none beyond the window
+    # no rays start beyond the taper, or, without a taper, beyond the window
     lit = (dr.abs(gx) <= dr.opaque(mi.Float, grid.half_x + grid.taper)) & (
         dr.abs(gy) <= dr.opaque(mi.Float, grid.half_y + grid.taper)
     )
@@ -272,5 +271,5 @@ def _window(kernel: Kernel, pulse: mi.UInt32, position: mi.Vector3d, leaving: mi
 
 
 def _linear(flags: KernelFlags) -> tuple[str, ...]:
-    """Linear channels of which those to record are sums."""
+    """Linear channels (HH, HV, ...) from which the recorded channels are formed."""
     return tuple(dict.fromkeys(part for c in flags.channels for _, part in linear_parts(c)))

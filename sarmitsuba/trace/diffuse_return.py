@@ -1,4 +1,4 @@
-"""The stage that closes paths over the persistent diffuse scatterers of a facet to the antenna."""
+"""Diffuse returns of a hit: echoes of the persistent diffuse scatterers in the ray's patch of a facet."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def seen_from(movement: Movement | None, velocity: mi.Vector3d) -> mi.Vector3d:
-    r"""A velocity less that of the facet that was hit, or of the scatterer on it, m/s; None where it rests.
+    r"""Velocity relative to the facet that was hit, or to the scatterer on it, m/s; ``movement`` None: at rest.
 
     With every mirror i of a chain moving at :math:`\mathbf w_i`, the virtual antenna moves at
     :math:`\mathbf V' = \mathbf V - 2 \mathbf n_i (\mathbf V - \mathbf w_i) \cdot \mathbf n_i`, mirror after mirror,
@@ -41,16 +41,17 @@ def seen_from(movement: Movement | None, velocity: mi.Vector3d) -> mi.Vector3d:
 
     .. math:: \dot L = \sum_i \mathbf w_i \cdot (\mathbf d_i - \mathbf d_{i+1})
 
-    over all hits, beside what the antenna does.
+    over all hits, in addition to the antenna's own motion.
     """
     return velocity if movement is None else velocity - movement.velocity
 
 
 @dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
 class Slot:
-    """A diffuse return: of a node of the lattice, straight home or back along the ray's own chain.
+    """One diffuse return: a node of the scatterer lattice, and the path of its echo.
 
-    Or ``other_way`` round: out to the node and home through the chain; None where that is no return of its own.
+    The path is straight to the antenna, reciprocal (back along the ray's own chain of mirrors), or reversed
+    (``other_way``: straight to the node, back through the chain; None where that is not a separate return).
     """
 
     node: Node
@@ -59,24 +60,24 @@ class Slot:
 
     @property
     def there(self) -> mi.Bool:
-        """Whether there is one, none after the last."""
+        """Whether the slot holds a return; false after the last."""
         return self.node.column <= self.node.last
 
 
 @dataclass(frozen=True, eq=False)
 class DiffuseReturns:
-    """The diffuse returns of one hit, less what its scatterers have of their own.
+    """The diffuse returns of one hit, without the per-scatterer random factors.
 
     Parameters
     ----------
     lattice : scatterers in the patch of the facet
-    straight : per channel, values of the fixed tensors on the scattered leg
-    reciprocal : the same back along the ray's own chain; None where there are no such paths
-    reverse : the same of the path straight to a hit behind mirrors and back through the chain to a receiver apart; None
-        where it is as long as the straight one, which then counts for both
-    straight_weight, reciprocal_weight : factors of both
-    receive : how the antenna receives what comes from the hit
-    age : what has become of the scatterers since the first pass; None where nothing changes
+    straight : per channel, values of the fixed tensors for the straight leg to the antenna
+    retro : the same for the reciprocal path, back along the ray's own chain; None without such paths
+    reverse : the same for the reversed path, straight to a hit behind mirrors and through the chain to a separate
+        receiver; None where it is as long as the straight one, which then counts for both
+    straight_weight, reciprocal_weight : amplitude factors of the straight and of the reciprocal path
+    receive : receiving polarisations and gain of the antenna for the hit
+    age : change of the scatterers since the first pass; None where nothing changes
     """
 
     kernel: Kernel
@@ -93,26 +94,26 @@ class DiffuseReturns:
     age: Age | None
 
     def first(self) -> Slot:
-        """The first return there is."""
+        """The first return of the hit."""
         node, back = self.lattice.first(), mi.Bool(False)
         other_way = None if self.reverse is None else mi.Bool(False)
         return Slot(node, back if self.reciprocal is None else ~self.hit.sees, other_way)
 
     def after(self, slot: Slot, same: mi.Bool) -> Slot:
-        """The next one, back along the chain or of the next node; in ``same`` lanes the slot itself."""
+        """The next return: the next path of the same node, or the next node; in ``same`` lanes the slot itself."""
         stays, back, other_way = same, slot.back, slot.other_way
         if self.reciprocal is not None:
-            # what the antenna sees from behind a mirror has two returns
+            # a node behind a mirror that the antenna sees has two returns
             turns = ~same & ~slot.back & ~self.hit.first
             if other_way is not None:
-                # and three where the straight one differs from the same way round
+                # and three where the straight path and its reverse differ
                 reverses, turns = turns & ~other_way, turns & other_way
                 stays, other_way = same | reverses, dr.select(same, other_way, reverses)
             stays, back = stays | turns, dr.select(same, slot.back, turns | ~self.hit.sees)
         return Slot(self.lattice.after(slot.node, dr.select(stays, mi.Int32(0), 1)), back, other_way)
 
     def contribution(self, slot: Slot, active: mi.Bool) -> Contribution:
-        """The return of a slot, another one in every lane."""
+        """Echo of a slot, a different one in every lane."""
         centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
         here = self
         if self.kernel.flags.texture and self.kernel.scene.surfaces is not None:
@@ -120,7 +121,7 @@ class DiffuseReturns:
         return here._drifting(slot, active, centre, key)
 
     def _drifting(self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32) -> Contribution:
-        """The return of a slot, whose scatterer has its place at rest (float64, m) and its hash."""
+        """Echo of a slot; ``centre``: position at rest (float64, m) of its scatterer; ``key``: hash."""
         hit = self.hit
         water, movement = self.kernel.scene.water, hit.movement
         if water is None:
@@ -142,9 +143,9 @@ class DiffuseReturns:
     def _drawn(
         self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32, movement: Movement | None
     ) -> Contribution:
-        """The return of a scatterer that has its place at rest at ``centre``, m."""
+        """Echo of a scatterer with its random factors; ``centre``: its position at rest, m."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
-        if movement is not None:  # the lattice is the shape's own
+        if movement is not None:  # the lattice moves with the shape
             centre = centre + movement.shift
         random = speckle_coefficients(key, hit.properties.cross_polar_ratio, flags, self.age)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
@@ -184,9 +185,9 @@ class DiffuseReturns:
         )
 
     def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
-        """The same with material, map and texture of the place (float64, m, at time zero) where a scatterer stands.
+        """The same returns with the material, map value and texture at a scatterer (float64, m, at time zero).
 
-        Whichever ray finds it has hit another place, whose material may be another.
+        The hit of the ray is elsewhere on the facet and may lie in another material.
         """
         kernel, hit, scene = self.kernel, self.hit, self.kernel.scene
         surfaces = scene.surfaces
@@ -226,19 +227,19 @@ class DiffuseReturns:
         rate_home: mi.Float64,
         movement: Movement | None,
     ) -> Contribution:
-        """The straight return the other way round: from the transmitter to the scatterer, home through the chain.
+        """The reversed path of the straight return: transmitter, scatterer, chain of mirrors, receiver.
 
         Parameters
         ----------
-        straight : return the one way
-        reverse : per channel, values of the fixed tensors the other way
-        random : of the scatterer
-        home, rate_home : m and m/s, of the scattered leg through the chain
+        straight : the straight return
+        reverse : per channel, values of the fixed tensors for the reversed path
+        random : random numbers of the scatterer
+        home, rate_home : m and m/s, length and range rate of the leg through the chain to the receiver
         movement : of the scatterer
 
         Notes
         -----
-        Ignores that gains and visibility of the two antennas change places: they are those of the straight return.
+        Ignores that gain and visibility of the two antennas are exchanged: those of the straight return are used.
         """
         leg = straight.point - self.lane.transmitter
         length = dr.norm(leg)
@@ -252,7 +253,7 @@ class DiffuseReturns:
         )
 
     def _through_chain(self, centre: mi.Vector3d, movement: Movement | None) -> tuple[mi.Float64, mi.Float64]:
-        """Length (m) of the leg through the ray's chain of mirrors to the receiver, and its change (m/s)."""
+        """Length (m) of the leg through the ray's chain of mirrors to the receiver, and its rate of change (m/s)."""
         receiver, velocity = self.ray.virtual_receiver, self.ray.virtual_receiver_velocity
         assert receiver is not None and velocity is not None
         leg = centre - receiver
@@ -261,9 +262,9 @@ class DiffuseReturns:
 
 
 def _tilted(water: WaterTables, hit: Hit, material: mi.UInt32, time: mi.Float64 | None) -> Hit:
-    """The hit with the normal of the water among the long waves, for its diffuse law."""
+    """The hit with the normal of the water tilted by the long waves, for its diffuse law."""
     now = mi.Float(0.0) if time is None else mi.Float(time)
-    # waves run on water that moves as a whole, as in a current
+    # waves travel on water that moves as a whole, as in a current
     place = hit.p if hit.movement is None else hit.p - hit.movement.shift
     return replace(hit, normal=water.tilted(hit.normal, mi.Vector3f(place), material, now))
 
@@ -271,7 +272,7 @@ def _tilted(water: WaterTables, hit: Hit, material: mi.UInt32, time: mi.Float64 
 def close_diffuse(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, receive: Receiver
 ) -> DiffuseReturns:
-    """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
+    """Echoes of the persistent scatterers in the ray's patch: straight to the antenna, and reciprocal paths."""
     constants = kernel.constants
     straight, reciprocal, reverse = _terms(kernel, lane, ray, hit, receive)
     patch = tube_here.patch
@@ -280,10 +281,10 @@ def close_diffuse(
         plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
         cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
     returns = hit.sees if reciprocal is None else hit.sees | (hit.active & ~hit.first)
-    # where the facet is at time zero: its scatterers go with it
+    # position on the facet at time zero: its scatterers move with it
     p = hit.p if hit.movement is None else hit.p - hit.movement.shift
     lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
-    # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
+    # a facet narrower than the ray spacing is hit by chance: its power is weighted by one over that chance
     weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
     return DiffuseReturns(
         kernel=kernel,
@@ -307,7 +308,7 @@ Terms: TypeAlias = "list[list[mi.Complex2f]]"
 def _terms(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
 ) -> tuple[Terms, Terms | None, Terms | None]:
-    """Per channel, values of the fixed tensors straight home, back along the chain, and the other way round."""
+    """Per channel, values of the fixed tensors for the straight, the reciprocal and the reversed path."""
     flags, reciprocal_diffuse = kernel.flags, kernel.reciprocal_diffuse
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
     # only behind a mirror, or with two antennas, do the two directions differ
@@ -324,7 +325,7 @@ def _terms(
         sent, received = channel[0], channel[1]
         terms = _between(matrix, receive.basis[received], fields[sent])
         if reciprocal_diffuse:
-            # behind mirrors the reversed path comes home with the same length: the transposed channel
+            # behind mirrors the reversed path has the same length, and the transposed channel
             swapped = _between(matrix, receive.basis[sent], fields[received])
             if reverse is not None:
                 reverse.append(swapped)
@@ -345,12 +346,12 @@ def _terms(
 
 
 def _between(matrix: ScatteringMatrix, q: Receiving, e: field.ComplexVector) -> list[mi.Complex2f]:
-    """Values of the fixed tensors for a receiving vector."""
+    """Values of the fixed tensors between a receiving vector and an incident field."""
     return matrix.between_fields(q, e) if isinstance(q, tuple) else matrix.between(q, e)
 
 
 def _recorded(flags: KernelFlags, terms: Terms) -> Terms:
-    """Terms of the channels to record from those of the channels that were closed."""
+    """Terms of the recorded channels, from those of the channels that are computed."""
     columns = [field.recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]
 

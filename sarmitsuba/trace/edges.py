@@ -1,4 +1,4 @@
-"""Fringe currents along the sharp edges of metal: what diffraction by a wedge adds to physical optics."""
+"""Edge diffraction of metal: Michaeli's equivalent fringe currents along sharp edges, added to physical optics."""
 
 from __future__ import annotations
 
@@ -19,17 +19,19 @@ from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.state import Kernel
 
-# longest piece over the wavelength, where no resolution cell asks for less: shadows then end within it
+F64 = NDArray[np.float64]
+
+# longest piece of an edge, wavelengths, unless the resolution cell is smaller: visibility is decided piece by piece
 LONGEST = 2.0
-# what comes so near to an edge (wavelengths, share of its piece) touches it
+# distance from an edge (wavelengths, share of its piece) within which another object counts as touching it
 REACH, REACH_SHARE = 0.02, 0.25
-# corners of the path round an edge that looks for what touches it
+# corners of the closed path round an edge along which touching objects are searched
 PROBES = 8
-# halvings of the interval in which a sheet ends
+# bisection steps for the width of a sheet
 BISECTIONS = 12
-# sine of the angle between wave and edge, and of angles in a wedge, rad: closer than this formulas stay where they are
+# least sine of the angle between wave and edge, and least angle in a wedge, rad: the formulas are held there
 LEAST = 1e-3
-# m, stands for a sheet whose width is not known
+# m, width used for a sheet of unknown width
 FAR = 1e6
 # places along all edges at which the widths of sheets are found, or one on each piece where there are fewer
 SPANS = 20_000
@@ -40,7 +42,7 @@ SERIES = 0.2
 def edges_of(
     geometry: Geometry, materials: tuple[Material, ...], wavelength: float, cell: float = np.inf
 ) -> SharpEdges:
-    """Sharp metal edges of a scene in pieces, without those that something else touches and those that move.
+    """Sharp metal edges of a scene, cut into pieces, without edges that touch another object and edges that move.
 
     Parameters
     ----------
@@ -65,15 +67,15 @@ def edges_of(
 
 
 def spans(edges: SharpEdges, scene: mi.Scene, largest: float) -> F64:
-    """(n, DIRECTIONS) m, how far the sheets of rims reach, see :class:`sarmitsuba.mesh.sharp_edges.SharpEdges`.
+    """Widths (n, DIRECTIONS), m, of the metal sheets behind rims, see :class:`sarmitsuba.mesh.sharp_edges.SharpEdges`.
 
-    By bisection, with short rays across the sheet's plane: right for sheets without holes on the way.
+    By bisection, with short rays across the sheet's plane: correct for sheets without holes.
 
     Parameters
     ----------
     edges : pieces of edges
     scene : intersection structure of everything that waves meet
-    largest : m, no sheet is wider
+    largest : m, upper bound of the width
     """
     out = np.full((edges.n, DIRECTIONS), np.inf)
     rims = np.flatnonzero(edges.angle == 2.0)
@@ -95,7 +97,7 @@ def spans(edges: SharpEdges, scene: mi.Scene, largest: float) -> F64:
 
 
 def _met(scene: mi.Scene, start: F64, step: F64) -> NDArray[np.bool_]:
-    """(n,) whether straight steps (n, 3) from places (n, 3) meet a triangle."""
+    """Whether (n,) straight steps (n, 3) from points (n, 3) meet a triangle."""
     origin, direction = (
         [device_array(mi.Float, np.ascontiguousarray(column, dtype=np.float32)) for column in rows.T]
         for rows in (start, step)
@@ -105,7 +107,7 @@ def _met(scene: mi.Scene, start: F64, step: F64) -> NDArray[np.bool_]:
 
 
 def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[np.bool_]:
-    """(n,) edges that nothing touches: a path round the middle of each, through its exterior, meets no triangle.
+    """Edges (n,) that touch no other object: a path round the middle of each, through its exterior, meets no triangle.
 
     Parameters
     ----------
@@ -145,7 +147,7 @@ class FringeCurrents(Scatterers):
         D_h = \frac{C(\tfrac{\phi' + a}2) - C(\tfrac{\phi' - a}2)}{2 \sin a}, \quad
         C(x) = \tfrac1N \cot\tfrac xN - U \cot x
 
-    are finite where the exact current and the optical one are both infinite, since their poles at x = 0 cancel. Where
+    are finite where the exact and the physical-optics current both diverge, since their poles at x = 0 cancel. Where
     :math:`\mu = -\cos a` is below -1, a is imaginary and x complex. :func:`sarmitsuba.theory.fringe_strip` has the
     geometry. The mean of a path and of the reversed one is taken, so that ``S_HV = S_VH``.
 
@@ -155,11 +157,11 @@ class FringeCurrents(Scatterers):
 
     Notes
     -----
-    Of waves between edges there are those along a sheet, the electric field across it, from the rim that they meet
-    first to the other and back (:func:`sarmitsuba.theory.sheet_transition`).
+    Of the interactions between edges the travelling wave along a sheet is included (electric field across the sheet),
+    from the rim that it meets first to the other and back (:func:`sarmitsuba.theory.sheet_transition`).
 
-    Ignores corners, other waves between edges, the bend of curved edges and the roughness of the metal. Within a
-    thousandth of the forward direction of a grazing wave, where the theory is infinite, the value at that distance is
+    Ignores corners, other waves between edges, the curvature of edges and the roughness of the metal. Within a
+    thousandth of the forward direction of a grazing wave, where the theory diverges, the value at that distance is
     taken.
     """
 
@@ -183,7 +185,7 @@ class FringeCurrents(Scatterers):
     def departure(
         self, index: mi.UInt32, point: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
     ) -> mi.Vector3f:
-        """Off both faces: away from them, and along the direction."""
+        """Start of a shadow ray, m: off both faces of the wedge, and along the direction."""
         first, second = self._row(index, 0), self._row(index, 2)
         inward = mi.Vector3f(first.x + second.x, first.y + second.y, first.z + second.z)
         return point + (direction - dr.normalize(inward)) * clearance
@@ -205,7 +207,7 @@ class FringeCurrents(Scatterers):
         return self._wedge.amplitude(e, q)
 
     def _width(self, index: mi.UInt32, turn: mi.Float) -> mi.Float:
-        """Width of a rim's sheet at an angle off its inward direction, m."""
+        """Width of the sheet behind a rim, m, in a direction ``turn`` off its inward normal."""
         part = mi.Int32((turn / dr.pi + 0.5) * DIRECTIONS)
         return dr.gather(
             mi.Float, self._span, index * DIRECTIONS + mi.UInt32(dr.clip(part, 0, DIRECTIONS - 1))
@@ -217,15 +219,15 @@ class FringeCurrents(Scatterers):
 
 @dataclass(frozen=True, eq=False)
 class _Wedge:
-    """A piece of edge as two legs see it.
+    """Diffraction coefficients of a piece of edge for an incident and a scattered wave.
 
     Parameters
     ----------
     legs : of the incident and of the scattered wave
-    strips : of both faces, for the path and for the reversed one
-    gain : m, length of the piece times what its phase integral leaves over twice the root of pi; 0 where a leg does
-        not lie in the exterior
-    along : what the sheet leaves of waves that graze it to or from the edge, their electric field across it
+    strips : fringe currents of both faces, for the path and for the reversed one
+    gain : m, length of the piece times its normalised phase integral over twice the root of pi; 0 where either
+        direction lies inside the metal
+    along : transition factor of waves that graze the sheet to or from the edge, electric field across the sheet
     """
 
     legs: tuple[Leg, Leg]
@@ -241,7 +243,7 @@ class _Wedge:
         scattered: Leg,
         width: Callable[[mi.Float], mi.Float],
     ) -> _Wedge:
-        """From the rows of the table, and the sheet's width at an angle off the inward direction."""
+        """Wedge from the rows of the edge table, and the width of the sheet by the angle off the inward direction."""
         n, length = rows[0].w, rows[1].w
         faces = [
             _Face.of(mi.Vector3f(x.x, x.y, x.z), mi.Vector3f(y.x, y.y, y.z)) for x, y in (rows[:2], rows[2:])
@@ -261,11 +263,11 @@ class _Wedge:
         return _Wedge((incident, scattered), tuple(strips), dr.select(outside, gain, 0.0), along)
 
     def sees(self, incident: Leg, scattered: Leg) -> bool:
-        """Whether these are its legs."""
+        """Whether the wedge was made for these two legs."""
         return self.legs[0] is incident and self.legs[1] is scattered
 
     def amplitude(self, e: field.ComplexVector, q: field.ComplexVector) -> mi.Complex2f:
-        """Mean of the path and of the reversed one, m."""
+        """Square root of the RCS with its phase, m: mean of the path and of the reversed one."""
         total = mi.Complex2f(0.0)
         for out, into in self.strips:
             total += out.current(e, q, self.along) + into.current(q, e, self.along)
@@ -279,7 +281,7 @@ def _sinc(x: mi.Float) -> mi.Float:
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """A face of a wedge: unit vectors into it across the edge, off it, and along the edge."""
+    """Frame of one face of a wedge: unit vectors into the face across the edge, normal to it, and along the edge."""
 
     inward: mi.Vector3f
     normal: mi.Vector3f
@@ -301,8 +303,8 @@ class _Strip:
     to_source : where the wave comes from
     cosine, sine : of the angle between the wave and the edge
     soft, hard, charge : D_s, D_h and mu D_h - 1 / N + U
-    grazing : unit vector of the ray that grazes the face from the edge
-    lifted : across it, to where the observer's direction counts when it is that ray: to the source's side of a sheet
+    grazing : unit vector of the diffracted ray along the face
+    lifted : across it, to the source's side of a sheet: there the observer is taken to be if it lies along that ray
     """
 
     face: _Face
@@ -322,11 +324,11 @@ class _Strip:
         cosine = -dr.dot(to_source, face.along)
         sine = dr.maximum(dr.sqrt(dr.square(across) + dr.square(off)), LEAST)
         phi = dr.atan2(off, across)
-        # the interior's middle parts angles of the exterior from those a little below face a
+        # the middle of the interior separates exterior angles from angles slightly below face a
         phi = dr.select(phi < -(1.0 - 0.5 * n) * dr.pi, phi + 2.0 * dr.pi, phi)
         outside = (phi > -LEAST) & (phi < n * dr.pi + LEAST)
         phi = dr.clip(phi, 0.0, n * dr.pi)
-        # sin(alpha / 2): half the distance of directions
+        # sin(alpha / 2): half the length of the difference of the unit vectors
         grazing = face.inward * sine + face.along * cosine
         w = 0.5 * dr.norm(to_observer - grazing) / sine
         real = _spectra(n, phi, w)
@@ -334,14 +336,14 @@ class _Strip:
         soft, hard = (dr.select(w <= 1.0, a, b) for a, b in zip(real, imaginary, strict=True))
         lit = dr.select(phi < dr.pi, mi.Float(1.0), 0.0)
         mu = 1.0 - 2.0 * dr.square(w)
-        # along that ray D_h is infinite and the current's part across it none: what it returns depends on the side
+        # along that ray D_h diverges while the current component across it vanishes: the limit depends on the side
         side = dr.select((phi < dr.pi) | (n < 2.0 - LEAST), mi.Float(1.0), -1.0)
         lifted = dr.select(w < 0.5 * LEAST, face.normal * (side * LEAST * sine), mi.Vector3f(0.0))
         charge = mu * hard - dr.rcp(n) + lit
         return _Strip(face, outside, to_source, cosine, sine, soft, hard, charge, grazing, lifted)
 
     def current(self, e: field.ComplexVector, q: field.ComplexVector, share: mi.Complex2f) -> mi.Complex2f:
-        """Its part along q, for an incoming field e of whose magnetic part along the edge a share counts."""
+        """Fringe current along q for an incident field e, with ``share`` of its magnetic component along the edge."""
         at = dr.squared_norm(self.lifted) > 0.0
         off = field.dot(q, dr.select(at, self.grazing + self.lifted, mi.Vector3f(0.0)))
         q = field.add(q, field.scale(-off, self.grazing))
@@ -355,7 +357,7 @@ class _Strip:
 def _along_sheet(
     face: _Face, n: mi.Float, to: mi.Vector3f, wavenumber: mi.Float, width: Callable[[mi.Float], mi.Float]
 ) -> mi.Complex2f:
-    """T of :func:`sarmitsuba.theory.plate_along_its_sheet`; 1 for wedges, and for what comes from beyond the rim."""
+    """Transition factor T of :func:`sarmitsuba.theory.plate_along_its_sheet`; 1 for wedges and beyond the rim."""
     across, off = dr.dot(to, face.inward), dr.abs(dr.dot(to, face.normal))
     part = across * dr.rsqrt(dr.maximum(dr.square(across) + dr.square(off), LEAST**2))
     a = width(dr.atan2(dr.dot(to, face.along), across))
@@ -367,7 +369,10 @@ def _along_sheet(
 
 
 def _transition(w: mi.Float) -> mi.Complex2f:
-    """``(2 e^(j pi / 4) / sqrt(pi)) int_0^w e^(-j t^2) dt`` to 0.004: Abramowitz and Stegun 7.3.32 and 7.3.33."""
+    """Fresnel transition function ``(2 e^(j pi / 4) / sqrt(pi)) int_0^w e^(-j t^2) dt``, error below 0.004.
+
+    Source: Abramowitz and Stegun 7.3.32 and 7.3.33.
+    """
     x = w * float(np.sqrt(2.0 / np.pi))
     f = (1.0 + 0.926 * x) / (2.0 + x * (1.792 + x * 3.104))
     g = dr.rcp(2.0 + x * (4.142 + x * (3.492 + x * 6.670)))
@@ -377,7 +382,7 @@ def _transition(w: mi.Float) -> mi.Complex2f:
 
 
 def _spectra(n: mi.Float, phi: mi.Float, w: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """D_s and D_h where a is real: cos(a / 2) = w."""
+    """Coefficients D_s and D_h where a is real: cos(a / 2) = w."""
     a = dr.clip(2.0 * dr.acos(dr.minimum(w, 1.0)), LEAST, dr.pi - LEAST)
     lit = phi < dr.pi
     plus, minus = _fringe(n, 0.5 * (phi + a), lit), _fringe(n, 0.5 * (phi - a), lit)
@@ -385,7 +390,7 @@ def _spectra(n: mi.Float, phi: mi.Float, w: mi.Float) -> tuple[mi.Float, mi.Floa
 
 
 def _fringe(n: mi.Float, x: mi.Float, lit: mi.Bool) -> mi.Float:
-    """C(x): the pole at x = 0 only where the face is not lit, one at pi only where it is."""
+    """Cotangent difference C(x); it has a pole at x = 0 where the face is not lit, and one at pi where it is."""
     x = dr.select(lit, dr.minimum(x, dr.pi - LEAST), dr.maximum(x, LEAST))
     small = lit & (dr.abs(x) < SERIES)
     safe = dr.select(small, 1.0, x)
@@ -406,7 +411,7 @@ def _series(n: mi.Float) -> tuple[mi.Float, mi.Float]:
 
 
 def _evanescent(n: mi.Float, phi: mi.Float, w: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """D_s and D_h where a is imaginary: cosh(|a| / 2) = w; C is complex, and those of both signs conjugate."""
+    """Coefficients D_s and D_h where a is imaginary: cosh(|a| / 2) = w; C(x) for both signs are complex conjugates."""
     w = dr.maximum(w, 1.0)
     eta = dr.maximum(2.0 * dr.log(w + dr.sqrt((w - 1.0) * (w + 1.0))), LEAST)
     lit = phi < dr.pi
@@ -423,6 +428,6 @@ def _evanescent(n: mi.Float, phi: mi.Float, w: mi.Float) -> tuple[mi.Float, mi.F
 
 
 def _cot(u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """cot((u + j v) / 2), real and imaginary part."""
+    """Real and imaginary part of cot((u + j v) / 2)."""
     bottom = 2.0 * (dr.square(dr.sinh(0.5 * v)) + dr.square(dr.sin(0.5 * u)))
     return dr.sin(u) / bottom, -dr.sinh(v) / bottom

@@ -38,8 +38,8 @@ def cross_left(v: mi.Vector3f, x: ComplexVector) -> ComplexVector:
 def polarisation_basis(u: mi.Vector3f, up: mi.Vector3f) -> tuple[mi.Vector3f, mi.Vector3f]:
     """Horizontal and vertical unit vectors of the antenna for the look direction ``u`` (antenna to scene).
 
-    ``h = u x up / |u x up|``, ``v = h x u``: backscatter alignment, the same pair on transmit and receive. A ray
-    exactly along ``up``, where both mean nothing, takes another axis in its place.
+    ``h = u x up / |u x up|``, ``v = h x u``: backscatter alignment, the same pair on transmit and receive. For a ray
+    exactly along ``up``, where both are undefined, another axis replaces ``up``.
     """
     spare = dr.normalize(dr.cross(u, type(u)(up.z, up.x, up.y)))
     h = _unit_or(dr.cross(u, up), spare)
@@ -47,7 +47,7 @@ def polarisation_basis(u: mi.Vector3f, up: mi.Vector3f) -> tuple[mi.Vector3f, mi
 
 
 def transmitted(letter: str, h: mi.Vector3f, v: mi.Vector3f, amplitude: mi.Float) -> ComplexVector:
-    """Field that the antenna sends in a polarisation of :data:`sarmitsuba.radar.polarisation.TRANSMITTED`."""
+    """Transmitted field in a polarisation of :data:`sarmitsuba.radar.polarisation.TRANSMITTED`."""
     if letter in "HV":
         return ((h if letter == "H" else v) * amplitude, dr.zeros(mi.Vector3f))
     z_h, z_v = TRANSMITTED[letter]
@@ -57,7 +57,7 @@ def transmitted(letter: str, h: mi.Vector3f, v: mi.Vector3f, amplitude: mi.Float
 def recorded(
     closed: Sequence[str], values: Sequence[mi.Complex2f], channels: Sequence[str]
 ) -> list[mi.Complex2f]:
-    """Values of the channels to record from those of the channels that were closed (`KernelFlags.closed`)."""
+    """Values of the recorded channels, from those of the channels that are computed (`KernelFlags.closed`)."""
     known = dict(zip(closed, values, strict=True))
     return [known[c] if c in known else _sum_of(known, c) for c in channels]
 
@@ -77,10 +77,10 @@ def incidence_basis(d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:
 
 
 def incidence_basis_pair(d: mi.Vector3f, s: mi.Vector3f, n: mi.Vector3f) -> tuple[mi.Vector3f, mi.Vector3f]:
-    """Perpendiculars ``h_i``, ``h_s`` of an incoming ray ``d`` and an outgoing one ``s``.
+    """Unit vectors perpendicular to the planes of incidence of an incident ray ``d`` and a scattered ray ``s``.
 
-    ``h_s`` belongs to the ray ``-s`` so that both coincide in backscatter. Where only one of the rays is along the
-    normal it takes the other's plane, so that no arbitrary turn enters between them.
+    ``h_s`` belongs to the ray ``-s`` so that both coincide in backscatter. If only one ray is along the normal it takes
+    the plane of the other, so that no arbitrary rotation enters between them.
     """
     c_i, c_s = dr.cross(d, n), dr.cross(n, s)
     spare = mi.coordinate_system(n)[0]
@@ -99,8 +99,8 @@ def fresnel(cos_theta: mi.Float, chi: mi.Complex2f) -> tuple[mi.Complex2f, mi.Co
         r_{TE} = \frac{-\chi}{(c + q)^2}, \quad
         r_{TM} = \frac{\chi ((\epsilon + 1) c^2 - 1)}{(\epsilon c + q)^2}, \quad q = \sqrt{\chi + c^2}
 
-    The usual quotients with their differences multiplied out: exact zero for ``eps = 1`` and at the Brewster
-    angle, no cancellation at grazing or for a nearly perfect conductor. A perfect conductor is the limit -1, +1.
+    The usual quotients, rearranged without differences of nearly equal numbers: exactly zero for ``eps = 1`` and at the
+    Brewster angle, accurate at grazing and for nearly perfect conductors. A perfect conductor is the limit -1, +1.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def reflect_field_pec(e: ComplexVector, n: mi.Vector3f) -> ComplexVector:
 
 
 def po_current_pec(e: ComplexVector, d: mi.Vector3f, n: mi.Vector3f) -> ComplexVector:
-    """PO radiation vector ``n x (d x E)`` of a perfect conductor (half of eta J)."""
+    """Physical-optics radiation vector ``n x (d x E)`` of a perfect conductor (half of eta J)."""
     return cross_left(n, cross_left(d, e))
 
 
@@ -157,7 +157,7 @@ def po_receive(
     s: mi.Vector3f,
     q: mi.Vector3f,
 ) -> mi.Complex2f:
-    r"""Component along ``q`` (across ``s``) of the PO radiation vector of a dielectric surface.
+    r"""Physical-optics radiation vector of a dielectric surface, component along ``q`` (transverse to ``s``).
 
     .. math::
         C = \tfrac12 [\eta J + M \times s], \quad \eta J = n \times (d \times E_i + d' \times E_r),

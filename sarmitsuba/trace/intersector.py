@@ -1,4 +1,4 @@
-"""What rays are intersected with."""
+"""Ray-tracing structure (Embree or OptiX) of a set of triangles."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from sarmitsuba.arrays import F32
 from sarmitsuba.backend import mi
 
 
-def intersector(corners: F32) -> mi.Scene:
-    """Intersection structure of triangles (n_faces, 3, 3), m.
+def intersector(corners: NDArray[np.float32]) -> mi.Scene:
+    """Ray-tracing structure of triangles (n_faces, 3, 3), m.
 
-    Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
-    along shared edges because equal float64 values round alike.
+    Every face has its own three vertices, so that the face's number is its row in all tables. Vertices still coincide
+    along shared edges, because equal float64 values round to equal float32 values.
     """
     n = len(corners)
     mesh = mi.Mesh("scene", vertex_count=3 * n, face_count=n)

@@ -1,12 +1,12 @@
 """The bounce loop: launch, intersect, close, add, reflect. One recorded kernel, one launch per batch.
 
-Each ray stands for a tube of solid angle. At every hit the tube closes to the antenna by physical optics, and the
-persistent diffuse scatterers it falls on close as well. A path behind mirrors is measured from the virtual antenna,
-mirrored through its chain ("unfolded"), which is carried in float64 and mirrored exactly in each facet's plane:
-lengths depend on where a ray hits, never on the rounding of how it got there.
+Each ray stands for a tube of solid angle. At every hit the physical-optics return of the tube to the antenna and the
+echoes of the persistent diffuse scatterers in its footprint are added. The length of a path behind mirrors is measured
+from the virtual antenna, the image of the antenna in the chain of mirrors. It is kept in float64 and mirrored exactly
+in each facet's plane, so that rounding errors of the hits do not accumulate in the length.
 
-What this does not do: what no ray of a lattice finds (wires, volumes, edges of metal, pairs of diffuse scatterers),
-which :mod:`sarmitsuba.trace.source` launches by itself, and diffraction beyond the edges of metal.
+Not included: scatterers at known positions (wires, volumes, edges of metal, pairs of diffuse scatterers), which are
+launched by :mod:`sarmitsuba.trace.source`, and diffraction other than by edges of metal.
 """
 
 from __future__ import annotations
@@ -42,28 +42,28 @@ from sarmitsuba.trace.state import (
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
 
-    LaneArrays = tuple[mi.UInt32, ...]  # what an accumulator keeps per lane: Dr.Jit arrays, often none
+    LaneArrays = tuple[mi.UInt32, ...]  # state of an accumulator per lane: Dr.Jit arrays, often none
 
 
 class Accumulator(Protocol):
-    """Takes the contributions of one hit; owns the memory they go to."""
+    """Receiver of the echoes of every hit; owns the memory in which they are summed."""
 
     def begin(self) -> LaneArrays:
-        """Loop state that the accumulator needs (arrays of the launch's width), often none."""
+        """Initial loop state of the accumulator (arrays of the launch's width), often none."""
 
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """Add one contribution per lane; returns the new loop state.
 
-        The accumulator puts orders above its highest into that one.
+        Bounce orders above the accumulator's highest are added to that one.
         """
 
 
 @runtime_checkable
 class Follower(Protocol):
-    """An accumulator that also follows every ray from hit to hit."""
+    """Accumulator that also records every ray from hit to hit."""
 
     def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> tuple[LaneArrays, mi.UInt32 | None]:
-        """Take note of a hit of a ray, with its fields as they arrive, before the hit's contributions are added.
+        """Record a hit of a ray, with its incident fields, before the hit's contributions are added.
 
         Returns
         -------
@@ -73,14 +73,14 @@ class Follower(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class TraceCounts:
-    """Dr.Jit arrays of the launch's width, to be reduced by the caller: hits and contributions of each lane."""
+    """Number of hits and contributions of each lane; Dr.Jit arrays of the launch's width."""
 
     hits: mi.UInt32
     contributions: mi.UInt32
 
 
 def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[TraceCounts, LaneArrays]:
-    """Trace every ray of the kernel's grid from every pulse and hand all contributions to the accumulator.
+    """Trace every ray of the kernel's grid from every pulse and pass all contributions to the accumulator.
 
     Nothing is evaluated here: the caller's ``dr.eval`` launches the one kernel that this records.
 
@@ -113,7 +113,7 @@ def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[T
 def _through_slabs(
     kernel: Kernel, lane: Lane, ray: RayState, accumulator: Accumulator
 ) -> tuple[TraceCounts, LaneArrays]:
-    """The loop where paths branch at slabs: lanes go on until none of their paths waits."""
+    """Bounce loop in scenes with slabs, where paths branch: each lane traces all its branches."""
 
     def alive(ray: RayState, waiting: Waiting, added: LaneArrays) -> mi.Bool:
         return ray.active
@@ -139,7 +139,7 @@ def _bounce(
 ) -> tuple[RayState, Hit, RayState, LaneArrays]:
     """One bounce of every ray: intersect, close, add, reflect.
 
-    The ray as it arrives, its hit, the ray behind the mirror, and the accumulator's state.
+    Returns the incident ray, its hit, the reflected ray, and the accumulator's state.
     """
     flags = kernel.flags
     hit = intersect(kernel, lane, ray)
@@ -173,10 +173,10 @@ def _add(
     coherent: Contribution | None,
     diffuse: DiffuseReturns | None,
 ) -> tuple[LaneArrays, mi.UInt32]:
-    """Hand the contributions of a hit to the accumulator; returns how many there are.
+    """Pass the contributions of a hit to the accumulator; returns their number.
 
-    Each lane goes through its own in a loop, so that the accumulator's code, long for gridding kernels, is in the
-    kernel once, and lanes with one contribution do not wait for the slots of nine.
+    Each lane loops over its own contributions, so that the accumulator's code, long with a gridding kernel, is in the
+    kernel once, and lanes with one contribution do not wait for unused slots.
     """
     if diffuse is None:
         if coherent is None:

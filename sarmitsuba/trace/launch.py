@@ -1,4 +1,4 @@
-"""Where rays start: a turned square lattice in a plane fixed to the scene, across the line of sight."""
+"""Launch lattice: start points of the rays, a rotated square lattice in a plane across the line of sight."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -7,11 +7,11 @@ import numpy as np
 
 from sarmitsuba.arrays import F32, F64, U32
 
-# irrational turn of the lattice (rad): no low-order lattice line falls along or across the window's axes
+# irrational rotation of the lattice (rad): no low-order lattice line is parallel to the window's axes
 LATTICE_TURN = 0.5 * (5.0**0.5 - 1.0)
 
-# turns that are tried where the edges of facets are known, and how far off these the lattice's lines should be (rad):
-# tubes end at edges exactly down to half of that
+# number of rotations that are tried where edges of facets are known, and wanted angle between these edges and the
+# lattice's lines (rad): tubes end at edges exactly down to half of it
 TURNS, LEAST_ANGLE = 16, 1.0 / 30.0
 
 Purpose = Literal["all", "coherent", "diffuse"]
@@ -19,13 +19,13 @@ Purpose = Literal["all", "coherent", "diffuse"]
 
 @dataclass(frozen=True)
 class LatticeLevel:
-    """Rays of one density within a lattice.
+    """Rays of one spacing within a lattice.
 
     Parameters
     ----------
-    first : number of the first of them; they end where the next level begins
+    first : number of its first ray; its last one precedes the first of the next level
     spacing : m between neighbours
-    needs : m; only faces that need rays at least so far apart and closer than the second are theirs
+    needs : m, lower and upper bound of the ray spacing needed by the faces that these rays sample
     """
 
     first: int
@@ -35,19 +35,19 @@ class LatticeLevel:
 
 @dataclass(frozen=True, eq=False)
 class LaunchGrid:
-    """One set of rays, in coordinates (x, y) of the launch plane.
+    """Lattice of rays, in coordinates (x, y) of the launch plane.
 
     Parameters
     ----------
     x, y : (n_rays,) float32, m, lattice points within the window, neighbours in memory near in space
     spacing : m between neighbouring rays, of the first level where there are several
-    turn : rad, angle of the lattice against the plane's axes
-    half_x, half_y : m, half extents of the window that is to be covered at full weight
-    taper : m, width of the fade-out beyond the half extents
-    purpose : returns that these rays are for; the two kinds want different densities
-    levels : in turn, where rays are denser over some faces; empty: one for all
-    frame : launch plane of its own, None for that of the launch window
-    pulses : first pulse that these rays are for, and the one after the last; None: all
+    turn : rad, rotation of the lattice against the plane's axes
+    half_x, half_y : m, half extents of the window that is covered at full weight
+    taper : m, width of the taper beyond the half extents
+    purpose : kind of return (coherent, diffuse) that these rays sample; the two need different spacings
+    levels : sets of rays of different spacings, where some faces need denser rays; empty: one spacing
+    frame : launch plane of this lattice; None: that of the launch window
+    pulses : first pulse that these rays serve, and the one after the last; None: all
     """
 
     x: F32
@@ -63,7 +63,7 @@ class LaunchGrid:
     pulses: tuple[int, int] | None = None
 
     def serves(self, pulse: int) -> bool:
-        """Whether these rays are for a pulse."""
+        """Whether these rays are launched for a pulse."""
         return self.pulses is None or self.pulses[0] <= pulse < self.pulses[1]
 
     @property
@@ -73,7 +73,7 @@ class LaunchGrid:
 
     @property
     def every_level(self) -> tuple[LatticeLevel, ...]:
-        """Its levels; a lattice of one density has one that serves every face."""
+        """Levels of the lattice; a lattice of one spacing has a single level that serves every face."""
         return self.levels or (LatticeLevel(0, self.spacing, (0.0, np.inf)),)
 
     @property
@@ -85,7 +85,7 @@ class LaunchGrid:
 
 @dataclass(frozen=True, eq=False)
 class LaunchFrame:
-    """Plane through ``center`` across the line of sight, for each pulse or one for all.
+    """Launch plane through ``center`` across the line of sight, for each pulse or one for all.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def frame_towards(antenna: F64, center: F64, along: F64) -> LaunchFrame:
 
     Parameters
     ----------
-    antenna : (n, 3) float64, m; center : (3,); along : (3,) direction that the x axis follows where it can
+    antenna : (n, 3) float64, m; center : (3,); along : (3,) direction whose projection is the x axis
     """
     los = center - antenna
     los = los / np.linalg.norm(los, axis=1, keepdims=True)
@@ -117,7 +117,7 @@ def frame_towards(antenna: F64, center: F64, along: F64) -> LaunchFrame:
 
 
 def cross(a: F64, b: F64) -> F64:
-    """Cross product of two vectors (3,): a tenth of the time of NumPy's."""
+    """Cross product of two vectors (3,), ten times as fast as NumPy's."""
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], dtype=np.float64
     )
@@ -167,17 +167,18 @@ def lattice(
 ) -> LaunchGrid:
     """Cover the rectangle |x| <= half_x + taper, |y| <= half_y + taper with a turned, shifted square lattice.
 
-    Tubes of the lattice tile the plane, so the phase integrals of a flat facet telescope to its rim; the turn keeps
-    the rim from lining up with the lattice, which would put false lobes along the facet's edge normals. A window so
-    small that no line of the lattice crosses in it has one ray, in its middle.
+    Tubes of the lattice tile the plane, so the phase integrals over a flat facet sum to an integral over its outline.
+    The rotation keeps the outline from being parallel to the lattice, which would give false lobes along the normals
+    of the facet's edges. A window too small to contain a lattice point has one ray, in its middle.
 
     Parameters
     ----------
     half_x, half_y, spacing, taper : m
-    seed : shifts the lattice at random and adds to its turn
+    seed : of the random shift of the lattice and of a part of its rotation
     realisation : number of the independent lattice of this seed (ray subsets, passes)
-    purpose : kept with the lattice
-    edges : (n, 2) m, of facets as seen in the launch plane, that no line of the lattice is to follow; None: any may
+    purpose : stored in the lattice
+    edges : (n, 2) m, edges of facets projected onto the launch plane, to which no line of the lattice should be
+        parallel; None: no such condition
     """
     rng = np.random.default_rng([seed & 0x7FFFFFFF, realisation, 0x5A12])
     shift = rng.random(2) * spacing
@@ -213,7 +214,7 @@ def lattice(
 
 
 def _along_edges(turns: F64, edges: F64) -> F64:
-    """How much of the edges (n, 2), by the squares of their lengths, a lattice of each turn nearly follows."""
+    """Sum of the squared lengths of those edges (n, 2) that are nearly parallel to a lattice, for each rotation."""
     from_line = (np.arctan2(edges[:, 1], edges[:, 0]) - turns[:, None]) % (0.5 * np.pi)
     from_line = np.minimum(from_line, 0.5 * np.pi - from_line)
     return np.asarray(np.maximum(1.0 - from_line / LEAST_ANGLE, 0.0) @ np.square(edges).sum(axis=1))
@@ -228,9 +229,9 @@ class PulseBatch:
     position, velocity : (n, 3) float64, m and m/s, scene frame
     frame : launch planes, one for all pulses or one each
     boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic
-    azimuth_later : the azimuth pattern is left to the synthesis of a block, at the mean of a path's two legs
-    receiver : state of another antenna that receives; None: the one that transmits does
-    time : (n,) float64, s, where something in the kernel goes by it; None: all is as at time zero
+    azimuth_later : the azimuth pattern is applied in the synthesis of a block, at the mean direction of both legs
+    receiver : state of a separate receiving antenna; None: one antenna transmits and receives
+    time : (n,) float64, s, where the kernel depends on it (motion, waves); None: everything is as at time zero
     """
 
     position: F64
@@ -245,7 +246,7 @@ class PulseBatch:
 
     @property
     def with_azimuth_later(self) -> "PulseBatch":
-        """The same with the azimuth pattern left to a block's synthesis."""
+        """The same batch, with the azimuth pattern to be applied in the synthesis of the block."""
         receiver = None if self.receiver is None else self.receiver.with_azimuth_later
         return replace(self, azimuth_later=True, receiver=receiver)
 

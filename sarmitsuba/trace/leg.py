@@ -1,7 +1,6 @@
 """Straight legs of a path between a scatterer and an antenna: occlusion, transmission, delay, polarisation and gain.
 
-Hits of rays, scatterers with a closed form, pairs of diffuse scatterers and ideal points all see the antenna through
-what is here.
+Used for hits of rays, scatterers with a closed form, pairs of diffuse scatterers and ideal points alike.
 """
 
 from __future__ import annotations
@@ -26,22 +25,22 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.state import Kernel
 
-    # where a leg along a direction starts, m, and the lanes in which the scatterer has one
+    # start of a leg along a direction, m, and the lanes in which the scatterer has such a leg
     Departure = Callable[[mi.Vector3f], tuple[mi.Vector3f, mi.Bool]]
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Objects that legs may meet, and how they treat waves.
+    """Objects that a leg may meet (facets, slabs, volumes), and the settings by which they act on it.
 
     Parameters
     ----------
     scene : facets, slabs and volumes
     wavenumber : rad/m
-    clearance : m, how far a wave starts off a facet that it leaves
+    clearance : m, distance off a facet at which a leg that leaves it starts
     up : vertical reference of the polarisation basis, scene frame
-    visibility : whether facets hide what is behind them
-    transmits : whether slabs let waves through
+    visibility : whether facets occlude
+    transmits : whether slabs transmit
     """
 
     scene: TraceScene
@@ -86,13 +85,13 @@ class Surroundings:
 
     @property
     def clear(self) -> bool:
-        """Whether nothing takes a part of a wave that it lets pass."""
+        """Whether legs are not attenuated: no slab transmits and there is no volume."""
         return not self.scene.passages and not self.transmits
 
     def free(
         self, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool
     ) -> mi.Bool:
-        """Lanes in which nothing stops waves on a straight leg (m)."""
+        """Lanes in which a straight leg is not occluded."""
         if not self.visibility:
             return mi.Bool(True)
         scene = self.scene.mi_scene
@@ -113,18 +112,18 @@ class Surroundings:
         vectors: tuple[field.ComplexVector, ...],
         behind_slabs: mi.Bool | None = None,
     ) -> tuple[tuple[field.ComplexVector, ...], mi.Vector3f | None]:
-        """Complex vectors at the start of a straight leg from those at its end, and the end's shift, m.
+        """Complex vectors at the start of a straight leg from those at its end, and the apparent shift of its end, m.
 
         Parameters
         ----------
         start, direction, distance : m, unit vector, m
         active : lanes that have the leg
-        vectors : of waves that come along it, or receiving ones: every object is a symmetric dyad
-        behind_slabs : lanes in which slabs may stand in the way; None: those of ``active``
+        vectors : of waves along the leg, or receiving vectors: transmission is a symmetric dyad
+        behind_slabs : lanes in which slabs may cross the leg; None: those of ``active``
 
         Returns
         -------
-        vectors, shift : shift as of :func:`sarmitsuba.trace.slab_passage.along`; None where no slab lets waves through
+        vectors, shift : shift as of :func:`sarmitsuba.trace.panes.along`; None where no slab transmits
         """
         vectors = passed(self.scene.passages, start, direction, distance, active, vectors)
         if not self.transmits:
@@ -141,12 +140,12 @@ class Leg:
 
     Parameters
     ----------
-    to_antenna64, to_antenna : unit vectors from the scatterer to the antenna or its image: to where the wave seems to
-        come from, and along the leg
-    leaving : unit vector in which the leg leaves the antenna
+    to_antenna64, to_antenna : unit vectors from the scatterer to the antenna or its image: to the apparent position
+        (with the shift by slabs), and along the leg
+    leaving : unit vector from the antenna along the leg
     length : float64, m, of the whole leg, with the delay in slabs
     rate : float64, m/s, its change
-    seen : lanes in which nothing hides it
+    seen : lanes in which the leg is not occluded
     h, v : complex vectors at the scatterer of a unit wave sent in H and V
     over_ground : whether the leg has a mirror
     """
@@ -162,7 +161,7 @@ class Leg:
     over_ground: bool = False
 
     def sent(self, letter: str) -> field.ComplexVector:
-        """Field at the scatterer of a unit wave in a polarisation of the transmitter."""
+        """Field at the scatterer of a unit wave sent in a polarisation of the transmitter."""
         if letter in "HV":
             return self.h if letter == "H" else self.v
         z_h, z_v = TRANSMITTED[letter]
@@ -184,9 +183,9 @@ def straight_leg(
 
     Parameters
     ----------
-    around : what may stand in the way
+    around : objects that the leg may meet
     point : float64, m, phase centre of the scatterer
-    departure : where the leg starts, a little off the scatterer
+    departure : start of the leg, slightly off the scatterer
     position, velocity : float64, m and m/s, of the antenna; the velocity is relative to the scatterer
     """
     leg = position - point
@@ -196,7 +195,7 @@ def straight_leg(
     start, seen = departure(to)
     seen = seen & around.free(start, to, mi.Float(length), seen)
     (h, v), shift = around.passed(start, to, mi.Float(length), seen, antenna_basis(around, to))
-    if shift is not None:  # as the scatterer sees the antenna
+    if shift is not None:  # apparent position of the antenna
         leg = leg + mi.Vector3d(shift)
         length = dr.norm(leg)
         to64 = leg / length
@@ -204,7 +203,7 @@ def straight_leg(
 
 
 def antenna_basis(around: Surroundings, to: mi.Vector3f) -> tuple[field.ComplexVector, field.ComplexVector]:
-    """H and V of an antenna in the direction ``to`` as complex vectors."""
+    """H and V vectors of the antenna in the direction ``to``, as complex vectors."""
     h, v = field.polarisation_basis(-to, around.up)
     none = dr.zeros(mi.Vector3f)
     return (h, none), (v, none)
@@ -213,7 +212,7 @@ def antenna_basis(around: Surroundings, to: mi.Vector3f) -> tuple[field.ComplexV
 def pattern_gain(
     kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, out: mi.Vector3f, home: mi.Vector3f
 ) -> mi.Float:
-    """Relative amplitude of both antennas' patterns, in the unit vectors in which both legs leave them."""
+    """Relative two-way amplitude of the antenna patterns, for the unit vectors along which both legs leave them."""
     if not kernel.flags.antenna_pattern:
         return mi.Float(1.0)
     pulses, receiver = kernel.pulses, kernel.pulses.receiver

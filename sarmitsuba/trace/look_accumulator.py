@@ -1,4 +1,4 @@
-"""Adds the contributions of looks to the grid of the image-domain method."""
+"""Accumulator of the image-domain method: the grid onto which the echoes of looks are spread."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class ImageAccumulator(GridAccumulator):
-    """Adds each path once to the grid of the looks.
+    """Grid of the looks, onto which each path is added once.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class ImageAccumulator(GridAccumulator):
         self.antenna = device_array(mi.Float64, grid.antenna)
 
     def serve(self, first: int, last: int) -> None:
-        """Take the pulses of the next launch for the looks ``first`` to ``last`` (not included)."""
+        """Assign the pulses of the next launch to the looks ``first`` to ``last`` (not included)."""
         self.antenna = device_array(mi.Float64, self.look.antenna[first:last])
 
     def add(self, state: LostCount, contribution: Contribution) -> LostCount:
@@ -43,7 +43,7 @@ class ImageAccumulator(GridAccumulator):
             antenna = dr.gather(f64, self.antenna, contribution.pulse, contribution.active)
             numbers = tuple(dr.opaque(f64, value) for value in look.fan.numbers)
             r, s, distance = look.fan.place(r, s, antenna, numbers, dr)
-            # a resting place of the same cross section, when the beam passes over it
+            # as a point at rest of the same cross section, at the time when the beam passes over it
             part = mi.Float(dr.square(contribution.slant_range / distance))
             active = contribution.active
             if look.n_looks > 1:

@@ -1,4 +1,4 @@
-"""Shapes that move: where their faces stand at a time, and how fast, for the kernel to gather."""
+"""Moving shapes: positions and velocities of their faces at a time, as tables for the kernel."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 # numbers of a motion's row: displacement and a zero, velocity and a zero
 ROW = 8
-# cosine of incidence down to which a shadow boundary moves as fast as it does
+# cosine of incidence below which the velocity of a shadow boundary is held
 LEAST_COSINE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Movers:
-    """The motions in a scene, and the faces that have them.
+    """Motions in a scene and the faces to which they apply.
 
     Parameters
     ----------
-    motions : distinct ones; number 0 is rest
+    motions : distinct motions; number 0 is rest
     number : (n_faces,) uint32, of each face's motion
     triangles : (n_faces, 3, 3) float64, m, at time zero
     time : s, of the state below
@@ -44,7 +44,7 @@ class Movers:
 
     @staticmethod
     def of(geometry: Geometry, rows: NDArray[np.intp]) -> Movers | None:
-        """Movers among some faces of a geometry, at time zero; None where all of them rest."""
+        """Motions of some faces of a geometry, at time zero; None where all of them are at rest."""
         motions, number = [Motion()], np.zeros(geometry.n_faces, dtype=np.uint32)
         for motion, faces in geometry.moving_meshes():
             if motion not in motions:
@@ -63,17 +63,17 @@ class Movers:
         return replace(self, time=time, state=_state(self.motions, time))
 
     def corners(self) -> F64:
-        """(n_faces, 3, 3) float64, m: the triangles where they stand."""
+        """Corners (n_faces, 3, 3) of the triangles at ``time``, float64, m."""
         offset = np.stack([motion.displacement(self.time) for motion in self.motions])
         return np.asarray(self.triangles + offset[self.number][:, None])
 
-    def apart(self, vertex: I64) -> I64:
-        """Labels (3 n_faces,) of corners, such that faces which move differently share none."""
+    def apart(self, vertex: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Labels (3 n_faces,) of corners; faces with different motions share none."""
         label = vertex * len(self.motions) + np.repeat(self.number, 3)
         return np.asarray(np.unique(label, return_inverse=True)[1].reshape(-1), dtype=np.int64)
 
     def of_face(self, face: mi.UInt32, active: mi.Bool) -> Movement:
-        """What a face does, in a kernel."""
+        """Movement of a face, in a kernel."""
         number = dr.gather(mi.UInt32, self.face_number, face, active)
         shift, velocity = (dr.gather(mi.Vector4d, self.state, number * 2 + i, active) for i in range(2))
         return Movement(
@@ -89,23 +89,23 @@ class Movement:
     velocity: mi.Vector3d
 
     def plus(self, other: Movement) -> Movement:
-        """Both together: of what moves on a face that moves."""
+        """Sum of two movements: of an object that moves on a moving face."""
         return Movement(self.shift + other.shift, self.velocity + other.velocity)
 
 
 @dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
 class ShadowBoundary:
-    """What bounds the light of a chain of mirrors: the smallest piece of surface on the way.
+    """Shadow boundary of the area lit by a chain of mirrors: the outline of the smallest piece of surface on the path.
 
     Parameters
     ----------
-    velocity : float64, m/s, of that piece as seen through the mirrors behind it
+    velocity : float64, m/s, of that piece, mirrored in the facets hit after it
     size : of the piece, m
 
     Notes
     -----
-    Tubes tile the patch and their common sides must go the same way, so that all tubes of a chain follow one shadow
-    boundary. Ignores that the patch may end at several pieces that move differently.
+    Tubes tile the lit patch and their common sides must move together, so all tubes of a chain use one boundary.
+    Ignores that the patch may be bounded by several pieces that move differently.
     """
 
     velocity: mi.Vector3d
@@ -113,16 +113,16 @@ class ShadowBoundary:
 
     @staticmethod
     def open() -> ShadowBoundary:
-        """Before the first hit."""
+        """Shadow boundary before the first hit."""
         return ShadowBoundary(dr.zeros(mi.Vector3d), mi.Float(dr.inf))
 
     def at(self, movement: Movement, size: mi.Float) -> ShadowBoundary:
-        """The shadow boundary on a facet that was hit."""
+        """Shadow boundary after a hit: the outline of the facet's piece of surface if that is smaller."""
         own = size <= self.size
         return ShadowBoundary(dr.select(own, movement.velocity, self.velocity), dr.minimum(size, self.size))
 
     def on(self, movement: Movement, direction: mi.Vector3d, normal: mi.Vector3d) -> mi.Vector3d:
-        r"""Velocity (m/s) of the lit patch of a facet: of the shadow boundary, cast along the ray.
+        r"""Velocity (m/s) of the lit patch of a facet: of the shadow boundary, projected along the ray.
 
         .. math:: \mathbf u = \mathbf r + \mathbf d
                   \frac{\mathbf n \cdot (\mathbf w - \mathbf r)}{\mathbf n \cdot \mathbf d}
@@ -132,13 +132,13 @@ class ShadowBoundary:
         movement : of the facet, at w
         direction, normal : of the ray, d, and of the facet, n, facing it
         """
-        # along a facet that is hardly lit there is no telling
+        # undefined at grazing incidence
         facing = dr.minimum(dr.dot(normal, direction), -LEAST_COSINE)
         behind = dr.dot(normal, movement.velocity - self.velocity) / facing
         return self.velocity + direction * behind
 
     def mirrored(self, movement: Movement, normal: mi.Vector3d) -> ShadowBoundary:
-        """The shadow boundary as seen through a mirror that moves."""
+        """Shadow boundary mirrored in a moving facet."""
         velocity = self.velocity - normal * (2.0 * dr.dot(self.velocity - movement.velocity, normal))
         return ShadowBoundary(velocity, self.size)
 

@@ -1,17 +1,16 @@
-r"""Pairs of diffuse scatterers that see each other, drawn at random and fixed to the scene.
+r"""Random pairs of mutually visible diffuse scatterers, fixed to the scene.
 
-A pair is a point A of a surface and the point B where a ray from A lands whose direction the hash of A's cell draws:
-half of the rays by the cosine law, half evenly over the hemisphere. The density of the unordered pair {A, B}, per m^2
-of surface at either end, is that of both orders,
+A pair is a point A of a surface and the point B where a ray from A hits. The direction of the ray is a random number
+hashed from A's cell: half of the rays follow the cosine law, half are uniform over the hemisphere. The density of the
+unordered pair {A, B}, per m^2 of surface at either end, is the sum over both orders,
 
 .. math::
     p = \left[ d_A f(c_A) c_B + d_B f(c_B) c_A \right] / r^2, \quad
     f(c) = \frac{1}{2} \left( \frac{c}{\pi} + \frac{1}{2 \pi} \right)
 
-with the distance r, the cosines :math:`c` of both ends' angles towards each other, and :math:`d` points for each m^2.
-:attr:`SurfacePairs.weight` is :math:`1 / \sqrt{4 \pi r^2 p}`: r drops out, and neighbours across a corner weigh no
-more than
-others.
+with the distance r, the cosines :math:`c` of the angles between each normal and the other end, and the densities
+:math:`d` of points, 1/m^2. :attr:`SurfacePairs.weight` is :math:`1 / \sqrt{4 \pi r^2 p}`: r cancels, so that
+close pairs across a corner do not dominate.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import mix
 from sarmitsuba.trace.table_rows import FaceRow, MaterialRow
 
-# bits of a key in a random number
+# bits of a key used for a random number
 BITS = 24
 # cosine between normal and direction above which a surface faces it
 FACING = 1e-7
@@ -41,16 +40,16 @@ FACING = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class SurfacePairs:
-    """Pairs of surface points, none twice.
+    """Distinct pairs of surface points.
 
     Parameters
     ----------
     point : (n, 2, 3) float64, m, scene frame; of both ends
     normal : (n, 2, 3) float64, unit normals on the sides that see each other
     face : (n, 2) rows of the scene's tables
-    weight : (n,) float64, of the product of the ends' roots of sigma0, m^2
+    weight : (n,) float64, m^2, factor on the product of the square roots of sigma0 of both ends
     key : (n,) uint32, hash
-    clutter, cross : m^2, co-polar and cross-polar backscatter of the points alone, as the middle view sees them
+    clutter, cross : m^2, co-polar and cross-polar cross section of single scattering by the points, for the middle view
     """
 
     point: F64
@@ -63,7 +62,7 @@ class SurfacePairs:
 
     @property
     def n(self) -> int:
-        """How many there are."""
+        """Number of pairs."""
         return int(self.weight.size)
 
 
@@ -77,21 +76,21 @@ def find_pairs(
     seed: int = 0,
     scatters: NDArray[np.bool_] | None = None,
 ) -> SurfacePairs:
-    """Draw one partner for each point, and keep the pairs whose ends the views see.
+    """Draw one partner for each point, and keep the pairs of which each end is visible from some view.
 
     Parameters
     ----------
-    around : geometry at rest, and what of it hides or lets waves through
+    around : geometry at rest with its occlusion and transmission
     samples : points of faces of the scene
     views : (n, 3) m, antenna positions; the middle one is that of ``SurfacePairs.clutter``
     cell, box : of the samples, m
     seed : of textures
-    scatters : (n_faces,) faces that may be an end; None: all
+    scatters : (n_faces,) whether a face may be an end; None: all may
 
     Notes
     -----
-    Pairs that have an end which only positions between the views see are left out, and those that see each other
-    through a slab which scatters itself.
+    Leaves out pairs with an end visible only from positions between the views, and pairs that see each other through a
+    slab which itself scatters diffusely.
     """
     sides = _facing(samples, views)
     index = np.concatenate([np.flatnonzero(side) for side in sides])
@@ -164,7 +163,7 @@ def _search(
     dr.eval(b, n_b64, weight, kept, face_b, clutter, cross)
     lanes = dr.compress(kept)
     pick = lanes.numpy()
-    # each component alone: the kernel that would bring three together has their number compiled in
+    # component by component: a kernel on (n, 3) arrays would have n compiled in
     b, n_b64 = (np.stack([dr.gather(f64, x, lanes).numpy() for x in v], axis=1) for v in (b, n_b64))
     face_b, weight = (dr.gather(type(v), v, lanes).numpy() for v in (face_b, weight))
     return SurfacePairs(
@@ -179,7 +178,7 @@ def _search(
 
 
 def _direction(key: mi.UInt32) -> mi.Vector3f:
-    """Unit vector about +z: half of them by the cosine law, half evenly over the hemisphere."""
+    """Random unit vector about +z: half follow the cosine law, half are uniform over the hemisphere."""
     k1 = mix(key ^ 0x7F4A7C15)
     k2 = mix(k1 ^ 0x94D049BB)
     scale = 2.0**-BITS
@@ -193,12 +192,12 @@ def _direction(key: mi.UInt32) -> mi.Vector3f:
 
 
 def _spread(cosine: mi.Float64) -> mi.Float64:
-    """Density of directions, 1/sr."""
+    """Probability density of the directions, 1/sr."""
     return (0.5 / dr.pi) * cosine + 0.25 / dr.pi
 
 
 def _facing(samples: SurfaceSamples, views: F64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Points whose front, and whose back, faces any of the views."""
+    """Masks of the points whose front, and whose back, faces any of the views."""
     front, back = np.zeros(samples.n, dtype=bool), np.zeros(samples.n, dtype=bool)
     x, y, z = samples.normal.T
     at = np.einsum("ij,ij->i", samples.normal, samples.point)
@@ -215,7 +214,7 @@ def _seen(
     views: F64,
     there: mi.Bool,
 ) -> tuple[mi.Bool, mi.Bool]:
-    """Lanes whose two ends each are seen by some view, and those whose first end the middle view sees."""
+    """Lanes of which both ends are visible from some view, and those whose first end the middle view sees."""
     rows = vector_rows(views)
     n_views, middle = dr.opaque(mi.UInt32, len(views)), dr.opaque(mi.UInt32, len(views) // 2)
 
@@ -243,7 +242,7 @@ def _seen(
 def _sees(
     around: Surroundings, point: mi.Vector3d, normal: mi.Vector3d, position: mi.Vector3d, active: mi.Bool
 ) -> mi.Bool:
-    """Lanes in which a surface point sees a position."""
+    """Lanes in which a surface point and a position see each other."""
     leg = position - point
     length = dr.norm(leg)
     to, n = mi.Vector3f(leg / length), mi.Vector3f(normal)
@@ -261,7 +260,7 @@ def off_surface(
 def _stopping(
     around: Surroundings, scatters: NDArray[np.bool_] | None
 ) -> tuple[mi.Scene | None, mi.UInt32 | None]:
-    """Facets at which a ray between two ends stops, and their rows of the scene's tables where they are not all."""
+    """Opaque facets, at which a ray between two ends stops, and their rows of the scene's tables (None: all)."""
     scene = around.scene
     if not around.transmits or scene.slabs is None:
         return scene.mi_scene, None

@@ -1,4 +1,4 @@
-"""What a straight leg between two surfaces does to a wave: extinction in a volume, transmission through a slab."""
+"""Attenuation of a wave along a straight leg: extinction in volumes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ if TYPE_CHECKING:
 
 
 class Passage(Protocol):
-    """Something that stands in the way and lets a part of the wave through.
+    """Object that attenuates waves that pass through it.
 
-    What it does is a symmetric dyad, so that the same function serves the incident wave and, in its receiving
-    vectors, the scattered one.
+    The attenuation is a symmetric dyad: the same function serves the incident wave and, applied to the receiving
+    vectors, the scattered wave.
     """
 
     def through(
@@ -25,14 +25,14 @@ class Passage(Protocol):
         active: mi.Bool,
         fields: tuple[ComplexVector, ...],
     ) -> tuple[ComplexVector, ...]:
-        """Complex vectors at the end of a straight leg, from those at its beginning.
+        """Complex vectors at the end of a straight leg, from those at its start.
 
         Parameters
         ----------
         origin : m, scene frame; start of the leg
         direction : unit vector along it
         distance : m, its length
-        active : lanes that have it
+        active : lanes that have the leg
         fields : scene frame, across ``direction``
         """
 
@@ -45,7 +45,7 @@ def passed(
     active: mi.Bool,
     fields: tuple[ComplexVector, ...],
 ) -> tuple[ComplexVector, ...]:
-    """Through all that a scene has; see :meth:`Passage.through`."""
+    """Complex vectors after all passages of a scene; see :meth:`Passage.through`."""
     for passage in passages:
         fields = passage.through(origin, direction, distance, active, fields)
     return fields

@@ -1,4 +1,4 @@
-"""Stages that move rays: launch, intersect (with the tube on the facet), reflect."""
+"""Propagation of rays in the kernel: launch, intersection (with the tube's footprint on the facet), reflection."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     receiver, receiver_velocity = position, velocity
     if pulses.receiver is not None:
         receiver, receiver_velocity = antenna_of(pulses.receiver, pulse)
-        # a block knows both antennas' own azimuth patterns: no leg is measured by the other's
+        # the synthesis of a block applies both antennas' azimuth patterns: no correction between the legs is needed
         pattern = BeamPattern(antenna, pulses.receiver, pulse, None) if flags.antenna_pattern else None
     apart = kernel.bistatic and (kernel.reciprocal_diffuse or kernel.reversible)
     h, v = field.polarisation_basis(d, constants.up)
@@ -110,8 +110,8 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
 
 
 def _level(grid: LaunchGrid, ray: mi.UInt32) -> tuple[mi.Float64, tuple[mi.Float, mi.Float]]:
-    """Distance between neighbours of a ray, and what faces that it serves need, m."""
-    # also where one level serves every face: one kernel for lattices with and without denser parts
+    """Spacing of the rays of a lane's level, and the bounds on the spacing needed by the faces it samples, m."""
+    # also with one level: the same kernel serves lattices with and without denser parts
     table = np.array([[level.spacing, *level.needs, 0.0] for level in grid.every_level])
     row = dr.gather(mi.UInt32, device_array(mi.UInt32, grid.level), ray)
     spacing, low, high, _ = dr.gather(mi.Vector4d, device_array(mi.Float64, table), row)
@@ -137,22 +137,22 @@ def _lattice_edges(
 
 
 def _launch_weight(kernel: Kernel, gx: mi.Float, gy: mi.Float) -> mi.Float:
-    """Amplitude of a ray by where in the launch window it starts."""
+    """Amplitude taper of a ray by its position in the launch window."""
     grid = kernel.grid
     if kernel.flags.taper:
         return fade(gx, grid.half_x, grid.taper) * fade(gy, grid.half_y, grid.taper)
     return mi.Float(1.0)
 
 
-def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: FaceRow) -> mi.Bool:
-    """Whether a ray stands for a face: each face has the level that is fine enough for it."""
-    coherent, diffuse = info.needed_spacings
+def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: mi.Vector4u) -> mi.Bool:
+    """Whether a ray samples a face: each face is sampled by the rays of one level, which is fine enough for it."""
+    coherent, diffuse = (dr.reinterpret_array(mi.Float, word) for word in (info.z, info.w))
     need = {"coherent": coherent, "diffuse": diffuse, "all": dr.minimum(coherent, diffuse)}[purpose]
     return (need >= needs[0]) & (need < needs[1])
 
 
 def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
-    """How far back from ``start`` along the ray the scene's bounds begin, m: float32 is most exact next to them."""
+    """Distance from ``start`` back to where the ray enters the scene's bounds, m: there float32 is most accurate."""
     low, high = (mi.Vector3d(*(dr.opaque(mi.Float64, float(x)) for x in corner)) for corner in scene.bounds)
     inverse = 1.0 / dr.select(dr.abs(d) > 1e-12, d, 1e-12)
     a, b = (low - start) * inverse, (high - start) * inverse
@@ -164,7 +164,7 @@ def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.
 
 
 def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
-    """Find the next facet on the ray's path and look from there to the antenna."""
+    """Next hit of a ray, with the direction, distance and visibility of the antenna from it."""
     scene, clearance = kernel.scene, kernel.constants.clearance
     first = ray.hits == 0
     face, uv, active = _next_facet(scene, lane, ray, first)
@@ -172,10 +172,10 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     info = FaceRow.of(scene.face_info, face, active)
     met = active
     active = active & (~first | _served(kernel.grid.purpose, lane.needs, info))
-    # also rays that stand for something behind a slab go through it
+    # also rays that sample objects behind a slab go through it
     known = met if kernel.transmits else active
 
-    # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
+    # the float32 hit lies a few 1e-7 of the scene's size beside the ray: replace it by the float64 intersection
     p = _on_ray(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)
     # the ray as the virtual antenna sees this hit
     length = dr.norm(p - ray.virtual_antenna)
@@ -185,12 +185,12 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     n, d = mi.Vector3f(n64), mi.Vector3f(d64)
     before = None
     if kernel.flags.slabs and scene.slabs is not None and scene.slabs.sheets:
-        # the slab's face that the wave meets, with the facet's outline moved along the ray: tubes cover it as they
-        # cover the facet
+        # the slab's face that the wave meets, with the facet's outline moved along the ray: tubes tile it as they
+        # tile the facet
         before = scene.slabs.before(face, behind, met) / dr.maximum(-dr.dot(d, n), 1e-3)
         step = d64 * mi.Float64(-before)
         p, vertex0, centroid, length = p + step, vertex0 + step, centroid + step, length - before
-        # no farther back than where the ray comes from: what stands within the slab stays there
+        # no farther back than the origin of the ray, which may lie within the slab
         landed = landed - d64 * mi.Float64(dr.minimum(before, dr.norm(mi.Vector3f(landed) - ray.origin)))
 
     length_back = dr.norm(lane.antenna - p)
@@ -199,8 +199,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     departure = _departure(mi.Vector3f(landed), n, d, clearance)
     sees = active & (dr.dot(to_antenna, n) > 1e-7)
     if kernel.flags.visibility and (kernel.flags.multi_bounce or kernel.bistatic):
-        # the antenna that a ray comes from sees its first hit; no farther than the antenna, which may hang within
-        # the scene
+        # the transmitting antenna sees the first hit; the shadow ray ends at the antenna, which may be within the scene
         lit = mi.Bool(False) if kernel.bistatic else first
         sees &= lit | Surroundings.within(kernel).free(
             departure, to_antenna, mi.Float(length_back), sees & ~lit
@@ -249,7 +248,7 @@ def _next_facet(
     d = mi.Vector3f(ray.direction)
     query = mi.Ray3f(ray.origin, d)
     found = scene.mi_scene.ray_intersect_preliminary(query, coherent=False, active=ray.active)
-    # rays aimed exactly at a vertex or a T-junction may slip through: a second try just beside it
+    # rays aimed exactly at a vertex or a T-junction may miss: they are traced again, slightly displaced
     lost = ray.active & ~found.is_valid() & first
     query = mi.Ray3f(ray.origin + lane.nudge, d)
     found = dr.select(
@@ -290,7 +289,7 @@ def _departure(p: mi.Vector3f, n: mi.Vector3f, d: mi.Vector3f, clearance: mi.Flo
 
 
 def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootprint:
-    """Project the tube onto the facet, end it at the facet's boundary edges, and weigh its spreading."""
+    """TubeFootprint of the tube on the facet, ended at the facet's boundary edges, with the spreading loss."""
     growth = mi.Float(hit.length) * lane.inverse_start
     cross_a, cross_b = ray.edge_a * growth, ray.edge_b * growth
     if ray.spread is not None:
@@ -311,13 +310,13 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootpr
     if kernel.scene.piece_table is not None:
         patch = tube.patch(tube.limited(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
-    # chosen by a number: whether a range varies enough to matter depends on the look, and would be another kernel
+    # selected by a number: a switch in Python would depend on the look and compile a second kernel
     spreads, constant = dr.opaque(mi.Bool, kernel.flags.spreading), kernel.constants.inverse_range2
     loss = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length_back)), constant)
     loss_reciprocal = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length)), constant)
     lost = None
     if ray.spread is not None:
-        # a tube keeps its power: spread more than a sphere's it carries less field over more area
+        # a tube keeps its power: a wider tube has less field over more area
         wider = dr.norm(dr.cross(cross_a, cross_b)) / (lane.tube_area * dr.square(growth))
         area *= wider
         squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
@@ -333,19 +332,19 @@ def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:
 
 
 def past_foci(ray: RayState, hit: Hit) -> RayState:
-    r"""The ray with its fields turned by 90 degrees for each focus that its tube passed on the way to a hit.
+    r"""Ray with the phase of its fields advanced by 90 degrees for each focus (caustic) that its tube passed.
 
     The tube's cross-section between two hits, signed, is
 
     .. math:: D(w) = ((\mathbf a + \mathbf a' w) \times (\mathbf b + \mathbf b' w)) \cdot \mathbf d
 
-    and every root of it on the way is a caustic. There the spreading factor :math:`D^{-1/2}` turns by a quarter: under
-    :math:`\exp(+j \omega t)` by :math:`e^{+j \pi / 2}`, as the Hankel functions of a cylindrical wave that runs into
-    its axis, :math:`e^{+j (k r - \pi / 4)}`, and out of it, :math:`e^{-j (k r - \pi / 4)}`, tell.
+    and every root of it between the hits is a caustic. There the spreading factor :math:`D^{-1/2}` gains the phase
+    factor :math:`e^{+j \pi / 2}` (time convention :math:`\exp(+j \omega t)`): compare the Hankel functions of a
+    cylindrical wave towards its axis, :math:`e^{+j (k r - \pi / 4)}`, and from it, :math:`e^{-j (k r - \pi / 4)}`.
 
     Notes
     -----
-    Ignores the field within a wavelength or two of the caustic itself, where it is no ray's.
+    Ignores the field within a wavelength or two of the caustic, where ray optics does not hold.
 
     References
     ----------
@@ -360,7 +359,7 @@ def past_foci(ray: RayState, hit: Hit) -> RayState:
     square = dr.dot(dr.cross(a, b), d)
     end = constant + linear + square
     once = constant * end < 0.0
-    # between ends of one sign there are two roots or none: where the extreme lies on the way, on the other side
+    # between ends of equal sign there are two roots if the extremum lies on the leg with the other sign, else none
     at = linear * dr.rcp(dr.select(square == 0.0, 1.0, -2.0 * square))
     extreme = constant + 0.5 * linear * at
     twice = ~once & (square != 0.0) & (at > 0.0) & (at < 1.0) & (extreme * constant < 0.0)
@@ -372,7 +371,7 @@ def past_foci(ray: RayState, hit: Hit) -> RayState:
 
 
 def mirror(kernel: Kernel, ray: RayState, hit: Hit, normal: mi.Vector3f) -> Reflection:
-    """Direction and fields of a ray behind the mirror of the material that it hits."""
+    """Direction and fields of a ray reflected by the material that it hits."""
     return reflected(kernel, hit.direction, normal, hit.properties, hit.slab, hit.behind, ray.fields)
 
 
@@ -385,7 +384,7 @@ def reflected(
     behind: mi.Bool,
     fields: tuple[ComplexVector, ...],
 ) -> Reflection:
-    """Direction and fields behind a smooth mirror.
+    """Direction and fields after reflection by a smooth surface.
 
     Parameters
     ----------
@@ -405,7 +404,7 @@ def reflected(
 
 
 def through_passages(kernel: Kernel, ray: RayState, hit: Hit) -> RayState:
-    """The ray with its fields as they arrive at a hit, where something stands in the way and lets waves pass."""
+    """Ray with its fields attenuated by the volumes between its origin and a hit."""
     passages = kernel.scene.passages
     if not passages:
         return ray
@@ -416,7 +415,7 @@ def through_passages(kernel: Kernel, ray: RayState, hit: Hit) -> RayState:
 def reflect(
     kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint, reflection: Reflection
 ) -> RayState:
-    """Mirror the ray, its tube and the virtual antenna in the facet; the ray's last bounce ends it."""
+    """Reflected ray, with its tube and the virtual antenna mirrored in the facet; not active after the last bounce."""
     n64, n, edge_a, edge_b, spread = hit.normal64, hit.normal, ray.edge_a, ray.edge_b, ray.spread
     if spread is not None:
         n64, n, reflection, spread = _curved_mirror(kernel, ray, hit, tube_here)
@@ -429,7 +428,9 @@ def reflect(
     velocity = towards = ray.virtual_velocity
     shadow_boundary = ray.shadow_boundary
     receiver, receiver_velocity = ray.virtual_receiver, ray.virtual_receiver_velocity
-    if hit.movement is not None:  # the image of what rests in a mirror moves twice as fast as the mirror
+    if (
+        hit.movement is not None
+    ):  # the image of a point at rest in a moving mirror moves at twice the mirror's velocity
         towards = velocity - hit.movement.velocity
         if shadow_boundary is not None:
             shadow_boundary = shadow_boundary.at(hit.movement, hit.largest_cell).mirrored(hit.movement, n64)
@@ -461,12 +462,12 @@ def reflect(
 def _curved_mirror(
     kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint
 ) -> tuple[mi.Vector3d, mi.Vector3f, Reflection, TubeSpread]:
-    """Normals, reflection and growth of the tube where the smooth surface bends."""
+    """Normals, reflection and growth of the tube on a curved surface."""
     assert ray.spread is not None
     d64, n64 = hit.direction64, hit.normal64
     sign = dr.select(hit.behind, -1.0, 1.0)
     bend = curved_mirror.normal_change(kernel.scene.curvature_table, hit.face, hit.active, sign)
-    # the surface's own normal at the hit, where it does not send the ray into the facet
+    # the curved surface's normal at the hit, unless the ray reflected by it would enter the facet
     smooth = dr.normalize(n64 + mi.Vector3d(bend(mi.Vector3f(hit.p - hit.centroid))))
     over = d64 - smooth * (2.0 * dr.dot(d64, smooth))
     n64 = dr.select((dr.dot(d64, smooth) < 0.0) & (dr.dot(over, n64) > 1e-3), smooth, n64)
@@ -480,5 +481,5 @@ def _curved_mirror(
 
 
 def _mirrored_step(step: mi.Vector3f, change: mi.Vector3f, d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:
-    """Difference ``step`` of a tube's directions after a mirror whose normal changes by ``change`` over the tube."""
+    """Difference of directions across a tube (``step`` before) after a mirror whose normal differs by ``change``."""
     return step - n * (2.0 * (dr.dot(step, n) + dr.dot(d, change))) - change * (2.0 * dr.dot(d, n))

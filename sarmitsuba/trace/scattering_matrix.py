@@ -1,4 +1,4 @@
-"""Scattering matrix of one diffuse cell: level from the material's law, speckle coefficients from the cell's hash."""
+"""Scattering matrix of one diffuse cell: mean power from the material's law, random factors from the cell's hash."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Struck(Protocol):
-    """A surface where a wave falls on it; see :class:`sarmitsuba.trace.state.Hit`."""
+    """Illuminated point of a surface; see :class:`sarmitsuba.trace.state.Hit`."""
 
     @property
     def material(self) -> mi.UInt32:
@@ -36,11 +36,11 @@ class Struck(Protocol):
 
     @property
     def normal(self) -> mi.Vector3f:
-        """Facing the wave."""
+        """Unit normal facing the wave."""
 
     @property
     def direction(self) -> mi.Vector3f:
-        """Of the wave."""
+        """Unit direction of the incident wave."""
 
     @property
     def properties(self) -> MaterialRow:
@@ -48,12 +48,12 @@ class Struck(Protocol):
 
 
 class ScatteringMatrix:
-    """Symmetric scattering tensor of a diffuse cell between an incoming and an outgoing direction, less its speckle.
+    """Symmetric scattering tensor of a diffuse cell between two directions, without its random (speckle) factors.
 
-    Polarisations are taken in the two planes of incidence, as on a slightly rough plane. Symmetric, so that
-    exchanging antenna and mirror chain gives the transposed channel (reciprocity). What a law is between two
-    directions is in :class:`sarmitsuba.materials.diffuse_law.DiffuseLaw`; in backscatter every law is its table, so
-    that a level does not depend on how many bounces are traced.
+    Polarisations refer to the two planes of incidence, as on a slightly rough plane. The tensor is symmetric, so that
+    exchanging antenna and mirror chain gives the transposed channel (reciprocity). The bistatic form of a law is in
+    :class:`sarmitsuba.materials.diffuse_law.DiffuseLaw`; in backscatter every law equals its table, so that the level
+    does not depend on the number of traced bounces.
     The tensor is a sum of up to three fixed ones, each times a random number of the cell
     (:func:`speckle_coefficients`).
 
@@ -61,7 +61,7 @@ class ScatteringMatrix:
     ----------
     hit : gives the material, the normal facing the ray and its direction
     s : outgoing unit direction
-    backscatter : lanes that leave along the way they came; None where all do
+    backscatter : lanes in which both directions are opposite; None: all
     """
 
     def __init__(
@@ -71,14 +71,14 @@ class ScatteringMatrix:
         n, d = hit.normal, hit.direction
         material, form = hit.material & MATERIAL_MASK, hit.material >> FORM_SHIFT
         cos_i, cos_s = -dr.dot(d, n), dr.dot(s, n)
-        lanes = {}  # of each form that the scene has, without backscatter
+        lanes = {}  # of each bistatic form in the scene, without backscatter
         if backscatter is not None:
             lanes = {name: (form == FORMS.index(name)) & ~backscatter for name in scene.forms}
         if "facets" in lanes:
             half = dr.dot(dr.normalize(s - d), n)
             cos_i, cos_s = (dr.select(lanes["facets"], half, c) for c in (cos_i, cos_s))
         table_i = diffuse_lookup(scene.diffuse_table, material, cos_i)
-        # without mirrors every diffuse return is backscatter: both directions have the same angle
+        # without mirrors every diffuse return is backscatter: both angles are equal
         table_s = table_i if backscatter is None else diffuse_lookup(scene.diffuse_table, material, cos_s)
         self.amp_h = dr.sqrt(table_i.x * table_s.x)
         self.amp_v = dr.sqrt(table_i.y * table_s.y)
@@ -115,7 +115,7 @@ class ScatteringMatrix:
             self.amp_cross = dr.select(waves, level * co_polar, self.amp_cross)
 
     def between(self, q: mi.Vector3f, e: field.ComplexVector) -> list[mi.Complex2f]:
-        """``q . D_k E`` for a real receiving vector and a complex field."""
+        """Fixed tensors ``q . D_k E`` between a real receiving vector and a complex incident field."""
         planes = self.planes
         if planes is None:
             return [field.dot(e, q) * self.amp_h]
@@ -135,7 +135,7 @@ class ScatteringMatrix:
         return values
 
     def between_fields(self, q: field.ComplexVector, e: field.ComplexVector) -> list[mi.Complex2f]:
-        """``Q . D_k E`` (no conjugate) for two complex fields, incoming and retracing."""
+        """Fixed tensors ``Q . D_k E`` (no conjugate) between two complex fields, incident and reciprocal."""
         j = mi.Complex2f(0.0, 1.0)
         return [a + j * b for a, b in zip(*(self.between(part, e) for part in q), strict=True)]
 
@@ -148,10 +148,10 @@ def _chosen(lanes: mi.Bool, dyad: Dyad, level: mi.Float, other: Dyad) -> Dyad:
 def speckle_coefficients(
     key: mi.UInt32, cross_ratio: mi.Float, flags: KernelFlags, age: Age | None
 ) -> list[mi.Complex2f]:
-    """Random numbers of a cell, one for each fixed tensor of :class:`ScatteringMatrix`; mean total power one.
+    """Random factors of a cell, one for each fixed tensor of :class:`ScatteringMatrix`; mean total power one.
 
     Co-polar; then, with depolarisation, difference and cross terms of azimuthal symmetry
-    (``<|S_hv|^2> = <|S_hh - S_vv|^2> / 4``), S_hh and S_vv keeping the law's power. ``age``: what has become of the
+    (``<|S_hv|^2> = <|S_hh - S_vv|^2> / 4``), S_hh and S_vv keeping the law's power. ``age``: change of the
     cell since the first pass; None where nothing changes.
     """
     normal, modulus_one = (gaussian, unit_phase) if age is None else (age.gaussian, age.unit_phase)

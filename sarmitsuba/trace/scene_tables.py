@@ -1,4 +1,4 @@
-"""The scene as the kernel sees it: one Embree/OptiX mesh in float32 and float64 tables to gather from."""
+"""Traced scene: one Embree/OptiX mesh in float32, and tables of its faces and materials for the kernel."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from sarmitsuba.trace.table_rows import FaceRow
 from sarmitsuba.trace.wind_waves import WaterTables
 
 DIFFUSE_NODES = 256
-# nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
+# number of nodes of the height-spectrum tables, uniform in the mean cosine and in the root of the sine
 SPECTRUM_COSINES, SPECTRUM_SINES = 33, 129
-# diffuse scatterers on the smallest piece of surface: what it returns then follows its area to a few per cent
+# least diffuse scatterers on a piece of surface: its mean power then follows its area to a few per cent
 LEAST_SCATTERERS = 36
 
 
 @dataclass(frozen=True, eq=False)
 class TraceScene:
-    """Intersection structure and tables; one row per face or a material.
+    """Intersection structure and tables of a scene, one row for each face or material.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class TraceScene:
     face_table : (12 n_faces,) float64: vertex 0, edge 1, edge 2, unit normal, packed as three rows of four:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
     edge_table : (16 n_faces,) float32: four edges of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
-    piece_table : the same with creases left out, at which diffuse patches need not end; None where there are none
+    piece_table : the same without creases, for diffuse patches, which do not end at them; None without creases
     face_info : (4 n_faces,) uint32: material (the two highest bits: place of its law in ``FORMS``; the next: the edges
         bound a convex part of a flat facet all around; the next four: those of its edges where the facet goes on in
         its plane), then the bits of float32 lengths in m: largest cell of a diffuse scatterer on the face's piece of
@@ -54,25 +54,25 @@ class TraceScene:
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
-    curvature_table : (8 n_faces,) float32 of how the smooth surfaces bend, see
+    curvature_table : (8 n_faces,) float32, curvature of the smooth surfaces, see
         :func:`sarmitsuba.mesh.curvature.facet_curvature`; None in a flat scene
-    needs : (n_faces,) m, largest distance between rays that serves each face, for coherent and diffuse returns
+    needs : (n_faces,) m, largest permitted ray spacing on each face, for coherent and for diffuse returns
     triangles : (n_faces, 3, 3) float64, m
     piece : (n_faces,) number of the piece of surface of each face, see :func:`sarmitsuba.mesh.pieces.piece_of`
-    geometry_faces : (n_faces,) rows of ``Geometry.faces`` that these faces are
-    surfaces : what varies over them; None where all are even
-    movers : faces that move, and the time at which all tables have them; None where all rest
+    geometry_faces : (n_faces,) rows of these faces in ``Geometry.faces``
+    surfaces : maps and textures of the materials; None where all are uniform
+    movers : faces that move, and the time at which all tables hold them; None where all are at rest
     forms : forms of bistatic scattering in the scene other than the mean of both angles
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
-    correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
-    water : tables of what is water under wind; None where nothing is
-    passages : what stands in the way of waves without stopping them
-    slabs : the materials that are slabs, None where there is none
-    beside : (2, 3) float64 corners of scatterers beside the mesh, m; None where there are none
-    bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
-    change_table : (2 n_materials,) float32: coherence that stays between passes and time constant (days) of what does
-        not; None where all stays as it is
+    correction_table : as ``diffuse_table``, the ``correction`` of a `SpectrumTable`; None where it is one everywhere
+    water : tables of the materials that are water under wind; None without them
+    passages : objects that attenuate waves that pass through them (volumes)
+    slabs : the materials that are slabs; None without them
+    beside : (2, 3) float64 bounds of scatterers that are not part of the mesh, m; None without them
+    bounds : (2, 3) float64 lower and upper corner of everything traced, m, scene frame
+    change_table : (2 n_materials,) float32: coherence between passes that never decays, and time constant (days) of
+        the rest; None where nothing changes
     """
 
     mi_scene: mi.Scene
@@ -106,7 +106,7 @@ class TraceScene:
         return float(np.abs(self.bounds).max())
 
     def material_at(self, face: mi.UInt32, own: mi.UInt32, offset: mi.Vector3f, active: mi.Bool) -> mi.UInt32:
-        """Bits of the material at a place of a face, in a kernel: its ``own`` where no map says another.
+        """Material (bits) at a point of a face, in a kernel: the face's ``own`` unless a map of classes gives another.
 
         Parameters
         ----------
@@ -147,11 +147,11 @@ class TraceScene:
         return bits, factor
 
     def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
-        """Rows of the material table of faces, in a kernel."""
-        return FaceRow.of(self.face_info, face, active).material_bits & MATERIAL_MASK
+        """Row of the material table for each face, in a kernel."""
+        return dr.gather(mi.Vector4u, self.face_info, face, active).x & MATERIAL_MASK
 
     def at(self, time: float) -> TraceScene:
-        """The scene with everything that moves where it stands at a time, s; itself where nothing does."""
+        """The scene with all moving faces at their positions at a time, s; itself where nothing moves."""
         if self.movers is None or time == self.movers.time:
             return self
         movers = self.movers.at(time)
@@ -172,13 +172,13 @@ class TraceScene:
 
         Parameters
         ----------
-        materials : those that it was built with, at that frequency
+        materials : of the scene, at that frequency
         wavelength : m
 
         Notes
         -----
-        Facets, curvature and the rays that faces need stay as they are, and so do the waves of water under wind: the
-        same places return echoes at all frequencies.
+        Facets, curvature, ray spacings and the waves of water under wind stay as they are: the same points scatter at
+        all frequencies.
         """
         if not self.n_faces:
             return self
@@ -197,26 +197,26 @@ class TraceScene:
 
     @property
     def clearance(self) -> float:
-        """How far a ray starts off the facet that it leaves, m: float32 rounds positions to an eighth of it.
+        """Distance off a facet at which rays that leave it start, m: eight times the float32 rounding of positions.
 
         Mitsuba's own ``spawn_ray`` takes 9e-5 (1 + max|p|), half a metre in a scene 10 km across.
         """
         return 1e-5 + 8.0 * 2.0**-24 * self.extent
 
 
-# stands for a perfect conductor where a scene mixes them with dielectrics and one formula serves both: r_tm is
+# eps - 1 of a perfect conductor in a scene that also has dielectrics, so that one formula serves both: r_tm is
 # within 2e-6 of +1 down to 0.01 degrees of grazing, and |eps c + q|^2 = 1e36 still fits float32
 PEC_CHI = (0.0, -1e18)
 
-# forms of bistatic scattering by their number, in the two highest bits of a face's material
+# forms of bistatic scattering; the index is stored in the two highest bits of a face's material
 FORMS: tuple[Bistatic, ...] = ("mean", "facets", "spectrum")
 FORM_SHIFT = 30
 # marks faces whose boundary edges bound a convex part of a flat facet all around
 CLOSED_BIT = 29
-# the first of four that mark those of a face's boundary edges where its facet goes on in its plane
+# the first of four bits that mark boundary edges of a face beyond which its facet continues in the same plane
 INNER_BIT = 25
 MATERIAL_MASK = (1 << INNER_BIT) - 1
-# of a face's bits those that are its own whatever its material
+# bits of a face that do not depend on its material
 FACE_BITS = 0x3FFFFFFF & ~MATERIAL_MASK
 
 
@@ -234,14 +234,14 @@ def build_trace_scene(
     ----------
     geometry, materials : as loaded; faces of invisible materials are left out
     wavelength : m
-    antenna : (3,) m, from where the density of diffuse rays is planned; None: from square above each face
-    places : (n, 3) m, of scatterers beside the mesh, which may then be empty; None or empty: none
-    seed : of what is drawn once for the scene, such as the waves of water
+    antenna : (3,) m, position for which the density of diffuse rays is planned; None: normal incidence on each face
+    places : (n, 3) m, scatterers that are not part of the mesh (which may then be empty); None or empty: none
+    seed : of the random features of the scene, such as the waves of water
 
     Raises
     ------
     SceneError
-        When no visible face is left, and nothing else is there.
+        When no visible face is left, and there are no other scatterers.
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     if places is not None and len(places):
@@ -260,7 +260,7 @@ def build_trace_scene(
     form = np.array([FORMS.index(LAWS[m.diffuse_law].bistatic) for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
     vertex = weld(triangles.reshape(-1, 3))
-    if movers is not None:  # surfaces that move differently have no edge in common
+    if movers is not None:  # surfaces with different motions share no edge
         vertex = movers.apart(vertex)
     piece = piece_of(triangles, vertex)
     area, width = piece_sizes(triangles, piece)
@@ -319,8 +319,8 @@ def build_trace_scene(
     )
 
 
-def _joined(bounds: F64, other: F64 | None) -> F64:
-    """Bounds (2, 3) of both."""
+def _joined(bounds: NDArray[np.float64], other: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Common bounds (2, 3) of two boxes."""
     if other is None:
         return bounds
     return np.stack([np.minimum(bounds[0], other[0]), np.maximum(bounds[1], other[1])])
@@ -335,12 +335,12 @@ def _with_places(
     seed: int,
     visible: bool,
 ) -> TraceScene:
-    """The scene with room for places beside its mesh; without a mesh, one in which rays hit nothing."""
+    """The scene with bounds that include scatterers beside its mesh; without a mesh, one in which rays hit nothing."""
     if visible:
         scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed)
         beside = np.stack([places.min(axis=0), places.max(axis=0)])
         return replace(scene, bounds=_joined(scene.bounds, beside), beside=beside)
-    # tables need a row: of a face that is not there
+    # tables need at least one row: a face that no ray can hit
     face = replace(
         Geometry.empty(),
         vertices=np.eye(3),
@@ -361,8 +361,8 @@ def _with_places(
     )
 
 
-def _packed(triangles: F64) -> F64:
-    """Rows (n_faces, 3, 4) of the face table."""
+def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows (n_faces, 3, 4) of the face table, from the corners (n_faces, 3, 3) of the triangles."""
     v0, v1, v2 = (triangles[:, i] for i in range(3))
     e1, e2 = v1 - v0, v2 - v0
     normal = np.cross(e1, e2)
@@ -386,7 +386,7 @@ def _material_tables(materials: tuple[Material, ...], wavelength: float) -> tupl
 
 
 def _spectra(materials: tuple[Material, ...], wavelength: float) -> tuple[mi.Float | None, mi.Float | None]:
-    """Tables of the materials whose laws have a height spectrum, and their corrections; None where not needed."""
+    """Height-spectrum tables of the materials' diffuse laws, and their corrections; None where no law has one."""
     tables = [
         spectrum_table(m, wavelength, SPECTRUM_COSINES, SPECTRUM_SINES, DIFFUSE_NODES)
         if LAWS[m.diffuse_law].bistatic == "spectrum"
@@ -409,7 +409,7 @@ def _table32(rows: ArrayLike) -> mi.Float:
 
 
 def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Order of the visible faces that does not depend on the file's: by centroid, then material.
+    """Order of the visible faces, independent of their order in the file: by centroid, then material.
 
     Where faces of different material overlap in one plane, which of them a ray hits depends on their order; a
     fixed order makes that choice, and with it the image, the same however the file lists its faces.

@@ -1,4 +1,4 @@
-r"""What a slab does to a plane wave, from its transmission-line matrix, in float32.
+r"""Reflection and transmission of plane waves by slabs, from the transmission-line matrix, in float32.
 
 With the wave admittances c and q (TE) or 1/c and eps/q (TM) outside and inside, electrical thickness
 :math:`\delta = k d q` and the admittance y of a conducting sheet on one face, both in units of that of free space, the
@@ -27,21 +27,21 @@ if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.materials.material import Material
 
-# two faces of one material that look at each other from so many thicknesses or less are those of one slab
+# opposite faces of one material at most this many thicknesses apart are the two faces of one slab
 SAME_SLAB = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class SlabTables:
-    """The materials of a scene that are slabs, and the faces that let waves through.
+    """Slab materials of a scene, and the faces that transmit.
 
     Parameters
     ----------
     table : (4 n_materials,) float32: wavenumber times thickness (0: a half space), impedance of free space over the
-        sheet's resistance, 1 where it lets waves through, 0
-    thickness : (n_faces,) m, of the slab that a face is; 0 where nothing gets through
+        sheet's resistance, 1 where it transmits, 0
+    thickness : (n_faces,) m, of the slab that a face represents; 0 for opaque faces
     facet_depth : (n_faces,) share of the thickness in front of the facet, on its normal's side
-    material : (n_faces,) of the faces
+    material : (n_faces,) material number of each face
     triangles : (n_faces, 3, 3) float64, m
     """
 
@@ -68,36 +68,35 @@ class SlabTables:
         return SlabTables(device_array(mi.Float, table), open_[material], depth, material, triangles)
 
     def at_frequency(self, materials: tuple[Material, ...], wavelength: float) -> SlabTables:
-        """The same faces at another wavelength, m; those let waves through that do now."""
+        """The same faces at another wavelength, m; the set of faces that transmit stays the same."""
         passes = np.array(self.table).reshape(-1, 4)[:, 2] > 0.0
         return replace(self, table=device_array(mi.Float, _rows(materials, passes, wavelength)))
 
-    def at(self, triangles: F64) -> SlabTables:
-        """The same with the faces elsewhere."""
+    def at(self, triangles: NDArray[np.float64]) -> SlabTables:
+        """The same slabs with their faces at other positions."""
         return replace(self, triangles=triangles)
 
     @property
     def passes(self) -> bool:
-        """Whether any face lets waves through."""
+        """Whether any face transmits."""
         return bool(self.thickness.any())
 
     def prepare(self) -> None:
-        """Build what kernels look up: not while one is recorded."""
+        """Build the tables used by kernels; must not be done while a kernel is recorded."""
         if self.passes:
             _ = self.transmitting, self.transmitting_face, self.walls, self.gap
         _ = self.depths, self.sheets
 
     @cached_property
     def sheets(self) -> bool:
-        """Whether a face stands for a slab of which it is not both faces: one of them lies beside the facet."""
+        """Whether a single facet represents a slab, so that a face of the slab lies off the facet."""
         return bool(np.asarray(self.depths).any())
 
     @cached_property
     def depths(self) -> mi.Float:
-        """(2 n_faces,) float32, m: from a facet to the slab's face on its normal's side, and to the other one.
+        """Distances (2 n_faces,) float32, m, from a facet to the slab's face on its normal's side and to the other one.
 
-        0 and 0 where nothing gets through, which is a half space from either side, and where a slab is a box, each
-        face of which is drawn.
+        0 and 0 for opaque faces, which are half spaces from either side, and where a slab is modelled as a box.
         """
         rows = np.zeros((len(self.thickness), 2), dtype=np.float32)
         if self.passes:
@@ -107,7 +106,7 @@ class SlabTables:
         return device_array(mi.Float, rows)
 
     def before(self, face: mi.UInt32, behind: mi.Bool, active: mi.Bool) -> mi.Float:
-        """How far before a facet, along the normal, the slab's face is that a wave meets, m; in a kernel.
+        """Distance along the normal from the slab's face that a wave meets to the facet, m; in a kernel.
 
         Parameters
         ----------
@@ -117,12 +116,12 @@ class SlabTables:
 
     @cached_property
     def transmitting_rows(self) -> NDArray[np.intp]:
-        """Faces that let waves through."""
+        """Rows of the faces that transmit."""
         return np.flatnonzero(self.thickness)
 
     @cached_property
     def transmitting(self) -> mi.Scene:
-        """The faces that let waves through, alone."""
+        """Ray-tracing structure of the faces that transmit."""
         return intersector(self.triangles[self.transmitting_rows].astype(np.float32))
 
     @cached_property
@@ -132,15 +131,15 @@ class SlabTables:
 
     @cached_property
     def walls(self) -> mi.Scene | None:
-        """The faces that stop waves, alone; None where there is none."""
+        """Ray-tracing structure of the opaque faces; None where there is none."""
         walls = self.triangles[self.thickness == 0.0]
         return intersector(walls.astype(np.float32)) if len(walls) else None
 
     @cached_property
     def gap(self) -> mi.Float:
-        """(n_faces,) float32, m: from a face to the other face of its slab, where a slab is a box of two.
+        """Distance (n_faces,) float32, m, from a face to the opposite face of a slab that is modelled as a box.
 
-        Positive along the face's normal; 0 where the face is the whole slab.
+        Positive along the face's normal; 0 where one face represents the whole slab.
         """
         rows = self.transmitting_rows
         corner = self.triangles[rows]
@@ -166,7 +165,7 @@ class SlabTables:
 
 
 def lets_waves_through(slabs: SlabTables | None, flags: KernelFlags) -> bool:
-    """Whether waves go through any face of a scene with these slabs."""
+    """Whether any face of a scene with these slabs transmits."""
     return flags.transmission and flags.slabs and slabs is not None and slabs.passes
 
 
@@ -174,8 +173,10 @@ def _is_slab(material: Material) -> bool:
     return material.thickness > 0.0 and not material.pec
 
 
-def _rows(materials: tuple[Material, ...], passes: NDArray[np.bool_], wavelength: float) -> F32:
-    """Rows of the table of :class:`SlabTables`; ``passes`` (n_materials,) that let waves through."""
+def _rows(
+    materials: tuple[Material, ...], passes: NDArray[np.bool_], wavelength: float
+) -> NDArray[np.float32]:
+    """Rows of the table of :class:`SlabTables`; ``passes`` (n_materials,): materials that transmit."""
     rows = np.zeros((len(materials), 4), dtype=np.float32)
     for i, m in enumerate(materials):
         if _is_slab(m):
@@ -186,15 +187,15 @@ def _rows(materials: tuple[Material, ...], passes: NDArray[np.bool_], wavelength
 
 @dataclass(frozen=True, eq=False)
 class SlabFactors:
-    """Factors of a plane wave at a slab.
+    """Reflection and transmission factors of a plane wave at a slab.
 
     Parameters
     ----------
     r_te, r_tm : reflection, as :func:`sarmitsuba.trace.field.fresnel`
-    t_te, t_tm : of the field behind it over that of the same wave without it, less the phase of ``extra``
-    extra : rad, wavenumber times the group delay's path beyond that through air, of TE and TM by their shares of the
-        power that goes through
-    aside : rad, change of the phase of T over the cosine of incidence, which moves waves sideways; shared out alike
+    t_te, t_tm : transmission, field behind the slab over that without it, without the phase of ``extra``
+    extra : rad, wavenumber times the excess path of the group delay over air; mean of TE and TM weighted by
+        transmitted power
+    aside : rad, derivative of the phase of T by the cosine of incidence (lateral shift); weighted likewise
     """
 
     r_te: mi.Complex2f
@@ -216,8 +217,8 @@ def slab(
         R_{TE} D &= -\chi \tfrac{j \sin\delta}{q} - y (\cos\delta \mp \tfrac{j \sin\delta}{q} c)
 
     and TM alike with :math:`c^2 + q^2 \to q^2 / \varepsilon + \varepsilon c^2`. The upper sign has the sheet on the
-    far face. The delay is the derivative of the phase of T by the wavenumber, at a fixed permittivity; the wave's way
-    sideways, :math:`\partial P / \partial \theta` of its phase path P, that by the angle.
+    far face. The delay is the derivative of the phase of T by the wavenumber, at a fixed permittivity; the lateral
+    shift is :math:`\partial P / \partial \theta` of the phase path P.
 
     Parameters
     ----------
@@ -229,8 +230,8 @@ def slab(
 
     Notes
     -----
-    Ignores what a carrier's factors do not tell: reflections within a slab that a pulse could tell apart, rough faces,
-    magnetic materials, and what TE and TM have apart in delay and shift.
+    Ignores dispersion within the band (internal reflections that a short pulse would resolve), rough faces, magnetic
+    materials, and the difference of TE and TM in delay and shift.
     """
     c, y = cos_theta, sheet
     eps = chi + 1.0
@@ -256,7 +257,7 @@ def slab(
     slope = 2.0 * cosine + 2.0 * c * (1.0 / eps + eps) * sine_q
     slope += y * (2.0 * c * cosine + (inner + 2.0 * c * c / eps) * sine_q)
     tm = _SlabQuotients(inner + outer, contrast, mi.Complex2f(y * c), cos, inner, slope)
-    # by the cosine, as `slope` is where these two stay as they are
+    # derivatives by the cosine; `slope` is the derivative with these two held constant
     turn = c / q * thickness
     twice_c = mi.Complex2f(0.0, 2.0) * once * turn
     cosine_c, sine_q_c = -0.5 * twice_c, (twice_c - twice * c / (q * q)) / (2.0 * q)
@@ -269,7 +270,7 @@ def slab(
             / total
         )
         t.append(2.0 * c / total)
-        # by the wavenumber: d ln T = -j dk d q (1 + 2 exp(-2j delta) D' / D), D' by 1 - exp(-2j delta)
+        # derivative by the wavenumber: d ln T = -j dk d q (1 + 2 exp(-2j delta) D' / D), D' by 1 - exp(-2j delta)
         rates.append((delta * (1.0 + 2.0 * once * (line.total(c, mi.Complex2f(-0.5), 0.5 / q) / total))).real)
         change = (line.slope + line.total(c, cosine_c, sine_q_c)) / total
         asides.append(thickness - turn.real - change.imag)
@@ -277,7 +278,7 @@ def slab(
     share = power[0] / (power[0] + power[1])
     extra = dr.lerp(rates[1], rates[0], share) - thickness * c
     aside = dr.lerp(asides[1], asides[0], share)
-    # the slab in the place of as much air, and the delay's share of the phase, which is the length's
+    # relative to the same thickness of air; the phase of the delay is part of the path length and left out here
     s, c = dr.sincos(thickness * c + extra - delta.real)
     phase = mi.Complex2f(c, s) * dr.exp(delta.imag)
     return SlabFactors(r[0], -r[1], t[0] * phase, t[1] * phase, extra, aside)
@@ -285,7 +286,7 @@ def slab(
 
 @dataclass(frozen=True, eq=False)
 class _SlabQuotients:
-    """One polarisation of :func:`slab`: the factors of its two quotients, and the change of D over c beside them."""
+    """One polarisation of :func:`slab`: the factors of its quotients, and the explicit derivative of D by c."""
 
     both: mi.Complex2f
     contrast: mi.Complex2f
@@ -295,7 +296,7 @@ class _SlabQuotients:
     slope: mi.Complex2f
 
     def total(self, c: mi.Float, cosine: mi.Complex2f, sine_q: mi.Complex2f) -> mi.Complex2f:
-        """D, linear in the cosine and in the sine over q."""
+        """Denominator D, linear in the cosine and in the sine over q."""
         return (
             2.0 * c * cosine + self.both * sine_q + self.sheet * (self.direct * cosine + self.across * sine_q)
         )

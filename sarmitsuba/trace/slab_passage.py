@@ -1,8 +1,7 @@
-"""Stages of waves that go through slabs: on straight legs that are known, and as branches of a ray's path.
+"""Transmission through slabs: along straight legs, and as branches of a ray's path.
 
-At a slab a path goes on as two: the mirrored ray waits in memory of the lane's own while the one that goes through is
-followed to its end. So every path is traced once, the part that two paths have in common as well, and lanes without
-slabs do no more than before.
+At a slab a path splits in two: the reflected ray is stored in the lane's memory while the transmitted ray is traced to
+its end. So common parts of paths are traced once, and lanes that meet no slab cost no more.
 """
 
 from __future__ import annotations
@@ -23,9 +22,9 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.slab_coefficients import SlabTables
     from sarmitsuba.trace.state import Hit, Kernel, RayState
 
-# slabs that a path may go through on its way to its last hit; on the scattered leg there is no bound
+# slabs that a path may cross before its last hit; the leg to the antenna may cross any number
 MOST_SLABS = 6
-# power over that at launch down to which both parts of a path that parts at a slab are followed
+# power relative to launch down to which both branches at a slab are traced
 LEAST_POWER = 1e-12
 
 
@@ -39,21 +38,21 @@ def along(
     active: mi.Bool,
     vectors: tuple[ComplexVector, ...],
 ) -> tuple[tuple[ComplexVector, ...], mi.Vector3f]:
-    """Complex vectors at the start of a straight leg through slabs, from those at its end, and the end's shift, m.
+    """Complex vectors at the start of a straight leg through slabs from those at its end, and the apparent shift, m.
 
-    Seen through slabs the end of the leg is by the shift elsewhere: farther by the delay, and aside.
+    Seen through slabs the end of the leg appears shifted: farther by the delay, and sideways by refraction.
 
     Parameters
     ----------
     scene : with slabs
-    wavenumber, clearance : rad/m; m, how far a wave starts off a facet that it leaves
+    wavenumber, clearance : rad/m; m, distance off a facet at which a leg that leaves it starts
     start, direction, distance : m, unit vector, m; of the leg
-    active : lanes that have it
-    vectors : of waves that come along it, or receiving ones: what slabs do is a symmetric dyad
+    active : lanes that have the leg
+    vectors : of waves along the leg, or receiving vectors: transmission is a symmetric dyad
     """
     slabs = scene.slabs
     assert slabs is not None
-    # beyond the scene there is nothing; order matters where the planes of incidence of two slabs differ
+    # no slab lies beyond the scene's bounds; order matters where the planes of incidence of two slabs differ
     length = dr.minimum(distance, _leaving(scene, clearance, start, direction))
     towards = -direction
 
@@ -100,13 +99,13 @@ def along(
 
 
 def _shift(factors: SlabFactors, d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:
-    r"""Where a slab puts the source of a wave along ``d``, times the wavenumber, rad.
+    r"""Apparent shift of the source of a wave along ``d`` by a slab, times the wavenumber, rad.
 
     .. math:: k \mathbf w = -k \Delta L\, \mathbf d - \frac{\partial \phi}{\partial \cos\theta}
               (\mathbf n + \cos\theta\, \mathbf d)
 
-    with phase :math:`\phi` of T and the normal facing the wave: the path from there to any point near the ray, and
-    its change as the point or the antenna moves, are those through the slab.
+    with phase :math:`\phi` of T and the normal facing the wave: the path length from the shifted source to any point
+    near the ray, and its derivatives by the position of the point or the antenna, are those through the slab.
     """
     return -d * factors.extra - (n - d * dr.dot(d, n)) * factors.aside
 
@@ -114,12 +113,12 @@ def _shift(factors: SlabFactors, d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:
 def slab_factors(
     properties: MaterialRow, row: SlabRow, d: mi.Vector3f, n: mi.Vector3f, behind: mi.Bool
 ) -> SlabFactors:
-    """Factors of a wave along ``d`` at a slab of normal ``n`` that faces it.
+    """Reflection and transmission factors of a wave along ``d`` at a slab whose normal ``n`` faces it.
 
     Parameters
     ----------
-    properties, row : of the material, of `TraceScene.material_table` and of `SlabTables.table`
-    behind : whether ``n`` is the facet's own normal turned round: the wave then meets the coat first
+    properties, row : rows of the material in `TraceScene.material_table` and in `SlabTables.table`
+    behind : whether ``n`` is the reverse of the facet's own normal: the wave then meets the coating first
     """
     cosine = dr.maximum(-dr.dot(d, n), 1e-7)
     return slab(cosine, properties.susceptibility, row.phase_thickness, row.sheet_admittance, behind)
@@ -127,12 +126,12 @@ def slab_factors(
 
 @dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
 class Waiting:
-    """Paths that branched off at slabs and wait for the lane, and its hits on all its paths.
+    """Stored branches of a lane's path at slabs, and the lane's number of hits on all branches.
 
     Parameters
     ----------
-    memory : of the lane's own, one for each array of a ray's state
-    count : paths that wait
+    memory : of the lane, one for each array of a ray's state
+    count : stored branches
     hits : so far
     """
 
@@ -142,9 +141,9 @@ class Waiting:
 
     @staticmethod
     def none(ray: RayState) -> Waiting:
-        """Room for the paths of rays like this one."""
+        """Empty memory for the branches of rays with this state."""
         memory = [dr.alloc_local(type(x), MOST_SLABS, value=dr.zeros(type(x))) for x in _arrays(ray)]
-        # one number per lane from the start: a single one would have all lanes write and read where the first does
+        # one number per lane from the start: with a single number all lanes would use the memory of the first
         count = dr.zeros(mi.UInt32, dr.width(ray.active))
         return Waiting(memory, count, mi.UInt32(0))
 
@@ -152,20 +151,20 @@ class Waiting:
 def branched(
     kernel: Kernel, before: RayState, hit: Hit, mirrored: RayState, waiting: Waiting
 ) -> tuple[RayState, Waiting]:
-    """How a lane goes on: through the slab it hit, mirrored, or with a path that waits.
+    """Next ray of a lane: transmitted through the slab it hit, reflected, or a stored branch.
 
     Parameters
     ----------
-    before : the ray as it arrived, before foci are counted
+    before : the incident ray, before the phase of foci is applied
     hit : on a slab or not
-    mirrored : the ray behind the mirror; not active after its last bounce
-    waiting : paths that branched off before
+    mirrored : the reflected ray; not active after its last bounce
+    waiting : branches stored before
 
     Notes
     -----
-    Ignores what goes through after ``MOST_SLABS`` slabs. Of a path that parts, a part below ``LEAST_POWER`` is left
-    out; where both are, the one that goes through: else paths in a room of slabs are as many as sets of its bounces. A
-    tube is not cut at a slab's rim, as at that of a shadow: it goes through or not as its ray does.
+    Ignores transmission after ``MOST_SLABS`` slabs. A branch below ``LEAST_POWER`` is left out; where both are below,
+    only the reflected one is traced: otherwise the number of paths in a room of slabs grows exponentially with the
+    bounces. A tube is not cut at the edge of a slab: it is transmitted whole or not at all, as its central ray.
     """
     assert before.crossed is not None and hit.slab is not None
     slabs, clearance = _slabs(kernel), kernel.constants.clearance
@@ -197,7 +196,7 @@ def branched(
         memory.write(array, waiting.count, active=waits)
     count = waiting.count + dr.select(waits, mi.UInt32(1), 0)
     ray = _chosen(transmitted, gone, mirrored)
-    # at its end a path makes room for the last that waits
+    # at the end of a path the branch stored last is taken up
     ended = ~ray.active & (count > 0)
     count = count - dr.select(ended, mi.UInt32(1), 0)
     stored = _rebuilt(ray, iter([memory.read(count, active=ended) for memory in waiting.memory]))
@@ -219,7 +218,7 @@ def _behind(
 
 
 def _power(vectors: Sequence[ComplexVector]) -> mi.Float:
-    """Largest squared norm of any of some complex vectors."""
+    """Largest squared norm among complex vectors."""
     power = mi.Float(0.0)
     for re, im in vectors:
         power = dr.maximum(power, dr.squared_norm(re) + dr.squared_norm(im))
@@ -235,7 +234,7 @@ def _past(
 
 
 def _leaving(scene: TraceScene, clearance: mi.Float, start: mi.Vector3f, d: mi.Vector3f) -> mi.Float:
-    """How far from a place in the scene along ``d`` its bounds end, m."""
+    """Distance from a point of the scene along ``d`` to the scene's bounds, m."""
     low, high = (mi.Vector3f(*(dr.opaque(mi.Float, float(x)) for x in corner)) for corner in scene.bounds)
     inverse = 1.0 / dr.select(dr.abs(d) > 1e-12, d, 1e-12)
     far = dr.maximum((low - start) * inverse, (high - start) * inverse)
@@ -243,7 +242,7 @@ def _leaving(scene: TraceScene, clearance: mi.Float, start: mi.Vector3f, d: mi.V
 
 
 def _arrays(value: Any) -> list[Any]:
-    """Arrays of a ray's state but ``active``, which all that wait have in common, and the lane's own count."""
+    """Arrays of a ray's state without ``active`` (true for all stored branches) and the lane's count."""
     if value is None:
         return []
     if is_dataclass(value):
@@ -259,7 +258,7 @@ _OF_THE_LANE = ("active", "contributions")
 
 
 def _rebuilt(like: Any, arrays: Any) -> Any:
-    """A state of the same make with other arrays."""
+    """State of the same structure with other arrays."""
     if like is None:
         return None
     if is_dataclass(like) and not isinstance(like, type):
@@ -277,7 +276,7 @@ def _rebuilt(like: Any, arrays: Any) -> Any:
 
 
 def _chosen(condition: mi.Bool, a: RayState, b: RayState) -> RayState:
-    """``a`` in the lanes where the condition holds, else ``b``."""
+    """Ray ``a`` in the lanes where the condition holds, else ``b``."""
     pairs = zip(_arrays(a), _arrays(b), strict=True)
     chosen = _rebuilt(b, iter([dr.select(condition, x, y) for x, y in pairs]))
     ray: RayState = replace(

@@ -1,9 +1,8 @@
-"""Sources of echoes: each records launches of its own into the accumulator of a batch.
+"""Sources of echoes: each records its own launches into the accumulator of a batch.
 
 Surfaces are one (:mod:`sarmitsuba.trace.surfaces`), whose rays are traced from hit to hit. The others are scatterers at
-known positions, traced directly to the antenna. The common one of these, :class:`PointSource`, has
-scatterers with a closed form of their scattering amplitude; it sees each of them from the antenna straight and, where
-wanted, in the ground below.
+known positions, traced directly to the antenna. The common one of these, :class:`PointSource`, has scatterers with a
+closed form of the scattering amplitude, seen straight and, where wanted, by reflection in the ground below.
 """
 
 from __future__ import annotations
@@ -32,19 +31,19 @@ if TYPE_CHECKING:
 
 # lanes of one launch; bounds its memory
 MAX_LANES = 4_000_000
-# planes of two facets are one where the sine of their angle and their distance (m) are less
+# two facets are coplanar where the sine of their angle and their distance (m) are less
 SAME_PLANE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What one launch of a source does.
+    """Share of a source's echoes that one launch computes.
 
     Parameters
     ----------
-    grid : lattice that gives the kernel's constants, and its rays where the source has any
-    first, count : of the scatterers; of rays: all
-    rays : that are traced from hit to hit, for each pulse; 0 where scatterers are traced directly to the antenna
+    grid : lattice that gives the kernel's constants, and the rays where the source traces any
+    first, count : range of the scatterers; not used for rays
+    rays : number of rays traced from hit to hit for each pulse; 0 for scatterers traced directly to the antenna
     """
 
     grid: LaunchGrid
@@ -54,10 +53,10 @@ class Part:
 
 
 class Source(Protocol):
-    """Something that returns echoes."""
+    """Kind of scatterers with the launches that compute their echoes."""
 
     def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
-        """Launches for a batch of pulses that has these lattices."""
+        """Launches for a batch of pulses with these lattices."""
 
     def record(
         self, part: Part, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
@@ -78,21 +77,21 @@ class Launch:
     def record(
         self, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
     ) -> tuple[TraceCounts, LaneArrays]:
-        """:meth:`Source.record` of the part, every echo through the stages of the effects that are on."""
+        """Record the part (see :meth:`Source.record`), with the stages of the active effects applied to every echo."""
         return self.source.record(self.part, kernel, antenna, through_stages(kernel, accumulator))
 
 
 def launches(sources: Sequence[Source], rays: Sequence[LaunchGrid], n_pulses: int) -> list[Launch]:
-    """Every launch of a batch of pulses that has these lattices, source by source."""
+    """All launches of a batch of pulses with these lattices, source by source."""
     return [Launch(source, part) for source in sources for part in source.parts(rays, n_pulses)]
 
 
 class Scatterers(ABC):
-    """Scatterers at known places, each with a closed form.
+    """Scatterers at known positions, each with a closed form of its scattering amplitude.
 
     Attributes
     ----------
-    n : how many there are
+    n : number of scatterers
     """
 
     n: int
@@ -124,13 +123,13 @@ class Scatterers(ABC):
     def departure(
         self, index: mi.UInt32, point: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
     ) -> mi.Vector3f:
-        """Start of a shadow ray, m: a little off the scatterer, along the leg."""
+        """Start of a shadow ray, m: slightly off the scatterer, along the leg."""
         return point + direction * clearance
 
     def nearer(self, index: mi.UInt32, incident: Leg, scattered: Leg) -> mi.Float | None:
-        """How much nearer than its phase centre a scatterer stands in the echo, m; None: not at all.
+        """Reduction of the echo's slant range against the phase centre, m; None: zero.
 
-        The phase of that is not in :meth:`amplitude`.
+        Its phase is not contained in :meth:`amplitude`.
         """
         return None
 
@@ -141,30 +140,30 @@ class Scatterers(ABC):
 
 @dataclass(frozen=True, eq=False)
 class PointSource:
-    r"""Returns of scatterers with a closed form.
+    r"""Echoes of scatterers with a closed form, straight and by reflection in the ground.
 
     .. math:: K g_t g_r \, \mathbf q \cdot S \mathbf e / (L_t L_r)
 
-    with the legs :math:`L_t, L_r` straight, or one or both over the ground below the scatterer, whose image of the
-    antenna is exact where the ground is plane. With one antenna the incident leg over the ground and the scattered leg
-    over it are two paths of one length.
+    with the lengths :math:`L_t, L_r` of both legs, each straight or reflected by the ground below the scatterer (image
+    of the antenna, exact for plane ground). With one antenna the two paths with one leg over the ground have the same
+    length.
 
     Parameters
     ----------
-    scatterers : what returns
-    max_order : 1: straight legs alone; 2: one leg over the ground as well; 3: both
+    scatterers : of the source
+    max_order : 1: straight legs only; 2: also one leg over the ground; 3: also both legs
 
     Notes
     -----
-    Ignores mirrors other than the ground below, ground that bends between the scatterer and the place of reflection,
-    what scatterers do to each other, and the shadow that they cast.
+    Ignores reflection by anything but the ground below, ground that is not plane between the scatterer and the point of
+    reflection, coupling between scatterers, and the shadow that they cast.
     """
 
     scatterers: Scatterers
     max_order: int = 1
 
     def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
-        """As few launches as memory allows."""
+        """Launches for a batch of pulses, as few as memory allows."""
         step = max(1, MAX_LANES // n_pulses)
         n = self.scatterers.n
         return [Part(rays[0], first, min(step, n - first)) for first in range(0, n, step)]
@@ -229,14 +228,14 @@ class PointSource:
         position: mi.Vector3d,
         velocity: mi.Vector3d,
     ) -> Leg:
-        """The leg over the facet in which the scatterer sees the antenna; the ground below tells where to look."""
+        """Leg reflected by the ground: the reflecting facet is searched from the facet below the scatterer."""
         clearance = kernel.constants.clearance
         down = mi.Vector3f(0.0, 0.0, -1.0)
         here = mi.Vector3f(point)
         below = _Ground.of(
             kernel, self.scatterers.departure(index, here, down, clearance), down, mi.Bool(True)
         )
-        # twice: on a slope the facet below is not yet the one that mirrors
+        # two steps: on a slope the facet below the scatterer is not the reflecting one
         seen, found = below.found, below
         for _ in range(2):
             image = position - found.normal * (2.0 * dr.dot(position - found.point, found.normal))
@@ -251,7 +250,7 @@ class PointSource:
         same = dr.dot(found.normal, before.normal) > 1.0 - 0.5 * SAME_PLANE**2
         seen &= same & (offset < mi.Float64(SAME_PLANE + 8.0 * mi.Float(clearance)))
         n64 = before.normal
-        # the antenna above the ground, the scatterer as well
+        # antenna and scatterer both above the ground
         above = mi.Vector3d(start) - before.point
         seen &= (dr.dot(position - before.point, n64) > 0.0) & (dr.dot(above, n64) > 0.0)
         there = point + to64 * (dr.dot(before.point - point, n64) / dr.dot(to64, n64))
@@ -270,7 +269,7 @@ class PointSource:
         fields = mirrored(kernel, found.properties, dr.dot(to_antenna, n), reflection.fields)
         fields, second = around.passed(start, to, mi.Float(length - outer), seen, fields)
         for along, shift in ((to_antenna, first), (to, second)):
-            if shift is not None:  # farther; aside it changes nothing but the range rate
+            if shift is not None:  # the delay; the lateral shift changes only the range rate
                 length = length + dr.dot(mi.Vector3d(along), mi.Vector3d(shift))
         image_velocity = velocity - n64 * (2.0 * dr.dot(velocity, n64))
         rate = dr.dot(to64, image_velocity)
@@ -286,7 +285,7 @@ class PointSource:
         order: int,
         pairs: Sequence[tuple[Leg, Leg]],
     ) -> Contribution:
-        """One contribution: of all paths (out and home) of one length."""
+        """One contribution: the sum over all paths of equal length (each leg straight or over the ground)."""
         flags, constants = kernel.flags, kernel.constants
         out, home = pairs[0]
         spreads = dr.opaque(mi.Bool, flags.spreading)
@@ -317,7 +316,7 @@ class PointSource:
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """Where a ray from a scatterer meets a facet: point, unit normal facing the ray and its own (float64), material."""
+    """First hit of a ray from a scatterer: point, normal facing the ray, the facet's own normal (float64), material."""
 
     found: mi.Bool
     point: mi.Vector3d
@@ -349,7 +348,7 @@ class _Ground:
 def _added(
     accumulator: Accumulator, added: LaneArrays, returns: Sequence[Contribution]
 ) -> tuple[LaneArrays, mi.UInt32]:
-    """Hand returns to the accumulator, its code in the kernel once; returns how many there are."""
+    """Pass echoes to the accumulator in a loop (its code is in the kernel once); returns their number."""
     if len(returns) == 1:
         one = returns[0]
         return accumulator.add(added, one), dr.select(one.active, mi.UInt32(1), 0)

@@ -1,4 +1,4 @@
-"""Persistent diffuse scatterers: nodes of a lattice on every surface, each with its own fixed complex Gaussian.
+"""Persistent diffuse scatterers: nodes of a lattice on every surface, each with a fixed complex Gaussian amplitude.
 
 The lattice is fixed to the scene, so the same piece of surface has the same complex reflectivity and the same phase
 centre in every pulse, whichever rays find it.
@@ -18,7 +18,7 @@ TWO_PI = 6.283185307179586
 
 
 def mix(x: mi.UInt32) -> mi.UInt32:
-    """One round of a 32-bit finaliser (two multiplications, three shifts): every input bit reaches every output bit."""
+    """Hash of a 32-bit number: a finaliser in which every input bit affects every output bit."""
     x = x ^ (x >> 16)
     x = x * 0x7FEB352D
     x = x ^ (x >> 15)
@@ -28,7 +28,7 @@ def mix(x: mi.UInt32) -> mi.UInt32:
 
 @dataclass(frozen=True, eq=False)
 class SurfacePlace:
-    """A place in the two lattice axes that span its surface best (float64, m), and which axis is left out (0: z)."""
+    """Coordinates of a surface point along the two lattice axes (float64, m), and the axis that is left out (0: z)."""
 
     a: mi.Float64
     b: mi.Float64
@@ -36,7 +36,7 @@ class SurfacePlace:
 
     @classmethod
     def of(cls, point: mi.Vector3d, normal: mi.Vector3d) -> SurfacePlace:
-        """Place of a point on a surface of that unit normal."""
+        """Lattice coordinates of a point on a surface with this unit normal."""
         take_z, take_y = _left_out(normal)
         a, b, _ = _lattice_axes(point, take_z, take_y)
         return cls(a, b, _axis(take_z, take_y))
@@ -44,7 +44,7 @@ class SurfacePlace:
 
 @dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
 class Node:
-    """A node of a patch, and those left in its row.
+    """Current node in the loop over the nodes of a patch, and the end of its row.
 
     Parameters
     ----------
@@ -59,12 +59,11 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class ScattererLattice:
-    """The scatterers that one ray stands for: nodes fixed to the scene that lie in its patch of the facet.
+    """Diffuse scatterers in the patch of a facet that one ray represents: lattice nodes fixed to the scene.
 
-    Every node has a square cell in the two axes that span the surface best (the normal's largest component ``nc`` is
-    left out), turned by a fixed angle. It stands for ``cell^2 / |nc|`` of surface wherever the facet is. Patches tile
-    the facet, so each node that is lit belongs to one ray, and what a surface returns goes with the area that is lit,
-    however the mesh is cut.
+    Every node has a square cell in two axes (that of the normal's largest component ``nc`` is left out), rotated by a
+    fixed angle, and represents the area ``cell^2 / |nc|`` of the surface. Patches tile the facet, so each lit node
+    belongs to one ray, and the mean power is proportional to the lit area, independent of the tessellation.
 
     Parameters
     ----------
@@ -74,9 +73,9 @@ class ScattererLattice:
     first_a, first_b : numbers of the first row and column of the patch's bounds
     rows : of the bounds, 0 in lanes without nodes
     last_column : number of columns less one
-    sides : of the patch: a side crosses row r at column ``at + slope r``, and its nodes lie from there on (``lower``)
-        or up to there
-    area : m^2, of the facet for each node
+    sides : of the patch: a side crosses row r at column ``at + slope r``, and is the lower (``lower``) or the upper
+        bound of the patch's columns
+    area : m^2, area of the facet per node
     """
 
     take_z: mi.Bool
@@ -124,7 +123,7 @@ class ScattererLattice:
             ((alpha * ua + beta * va) * scale, (alpha * ub + beta * vb) * scale)
             for alpha, beta in patch.corners
         ]
-        # a node stands within its cell
+        # a node lies within its cell
         place_a, place_b = a / cell, b / cell
         bounds_a, bounds_b = ([corner[axis] for corner in corners] for axis in (0, 1))
         first_a = dr.floor(place_a + mi.Float64(_least(bounds_a)))
@@ -171,13 +170,13 @@ class ScattererLattice:
             crossing = dr.fma(slope, number, at)
             low = dr.select(lower, dr.maximum(low, crossing), low)
             high = dr.select(lower, high, dr.minimum(high, crossing))
-        # below the first there is none, whatever the bound: keeps the conversion within whole numbers
+        # there is no column below the first: keeps the conversion within the range of integers
         return Node(
             row, mi.Int32(dr.ceil(dr.minimum(low, MOST_NODES))), mi.Int32(dr.floor(dr.maximum(high, -1.0)))
         )
 
     def _found(self, node: Node) -> Node:
-        """The node itself, or the first one of the rows after it where its own has none left."""
+        """The node itself, or the first node of the following rows if its own row is finished."""
         found: tuple[Node] = dr.while_loop(
             (node,),
             lambda node: (node.column > node.last) & (node.row < self.rows),
@@ -189,12 +188,12 @@ class ScattererLattice:
         return found[0]
 
     def place(self, point: mi.Vector3d) -> SurfacePlace:
-        """Where a scatterer stands on the lattice."""
+        """Lattice coordinates of a scatterer."""
         a, b, _ = _lattice_axes(point, self.take_z, self.take_y)
         return SurfacePlace(a, b, _axis(self.take_z, self.take_y))
 
     def scatterer(self, node: Node, seed: mi.UInt32) -> tuple[mi.Vector3d, mi.UInt32]:
-        """Where a node stands (float64, m) and its hash: the same whichever ray, facet, pulse or look finds it."""
+        """Position of a node (float64, m) and its hash, independent of ray, facet, pulse and look."""
         ia, ib = self.first_a + mi.Float64(node.row), self.first_b + mi.Float64(node.column)
         ca, cb = (ia + 0.5) * self.cell, (ib + 0.5) * self.cell
         # along the left-out axis onto the tangent plane
@@ -205,7 +204,7 @@ class ScattererLattice:
             dr.select(self.take_z, cb, dr.select(self.take_y, cc, ca)),
             dr.select(self.take_z, cc, cb),
         )
-        # layers of a few cells tell surfaces apart that lie over one another
+        # layers of a few cells distinguish surfaces that lie over one another
         layer = dr.floor(cc / (self.cell * LAYER_CELLS) + 0.4142)
         u32, i32 = mi.UInt32, mi.Int32
         axis = _axis(self.take_z, self.take_y)
@@ -216,30 +215,30 @@ class ScattererLattice:
         return point, key
 
 
-# the lattice is turned by the angle whose tangent is the golden mean: strips along the scene's axes, however narrow,
-# then hold their share of nodes; its rows stay regular, so that its spectrum has nothing below one per cell
+# the lattice is rotated by the angle whose tangent is the golden mean: narrow strips along the scene's axes then
+# contain their share of nodes; rows stay regular, so that the lattice has no spatial frequency below one per cell
 TURN_COS, TURN_SIN = 0.8506508083520400, 0.5257311121191336
 # most nodes along one axis of a patch: bounds the loop where a patch is degenerate
 MOST_NODES = 64.0
-# scatterers that stand for all those of a patch which a curved mirror has spread
+# number of scatterers that represent all those of a patch spread by a curved mirror
 WIDE_NODES = 16.0
 # thickness of a layer, cells
 LAYER_CELLS = 4.0
 
 
 def cell_on(cell: mi.Float64, largest: mi.Float) -> mi.Float64:
-    """The scene's cell, or on a small piece of surface the largest of ``cell / sqrt(2)^n`` up to ``largest``, m."""
+    """Cell of the diffuse scatterers on a piece of surface, m: the largest ``cell / sqrt(2)^n`` up to ``largest``."""
     steps = dr.ceil(2.0 * dr.log2(mi.Float(cell) / dr.maximum(largest, 1e-6)) - 1e-4)
     return cell * mi.Float64(dr.exp2(-0.5 * dr.clip(steps, 0.0, 40.0)))
 
 
 def thinned(cell: mi.Float64, wider: mi.Float, area: mi.Float) -> mi.Float64:
-    """Edge of the cells in a patch that a curved mirror has spread: about ``WIDE_NODES`` of them serve.
+    """Edge of the cells in a patch spread by a curved mirror, m: so large that it has about ``WIDE_NODES`` nodes.
 
     Parameters
     ----------
     cell : m, of the facet
-    wider : area of the tube over one that no mirror has spread; cells grow by no more
+    wider : area of the tube relative to one without curved mirrors; cells grow at most by this factor
     area : m^2, of the patch
     """
     nodes = area / mi.Float(cell * cell)
@@ -250,9 +249,9 @@ def thinned(cell: mi.Float64, wider: mi.Float, area: mi.Float) -> mi.Float64:
 def _side(
     p: tuple[mi.Float, mi.Float], q: tuple[mi.Float, mi.Float], turned: mi.Float
 ) -> tuple[mi.Float, mi.Float, mi.Bool]:
-    """Where the side from p to q, the patch to its left (``turned`` -1: to its right), crosses the lattice's rows."""
+    """Bound on the columns of each row by the side from p to q, the patch to its left (``turned`` -1: to its right)."""
     along, rise = (q[0] - p[0]) * turned, (q[1] - p[1]) * turned
-    # a side along the rows lies far to one end of each; one without length, where two corners meet, is none
+    # a side parallel to the rows bounds them far outside; a side without length bounds nothing
     crosses, long = dr.abs(along) > 1e-9, dr.abs(along) + dr.abs(rise) > 1e-9
     inverse = dr.rcp(dr.select(crosses, along, dr.select(along >= 0.0, 1e-9, -1e-9)))
     slope = rise * inverse
@@ -260,9 +259,9 @@ def _side(
 
 
 def _left_out(normal: mi.Vector3d) -> tuple[mi.Bool, mi.Bool]:
-    """Where the lattice leaves out z, and where y."""
+    """Lanes in which the lattice leaves out z, and in which y."""
     ax, ay, az = dr.abs(normal.x), dr.abs(normal.y), dr.abs(normal.z)
-    # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
+    # 1e-6: walls at exactly 45 degrees keep one axis, independent of the rounding of their normal
     take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
     return take_z, ~take_z & (ay >= ax - 1e-6)
 
@@ -302,12 +301,12 @@ def gaussian(key: mi.UInt32, stream: int) -> mi.Complex2f:
 
 
 def unit_phase(key: mi.UInt32, stream: int) -> mi.Complex2f:
-    """Unit modulus and a hashed phase: a cell without speckle of its own."""
+    """Phase factor of unit modulus and hashed phase: a cell without amplitude fluctuation."""
     k2 = mix(mix(key ^ ((0x68E31DA4 + 0x9E3779B9 * stream) & 0xFFFFFFFF)) ^ 0xB5297A4D)
     s, c = dr.sincos(mi.Float(k2 >> 8) * (TWO_PI / 16777216.0))
     return mi.Complex2f(c, s)
 
 
 def unit_uniform(key: mi.UInt32, salt: int) -> mi.Float:
-    """Uniform in 0 ... 1, both ends left out, from a hashed cell; ``salt`` picks independent ones."""
+    """Uniform random number in 0 ... 1 (exclusive) from a hashed cell; ``salt`` picks independent ones."""
     return (mi.Float(mix(mix(key ^ salt)) >> 8) + 0.5) * (1.0 / 16777216.0)

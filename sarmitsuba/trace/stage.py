@@ -1,8 +1,8 @@
-"""Stages: what an effect does in the trace kernel, in one place; the loop calls those of the effects that are on.
+"""Stages: the action of an effect in the trace kernel. The kernel calls the stages of the effects that are on.
 
-The loop itself is the bounce, the closing by physical optics and by diffuse scatterers, and the branch at slabs
-(:mod:`sarmitsuba.trace.kernel`). A stage changes what these make: the fields of a ray as it starts, as it arrives at a
-surface and as a surface mirrors it, the coherent closing, and every echo of every source. What is off is not recorded.
+The kernel itself (:mod:`sarmitsuba.trace.kernel`) has the bounce, the physical-optics and diffuse returns, and the
+branching at slabs. A stage modifies their results: the fields of a ray at launch, at a hit and after reflection, the
+coherent return, and every echo of every source. Stages that are off are not recorded and cost nothing.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ if TYPE_CHECKING:
 
 
 class Stage:
-    """What an effect does in the trace kernel. Every method here changes nothing: a stage has those that it needs.
+    """Action of an effect in the trace kernel; a stage overrides the methods that it needs, the others change nothing.
 
     Attributes
     ----------
     name : of the kernel flag that switches it (``Effect.kernel_flags``)
-    in_far_field : off leaves it out of ``rcs``, whose antenna stands at no true distance
+    in_far_field : whether it acts in ``rcs``, whose antenna is in the far field (no finite distance)
     """
 
     name: ClassVar[str]
     in_far_field: ClassVar[bool] = True
 
     def at_launch(self, kernel: Kernel, lane: Lane, ray: RayState) -> RayState:
-        """The ray as it leaves the antenna."""
+        """Ray at launch from the antenna."""
         return ray
 
     def at_hit(self, kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
-        """The ray as it arrives at a surface, before it closes there and is mirrored."""
+        """Incident ray at a hit, before its returns are computed and it is reflected."""
         return ray
 
-    def at_mirror(self, kernel: Kernel, properties: MaterialRow, cosine: mi.Float) -> mi.Float | None:
-        """Factor on the field behind the mirror of a smooth surface; None: one.
+    def at_mirror(self, kernel: Kernel, properties: mi.Vector4f, cosine: mi.Float) -> mi.Float | None:
+        """Factor on the field reflected by a smooth surface; None: one.
 
         Parameters
         ----------
@@ -54,12 +54,12 @@ class Stage:
         return None
 
     def at_echo(self, wavenumber: mi.Float, echo: Contribution) -> Contribution:
-        """Every echo of every source, before it is added up; those of ideal points too.
+        """Echo of any source (ideal points included), before it is summed.
 
         Parameters
         ----------
-        wavenumber : rad/m, of the frequency that is traced
-        echo : slant range and range rate float64, amplitudes one complex float32 each channel
+        wavenumber : rad/m, of the traced frequency
+        echo : slant range and range rate float64, amplitudes one complex float32 for each channel
         """
         return echo
 
@@ -74,19 +74,19 @@ def stages_of(flags: KernelFlags) -> tuple[Stage, ...]:
 
 
 def changes_echoes(flags: KernelFlags) -> bool:
-    """Whether some stage has its own :meth:`Stage.at_echo`."""
+    """Whether any active stage overrides :meth:`Stage.at_echo`."""
     return any(type(stage).at_echo is not Stage.at_echo for stage in stages_of(flags))
 
 
 def launched(kernel: Kernel, lane: Lane, ray: RayState) -> RayState:
-    """The ray as it leaves the antenna, by every stage."""
+    """Ray at launch, after all stages."""
     for stage in stages_of(kernel.flags):
         ray = stage.at_launch(kernel, lane, ray)
     return ray
 
 
 def arrived(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
-    """The ray as it arrives at a surface, by every stage."""
+    """Incident ray at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
         ray = stage.at_hit(kernel, lane, ray, hit)
     return ray
@@ -95,7 +95,7 @@ def arrived(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
 def mirrored(
     kernel: Kernel, properties: MaterialRow, cosine: mi.Float, fields: tuple[ComplexVector, ...]
 ) -> tuple[ComplexVector, ...]:
-    """Fields behind the mirror of a smooth surface, by every stage; parameters as for :meth:`Stage.at_mirror`."""
+    """Fields reflected by a smooth surface, after all stages; parameters as for :meth:`Stage.at_mirror`."""
     for stage in stages_of(kernel.flags):
         kept = stage.at_mirror(kernel, properties, cosine)
         if kept is not None:
@@ -104,7 +104,7 @@ def mirrored(
 
 
 def closed(kernel: Kernel, hit: Hit, factor: mi.Float) -> mi.Float:
-    """Factor of the coherent return of the tube at a hit, by every stage."""
+    """Factor on the coherent return of the tube at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
         kept = stage.at_closing(kernel, hit)
         if kept is not None:
@@ -113,7 +113,7 @@ def closed(kernel: Kernel, hit: Hit, factor: mi.Float) -> mi.Float:
 
 
 def echoed(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Contribution:
-    """An echo as it is added up, by every stage."""
+    """Echo after all stages."""
     for stage in stages_of(flags):
         echo = stage.at_echo(wavenumber, echo)
     return echo

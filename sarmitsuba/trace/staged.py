@@ -1,4 +1,4 @@
-"""Echoes on their way to an accumulator, through the stages of the effects that are on."""
+"""Accumulators that pass every echo through the stages of the active effects before it is summed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def through_stages(kernel: Kernel, accumulator: Accumulator) -> Accumulator:
-    """The accumulator, behind the stages that change echoes; itself where none does."""
+    """Accumulator that applies the stages which change echoes; the accumulator itself where none does."""
     if not changes_echoes(kernel.flags):
         return accumulator
     if isinstance(accumulator, Follower):
@@ -23,7 +23,7 @@ def through_stages(kernel: Kernel, accumulator: Accumulator) -> Accumulator:
 
 
 class _Staged:
-    """An accumulator behind the stages; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+    """Accumulator with the stages applied first; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
 
     def __init__(self, kernel: Kernel, accumulator: Accumulator) -> None:
         self.kernel, self.accumulator = kernel, accumulator
@@ -37,7 +37,7 @@ class _Staged:
 
 
 class _StagedFollower(_Staged):
-    """The same of an accumulator that also follows every ray; see :class:`sarmitsuba.trace.kernel.Follower`."""
+    """The same for an accumulator that also records every ray; see :class:`sarmitsuba.trace.kernel.Follower`."""
 
     def __init__(self, kernel: Kernel, accumulator: Accumulator, follower: Follower) -> None:
         super().__init__(kernel, accumulator)

@@ -1,4 +1,4 @@
-"""What one launch and one bounce hold: constants, a lane's own values, the loop's state, a hit, a contribution."""
+"""Data of the trace kernel: constants of a launch, values of a lane, state of the loop, a hit, a contribution."""
 
 from __future__ import annotations
 
@@ -25,16 +25,15 @@ if TYPE_CHECKING:
 
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RECIPROCAL = range(3)
-# a diffuse path the other way round, to a receiver apart, and a return of a scatterer that no ray finds; 3 is an ideal
-# point's
+# reversed diffuse path to a separate receiver, and echo of a scatterer at a known position; 3: ideal point
 REVERSED, SCATTERER = 4, 5
-# number of a hit that is none
+# hit number that means no hit
 NO_HIT = 0xFFFFFFFF
 
 
 @dataclass(frozen=True)
 class KernelSettings:
-    """Numbers of a launch that are not effects.
+    """Numerical settings of a launch, other than the switches of effects.
 
     Parameters
     ----------
@@ -43,10 +42,11 @@ class KernelSettings:
     cell : m, edge of a diffuse scatterer's cell
     seed : of the diffuse scatterers
     amplitude : factor on every contribution (the radar's amplitude constant, sqrt(W) m^2 per m)
-    reference_range : m, stands for both legs where spreading is off
+    reference_range : m, length used for both legs where spreading is off
     up : (3,) vertical reference of the polarisation basis, scene frame
     days : since the first pass
-    kept_up_to : phase from ray to ray up to which tubes on a facet keep their common sides, rad; None: as at a carrier
+    kept_up_to : largest phase difference of neighbouring rays, rad, at which terms of common sides of tubes are kept;
+        None: as at the carrier
     """
 
     wavelength: float
@@ -62,15 +62,15 @@ class KernelSettings:
 
 @dataclass(frozen=True, eq=False)
 class Constants:
-    """The settings as opaque Dr.Jit scalars: another value does not compile another kernel.
+    """Settings as opaque Dr.Jit scalars: a new value does not compile a new kernel.
 
     Parameters
     ----------
     wavenumber : rad/m
     po_gain : factor of the coherent return, 2 sqrt(pi) / wavelength times the amplitude
     inverse_range2 : 1/m^2, of the reference range
-    clearance : m, how far a ray starts off the facet that it leaves
-    turn : of the launch lattice, rad
+    clearance : m, distance off a facet at which rays that leave it start
+    turn : rotation of the launch lattice, rad
     others : as in :class:`KernelSettings`
     """
 
@@ -111,7 +111,7 @@ class Constants:
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """Everything that the stages of one recorded kernel share."""
+    """Common inputs of all parts of one recorded kernel."""
 
     scene: TraceScene
     grid: LaunchGrid
@@ -137,46 +137,46 @@ class Kernel:
 
     @property
     def curved(self) -> bool:
-        """True where mirrors bend, so that tubes spread otherwise than from a point."""
+        """Whether curved mirrors are traced, behind which tubes spread differently from a point source."""
         return self.flags.multi_bounce and self.scene.curvature_table is not None
 
     @property
     def reciprocal_diffuse(self) -> bool:
-        """True where diffuse paths go back through their chains of mirrors too."""
+        """Whether reciprocal diffuse paths, back through their chains of mirrors, are traced."""
         return self.flags.diffuse and self.flags.diffuse_double and self.flags.multi_bounce
 
     @property
     def transmits(self) -> bool:
-        """True where paths go through slabs, which takes the loop and the slabs' own coefficients."""
+        """Whether paths are transmitted through slabs, which needs the branching loop and the slabs' coefficients."""
         return self.flags.multi_bounce and lets_waves_through(self.scene.slabs, self.flags)
 
     @property
     def bistatic(self) -> bool:
-        """True where another antenna receives."""
+        """Whether a separate antenna receives."""
         return self.pulses.receiver is not None
 
     @property
     def reversible(self) -> bool:
-        """True where a coherent path and the reversed one are estimates of one return."""
+        """Whether a coherent path and the reversed one are two estimates of one return."""
         return self.flags.coherent and self.flags.multi_bounce
 
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """What stays the same on a ray's whole path.
+    """Values of a ray that stay the same over all its bounces.
 
     Parameters
     ----------
     pulse : number of the pulse in the batch
-    antenna, velocity : that receives that pulse, m and m/s, scene frame
-    transmitter, transmitter_velocity : that transmits it, likewise
+    antenna, velocity : of the receiving antenna at that pulse, m and m/s, scene frame
+    transmitter, transmitter_velocity : of the transmitting antenna, likewise
     tube_area : m^2, cross-section of the tube at the launch plane
     inverse_start : 1/m, of the distance from the antenna to the launch plane
     tube_rate_a, tube_rate_b : m/s, change of the outgoing leg's range rate over the tube's two edges
-    nudge : m, step beside a ray that slipped through a vertex
-    needs : m; only faces that need rays at least so far apart and closer than the second are this ray's
-    pattern : of the antenna that receives, None for an isotropic one
-    time : s, float64, of the pulse where something goes by it; None: all is as at time zero
+    nudge : m, displacement of a ray that missed at a vertex, for a second try
+    needs : m, lower and upper bound of the ray spacing needed by the faces that this ray samples
+    pattern : of the receiving antenna, None for an isotropic one
+    time : s, float64, of the pulse, where the kernel depends on it; None: everything is as at time zero
     """
 
     pulse: mi.UInt32
@@ -196,7 +196,7 @@ class Lane:
 
 @dataclass
 class TubeSpread:
-    """Growth of a tube behind curved mirrors: of its two edges per metre, from the unfolded length ``start`` on."""
+    """Growth of a tube's two edges per metre behind curved mirrors, from the unfolded length ``start`` on."""
 
     a: mi.Vector3f
     b: mi.Vector3f
@@ -205,16 +205,16 @@ class TubeSpread:
 
 @dataclass
 class Mirror:
-    """The facet that a ray was mirrored in last.
+    """Facet of a ray's last reflection.
 
     Parameters
     ----------
     face : row of the scene's tables
-    bits : of its own material, with the edges that only cut it into parts
+    bits : of its own material, with those that mark edges between coplanar parts of the facet
     point : m, of reflection, from the triangle's vertex 0
     normal : facing the ray
-    length : float64, m, unfolded, to there
-    flat : 1 where it is no part of a curved surface, else 0 (lanes keep no booleans in local memory)
+    length : float64, m, unfolded path length to it
+    flat : 1 on a flat facet, 0 on a curved surface (lanes keep no booleans in local memory)
     """
 
     face: mi.UInt32
@@ -226,34 +226,34 @@ class Mirror:
 
     @staticmethod
     def none() -> Mirror:
-        """Before the first."""
+        """Value before the first reflection."""
         zero = dr.zeros(mi.Vector3f)
         return Mirror(mi.UInt32(0), mi.UInt32(0), zero, zero, mi.Float64(0.0), mi.UInt32(0))
 
 
 @dataclass
 class RayState:
-    """A ray between two bounces: the state of the loop.
+    """Ray between two bounces: the state of the loop.
 
     Parameters
     ----------
-    active : lane is alive
-    hits : so far
+    active : lanes still traced
+    hits : number so far
     origin : m, scene frame
     direction : float64, mirrored exactly like the antenna
     virtual_antenna, virtual_velocity : transmitting antenna and its velocity, mirrored through the chain so far, whose
         mirrors may move
-    virtual_receiver, virtual_receiver_velocity : another antenna that receives, likewise; None where there is none, or
-        no path goes through a chain the other way round
+    virtual_receiver, virtual_receiver_velocity : separate receiving antenna, likewise; None without one, or without
+        reversed paths
     edge_a, edge_b : m, tube cross-section at the launch plane, behind curved mirrors at the last hit
     spread : growth of the cross-section behind curved mirrors, None where there are none
-    extent : how far the facets hit so far let the tube extend
-    shadow_boundary : what bounds the light, None where nothing moves
+    extent : of the tube, limited by the facets hit so far
+    rim : shadow boundary of the lit area, None where nothing moves
     fields : of each tracked transmit polarisation, unit at launch
-    contributions : so far
-    crossed : slabs that the path went through; None where nothing lets waves through
-    mirror : that the ray comes from; None where no path and the reversed one are two estimates of one return
-    trail : number that a follower gave the last hit, ``NO_HIT`` before the first; None where nothing follows
+    contributions : number so far
+    crossed : number of slabs that the path crossed; None where no slab transmits
+    mirror : facet of the last reflection; None where paths and their reverses are not averaged
+    trail : number given to the last hit by a follower, ``NO_HIT`` before the first; None without a follower
     """
 
     active: mi.Bool
@@ -278,7 +278,7 @@ class RayState:
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """Where a ray meets a facet, and the leg from there to the antenna.
+    """Hit of a ray on a facet, and the leg from there to the antenna.
 
     Parameters
     ----------
@@ -287,22 +287,22 @@ class Hit:
     order : number of this hit, from 1
     face : row of the scene's tables
     material : bits of the material at the hit
-    own_material : bits of the face's own, whatever maps say of the place
+    own_material : bits of the face's own material, regardless of maps
     largest_cell : m, of a diffuse scatterer on the face's piece of surface
-    p : float64, m, the ray's own point of the facet
+    p : float64, m, intersection of the ray and the facet
     vertex0, centroid : float64, m, vertex 0 and middle of the triangle
-    departure : m, where rays go on from here
-    direction64, direction : of the ray as the virtual antenna sees this hit
-    normal64, normal : facing the ray; ``behind`` where this turns the face's own normal round
+    departure : m, start of the rays that leave the hit
+    direction64, direction : of the ray, from the virtual antenna to the hit
+    normal64, normal : facing the ray; ``behind`` where it is the reverse of the face's own normal
     cos_incidence : > 0
     length, length_back : m, from the virtual antenna to here, and from here to the antenna
     to_antenna64, to_antenna : unit vector to the antenna
-    sees : lanes that the antenna sees from here
-    properties : of the material
+    sees : lanes in which the hit is visible from the antenna
+    properties : Re, Im of eps - 1, rms height and cross-polar power ratio of the material
     movement : of the face; None where nothing moves
-    slab : of the material, None where slabs are left out
-    met : lanes that hit something, whether or not this ray stands for it
-    before_facet : m along the ray, from the hit on a slab's face to the facet; None where facets are what is hit
+    slab : row of `Slabs.table` of the material, None where slabs are left out
+    met : lanes that hit something, whether or not this ray samples it
+    before_facet : m along the ray, from the hit on a slab's face to the facet; None where hits lie on facets
     """
 
     active: mi.Bool
@@ -334,7 +334,7 @@ class Hit:
     before_facet: mi.Float | None = None
 
     def without(self, lost: mi.Bool) -> Hit:
-        """The hit but for some lanes, whose rays end before it."""
+        """The hit without some lanes, whose rays end before it."""
         kept = ~lost
         order = dr.select(kept | ~self.active, self.order, self.order - 1)
         return replace(
@@ -344,17 +344,17 @@ class Hit:
 
 @dataclass(frozen=True, eq=False)
 class TubeFootprint:
-    """The tube on the facet that was hit.
+    """TubeFootprint of the ray tube on the facet that was hit.
 
     Parameters
     ----------
     u, v : m, edges of the whole tube's footprint
-    extent : how far the facets hit so far let the tube extend
-    patch : what its diffuse return comes from, as a quadrilateral
-    bounds : of what its coherent return comes from, exact up to the facet's corners
+    extent : of the tube, limited by the facets hit so far
+    patch : area of its diffuse return, as a quadrilateral
+    bounds : of the area of its coherent return, exact up to the facet's corners
     area : m^2, of the whole footprint
-    loss, loss_reciprocal : 1/m^2, spreading of the field on the scattered leg, and back along the ray's own chain
-    lost : lanes whose tube curved mirrors have spread beyond all measure; None where no mirror bends
+    loss, loss_reciprocal : 1/m^2, spreading loss of the straight and of the reciprocal return path
+    lost : lanes whose tube was spread by curved mirrors beyond ``WIDEST_SPREAD``; None without curved mirrors
     """
 
     u: mi.Vector3f
@@ -370,7 +370,7 @@ class TubeFootprint:
 
 @dataclass(frozen=True, eq=False)
 class Reflection:
-    """Direction and fields behind the mirror that was hit."""
+    """Direction and fields of the ray after reflection by the facet that was hit."""
 
     direction: mi.Vector3f
     fields: tuple[ComplexVector, ...]
@@ -378,7 +378,7 @@ class Reflection:
 
 @dataclass
 class Contribution:
-    """One return of one hit.
+    """One echo of one hit or scatterer.
 
     Parameters
     ----------
@@ -388,7 +388,7 @@ class Contribution:
     slant_range : float64, m, absolute
     range_rate : float64, m/s, its derivative
     amplitudes : one complex float32 per channel, without the phase of the slant range
-    active : lanes that have it
+    active : lanes that have the echo
     point : float64, m, scene frame; phase centre on the surface of the hit
     """
 

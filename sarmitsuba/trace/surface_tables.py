@@ -1,4 +1,4 @@
-"""Surfaces that vary from place to place, in the kernel: tables of bitmaps to gather from, and the gamma texture."""
+"""Spatially varying surfaces in the kernel: tables of bitmaps (level, class of material), and the gamma texture."""
 
 from __future__ import annotations
 
@@ -21,21 +21,23 @@ if TYPE_CHECKING:
     from sarmitsuba.materials.material import Material
     from sarmitsuba.scene.geometry import Geometry
 
-# bits that say how a bitmap goes on beyond its edges, and between its texels
+F64 = NDArray[np.float64]
+U32 = NDArray[np.uint32]
+# bits for the continuation of a bitmap beyond its edges, and for interpolation between its texels
 _REPEAT, _SMOOTH = 1, 2
 _ROOT_2 = 1.4142135623730951
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTables:
-    """What varies over the surfaces of a scene; what does not is None and leaves nothing in the kernel.
+    """Tables of the spatial variations of a scene's surfaces; None for kinds of variation that the scene has not.
 
     Parameters
     ----------
     levels : factor on sigma0
     classes : bits of a material in place of the face's own
-    textures : (4 n_materials,) float32: one over the spacing of the field's nodes (1/m, 0: no texture), and as bits of
-        float32 the first entry of its quantiles and a number of its own
+    textures : (4 n_materials,) float32: one over the node spacing of the random field (1/m, 0: no texture), and as bits
+        of float32 the first entry of its quantiles and a seed for the material
     quantiles : amplitude of the texture over its normal field, see
         :func:`sarmitsuba.materials.texture.texture_amplitudes`; one row for each shape
     """
@@ -49,13 +51,13 @@ class SurfaceTables:
     def of(
         geometry: Geometry, rows: NDArray[np.intp], materials: Sequence[Material], bits: U32
     ) -> SurfaceTables | None:
-        """Tables of a scene; None where every surface is even.
+        """Tables of a scene; None where every surface is uniform.
 
         Parameters
         ----------
         geometry : whose faces ``rows`` are traced
         materials : `sarmitsuba.materials.texture.with_parts`
-        bits : (n_materials,) that stand for them in the kernel
+        bits : (n_materials,) bits of the materials in the kernel
         """
         triangles = geometry.vertices[geometry.faces[rows]]
         corners = {name: values[rows] for name, values in geometry.corner_values.items()}
@@ -93,13 +95,13 @@ class SurfaceTables:
         seed: mi.UInt32,
         active: mi.Bool,
     ) -> mi.Float:
-        """Factor on the diffuse amplitude at a place: root of the map's level, times that of the texture.
+        """Factor on the diffuse amplitude at a point: root of the map's level, times the amplitude of the texture.
 
         Parameters
         ----------
         own, material : number of the face's material, and of that at the place
         offset : m, from the face's vertex 0
-        place : on the surface's lattice, without what it has moved by
+        place : coordinates on the surface's lattice, with the surface's motion removed
         seed : of the scene
         """
         factor = mi.Float(1.0)
@@ -116,8 +118,8 @@ class SurfaceTables:
 
         .. math:: g = \sum_{ij} w_i w_j z_{ij}, \quad \sum_i w_i^2 = 1
 
-        over the nine nodes about the place, each with a standard normal number from the hash of its place: g is a
-        standard normal number everywhere, and the table makes it a gamma one.
+        over the nine nodes about the point, each with a standard normal number hashed from its position: g is standard
+        normal everywhere, and the table of quantiles maps it to a gamma distribution.
         """
         record = dr.gather(mi.Vector4f, self.textures, material, active)
         first, salt = (dr.reinterpret_array(mi.UInt32, x) for x in (record.y, record.z))
@@ -152,8 +154,8 @@ class BitmapLayer:
     Parameters
     ----------
     places : (8 n_faces,) float32: u at vertex 0 of each face and its gradient (1/m), then the same of v
-    bitmaps : (4 n_materials,) uint32: first texel, columns, rows and bits of each material's; without a bitmap it
-        has one texel of its own
+    bitmaps : (4 n_materials,) uint32: first texel, columns, rows and bits of each material's bitmap; a material
+        without one has a single texel
     texels : of all bitmaps
     """
 
@@ -179,8 +181,8 @@ class BitmapLayer:
         triangles : (n_faces, 3, 3) float64, m
         corners : attributes of the mesh at those corners
         face_material : (n_faces,)
-        texels_of : texels of a bitmap's values and its material's number
-        own : texel of a material without one, the same for all or (n_materials,)
+        texels_of : function of a bitmap's values and its material's number that gives the texels
+        own : texel of a material without a bitmap, one for all or (n_materials,)
         kind : of texels on the device
         """
         if not any(bitmaps):
@@ -209,7 +211,7 @@ class BitmapLayer:
     def nearest(
         self, face: mi.UInt32, material: mi.UInt32, offset: mi.Vector3f, active: mi.Bool
     ) -> mi.UInt32:
-        """The texel at a place, ``offset`` (m) from the face's vertex 0."""
+        """Texel nearest to a point, ``offset`` (m) from the face's vertex 0."""
         record = dr.gather(mi.Vector4u, self.bitmaps, material, active)
         u, v = self._uv(face, offset, active)
         column, row = (
@@ -218,7 +220,7 @@ class BitmapLayer:
         return dr.gather(type(self.texels), self.texels, record.x + row * record.y + column, active)
 
     def smooth(self, face: mi.UInt32, material: mi.UInt32, offset: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """The value at a place, bilinear where the bitmap is smooth."""
+        """Value at a point, bilinear where the bitmap is smooth."""
         record = dr.gather(mi.Vector4u, self.bitmaps, material, active)
         u, v = self._uv(face, offset, active)
         shift = dr.select((record.w & _SMOOTH) != 0, 0.5, 0.0)
@@ -245,14 +247,14 @@ class BitmapLayer:
 
 
 def _within(index: mi.Float, size: mi.UInt32, bits: mi.UInt32) -> mi.UInt32:
-    """Number of a texel along one axis, from a whole number that may lie beyond the bitmap's edges."""
+    """Index of a texel along one axis, from an integer that may lie beyond the bitmap's edges."""
     n = mi.Float(size)  # 0 in lanes that are not active, where an integer division would stop the processor
     around = index - n * dr.floor(index / dr.maximum(n, 1.0))
     return mi.UInt32(dr.clip(dr.select((bits & _REPEAT) != 0, around, index), 0.0, dr.maximum(n, 1.0) - 1.0))
 
 
 def _affine(triangles: F64, uv: F64) -> F64:
-    """(n, 2, 4) value at vertex 0 and gradient in the triangle's plane of ``uv``, (n, 3, 2) at its corners."""
+    """Value at vertex 0 and gradient in the triangle's plane, (n, 2, 4), of ``uv``, (n, 3, 2) at its corners."""
     e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(e1, e2)
     # gradients that are 1 along one edge and 0 along the other
@@ -266,7 +268,7 @@ def _affine(triangles: F64, uv: F64) -> F64:
 
 
 def _texture_tables(materials: Sequence[Material]) -> tuple[mi.Float | None, mi.Float | None]:
-    """Records of the materials' textures and the quantiles of their shapes; None where there is none."""
+    """Table of the materials' textures and the quantiles of their gamma distributions; None without textures."""
     shapes = sorted({m.texture_shape for m in materials if m.texture_shape > 0.0})
     if not shapes:
         return None, None

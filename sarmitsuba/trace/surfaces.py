@@ -1,4 +1,4 @@
-"""Echoes of surfaces: the rays of a batch's lattices, each a tube that closes to the antenna at every hit."""
+"""Echoes of surfaces, from the rays of a batch's lattices; each ray is a tube that returns an echo at every hit."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Surfaces:
     def record(
         self, part: Part, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
     ) -> tuple[TraceCounts, LaneArrays]:
-        """Record one launch, of those returns alone that the lattice is for."""
+        """Record one launch, with only the kind of return that the lattice samples."""
         purpose, flags = part.grid.purpose, kernel.flags
         if purpose == "coherent":
             flags = replace(flags, diffuse=False)
@@ -35,5 +35,5 @@ class Surfaces:
         return trace(replace(kernel, flags=flags), antenna, accumulator)
 
     def at(self, wavelength: float) -> Surfaces:
-        """The same: the kernel's wavenumber is all that changes."""
+        """The same source: only the kernel's wavenumber changes."""
         return self

@@ -1,7 +1,7 @@
-"""Scatterers that change between two passes: the random numbers that they have a given time after the first.
+"""Temporal decorrelation: random numbers of diffuse scatterers at a given time after the first pass.
 
-Nothing is kept from pass to pass. Every run works out from a scatterer's key, its material and the days since the first
-pass what the scatterer has become, so that any two runs of one scene share what has not changed between them.
+Nothing is stored between passes. Every run computes the scatterer's numbers from its key, its material and the days
+since the first pass, so that any two runs of one scene agree in all scatterers that did not change between them.
 """
 
 from __future__ import annotations
@@ -16,41 +16,41 @@ from sarmitsuba.trace.speckle import gaussian, mix, unit_phase, unit_uniform
 if TYPE_CHECKING:
     from sarmitsuba.trace.state import Kernel
 
-# streams of `gaussian`: what the first pass cannot tell of the part that stays
+# streams of `gaussian`: the component of the persistent part that is independent of the first pass
 _HIDDEN = 16
-# more changes than this have no number of their own in float32; every time is then another one
+# counts of changes above this are not distinct in float32; every time then counts as a new change
 _MOST_CHANGES = 1e6
 
 
 @dataclass(frozen=True, eq=False)
 class Age:
-    r"""What time does to the random numbers of scatterers.
+    r"""Change of the random numbers of scatterers with time.
 
-    A scatterer of time constant tau is changed at random moments, so that a share :math:`e^{-|t|/\tau}` of them is
-    as it was a time t before. A change leaves of it what is there to stay, the coherence :math:`\gamma_\infty`:
+    A scatterer of time constant tau changes at random moments, so that a share :math:`e^{-|t|/\tau}` of them is
+    unchanged after a time t. A change preserves the persistent coherence :math:`\gamma_\infty`:
 
     .. math:: \gamma(t) = \gamma_\infty + (1 - \gamma_\infty) e^{-|t| / \tau}
 
-    between any two times t apart. With z the number of the first pass, h and n independent ones, the last of the last
+    between any two times t apart. With z the number of the first pass, and h and n independent numbers, n new at every
     change,
 
     .. math:: z' = \gamma_\infty z + \sqrt{\gamma_\infty (1 - \gamma_\infty)}\, h + \sqrt{1 - \gamma_\infty}\, n :
 
-    of mean power one again, and of coherence :math:`\gamma_\infty^2 + \gamma_\infty (1 - \gamma_\infty)` with every
-    other change too.
+    which has mean power one again, and coherence :math:`\gamma_\infty^2 + \gamma_\infty (1 - \gamma_\infty)` between
+    any two changes.
 
     Parameters
     ----------
     days : since the first pass
     coherence : gamma_inf, 0 ... 1, of every lane
-    decay_days : tau, of every lane; 0: all is changed in every pass but the first
+    decay_days : tau, of every lane; 0: every pass after the first is changed
 
     Notes
     -----
-    Moments of change: a scatterer's life is cut at equal distances L from a random start, and L is drawn from the gamma
-    distribution of shape 2 and scale tau. Two times t apart lie in one piece with the probability
-    :math:`\langle \max(1 - t/L, 0) \rangle = e^{-t/\tau}`, and no history has to be gone through. Ignores that several
-    scatterers change together, as under rain, and all displacement.
+    Moments of change: a scatterer changes at equal intervals L from a random start, and L is drawn from the gamma
+    distribution of shape 2 and scale tau. Two times t apart lie in one interval with probability
+    :math:`\langle \max(1 - t/L, 0) \rangle = e^{-t/\tau}`, and no history has to be stored. Ignores common changes of
+    many scatterers, as by rain, and all displacement.
     """
 
     days: mi.Float
@@ -59,7 +59,7 @@ class Age:
 
     @staticmethod
     def of(kernel: Kernel, material: mi.UInt32) -> Age | None:
-        """What time has done to the scatterers of a material, None where no surface changes.
+        """Temporal change of the scatterers of a material; None where no surface changes.
 
         ``material`` : as :class:`sarmitsuba.trace.state.Hit` has it
         """
@@ -70,7 +70,7 @@ class Age:
         return Age(kernel.constants.days, row.x, row.y)
 
     def gaussian(self, key: mi.UInt32, stream: int) -> mi.Complex2f:
-        """Circular complex Gaussian of unit mean power; at no days and in unchanged scatterers that of the first pass.
+        """Circular complex Gaussian of unit mean power; as in the first pass at zero days and in unchanged scatterers.
 
         Parameters
         ----------
@@ -88,13 +88,13 @@ class Age:
         return dr.select(changed, now, first)
 
     def unit_phase(self, key: mi.UInt32, stream: int) -> mi.Complex2f:
-        """Unit modulus and a hashed phase; a change leaves a share gamma_inf of the scatterers untouched."""
+        """Phase factor of unit modulus and hashed phase; a change preserves a share gamma_inf of the scatterers."""
         changed, newer = self._latest(key)
         replaced = unit_uniform(key, 0x2545F491) >= self.coherence
         return unit_phase(dr.select(changed & replaced, newer, key), stream)
 
     def _latest(self, key: mi.UInt32) -> tuple[mi.Bool, mi.UInt32]:
-        """Whether a scatterer is another one than in the first pass, and the key of its latest change."""
+        """Whether a scatterer has changed since the first pass, and the key of its latest change."""
         one, two = unit_uniform(key, 0x1B873593), unit_uniform(key, 0xCC9E2D51)
         piece = -dr.log(one * two) * self.decay_days
         count = self.days / dr.maximum(piece, 1e-30)

@@ -1,4 +1,4 @@
-"""Volumes in the kernel: what they take from a wave that passes, and the scatterers that stand for what they return."""
+"""Volumes (vegetation) in the kernel: extinction of waves that pass through, and their volume scatterers."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.state import Kernel
 
 Pair: TypeAlias = "tuple[mi.Float, mi.Float]"
-# both weights of a volume: from its number, that of its medium, and the lanes that ask
+# both weights of a volume, from its number, the number of its medium, and the active lanes
 Weigh: TypeAlias = "Callable[[mi.UInt32, mi.UInt32, mi.Bool], Pair]"
 
-# scatterers that share a resolution cell on a mean path through a volume, and the least that a volume has
+# scatterers per resolution cell on a mean path through a volume, and the least number in a volume
 PER_CELL, LEAST = 10.0, 8.0
-# steps in size, each of a millimetre at most in scenes up to a kilometre, by which volumes differ from their neighbours
+# number of different shrinkages (steps of a millimetre at most in scenes up to a kilometre) that separate neighbours
 RANKS = 8
-# how often a leg whose surfaces do not pair up is tried again, a little beside
+# tries, slightly displaced, for a line whose entries into and exits from volumes do not match
 _TRIES = 3
 # values of one row of the table of scattering amplitudes, a power of two for the gathers
 _ROW = 16
@@ -41,16 +41,16 @@ _ROW = 16
 
 @dataclass  # not frozen: a loop's state, which Dr.Jit writes to
 class _Crossing:
-    """A line on its way through volumes.
+    """State of the loop over the crossings of a line with the surfaces of volumes.
 
     Parameters
     ----------
-    going : lanes that go on
-    t : m, from the leg's origin to where the next crossing is looked for
-    aside : m, how far beside the line
+    going : lanes that continue
+    t : m, from the line's origin to the start of the search for the next crossing
+    aside : m, displacement from the line
     first, second : sums so far
-    left : hashes of volumes entered less those of volumes left; 0 where it came out even
-    tries : so far
+    left : hashes of volumes entered minus those of volumes left; 0 where all entries have an exit
+    tries : number so far
     """
 
     going: mi.Bool
@@ -64,12 +64,12 @@ class _Crossing:
 
 @dataclass(frozen=True, eq=False)
 class VolumeSurfaces:
-    """Surfaces of all volumes, to be crossed.
+    """Ray-tracing structure of the surfaces of all volumes.
 
     Parameters
     ----------
     mi_scene : ``mi.Scene`` holding one mesh
-    face_normal : (4 n_faces,) float32, outwards; the fourth is of no meaning
+    face_normal : (4 n_faces,) float32, outward normal; the fourth number is not used
     face_volume : (2 n_faces,) uint32, number of the volume and of its medium
     bounds : (2, 3) float64, m
     """
@@ -103,14 +103,14 @@ class VolumeSurfaces:
     def within(
         self, origin: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool, weigh: Weigh
     ) -> Pair:
-        r"""Two sums over volumes of a weight times the length of a straight leg within them.
+        r"""Two weighted path lengths of a straight leg within volumes: sums over volumes of weight times length.
 
         .. math:: \sum_{\text{leaving}} w t - \sum_{\text{entering}} w t, \quad 0 \le t \le \text{distance}
 
-        over all crossings of the whole line, from before the first volume to behind the last, each t brought within the
-        leg: the order of crossings does not matter, volumes may overlap, and either end may lie within some. Entries
-        and exits are counted against each other, volume by volume: a line that float32 lets in but not out is tried
-        again beside, and if it never comes out even it counts as one that meets nothing.
+        over all crossings of the line, from before the first volume to behind the last, with t clipped to the leg:
+        the order of crossings does not matter, volumes may overlap, and either end may lie within a volume.
+        Entries and exits are matched volume by volume: a line on which one is missed by rounding is tried again
+        slightly displaced, and counts as outside all volumes if no try matches.
 
         Parameters
         ----------
@@ -146,10 +146,10 @@ class VolumeSurfaces:
             first, second = weigh(info.x, info.y, met)
             key = mix(info.x + 1)
             left = state.left + dr.select(met, dr.select(enters, key, ~key + 1), u32(0))
-            # the line is at its end: even, or once more
+            # at the end of the line: done if entries and exits match, else another try
             again = state.going & ~met & (left != 0)
             tries = dr.select(again, state.tries + 1, state.tries)
-            # off the surface, also where the leg is nearly along it
+            # off the surface, also where the line is nearly parallel to it
             off = dr.select(enters, -normal, normal) * step
             return (
                 _Crossing(
@@ -173,10 +173,10 @@ class VolumeSurfaces:
 
 @dataclass(frozen=True, eq=False)
 class VolumePassage:
-    r"""What volumes take from waves that pass: :math:`e^{-\tau_H / 2}` of the field of H, likewise of V.
+    r"""Extinction by volumes: the field of H is multiplied by :math:`e^{-\tau_H / 2}`, likewise of V.
 
-    H is level, across the leg; V across both. With the path length in every volume and its extinction at the angle of
-    the leg, :math:`\tau = \sum \kappa s`.
+    H is horizontal and transverse to the leg; V is transverse to both. With the path length s in every volume and its
+    extinction at the angle of the leg, :math:`\tau = \sum \kappa s`.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ class VolumePassage:
 
     Notes
     -----
-    Ignores what the leg's delay changes and that volumes scatter forwards into the leg again.
+    Ignores the delay in volumes and forward scattering into the leg.
     """
 
     surfaces: VolumeSurfaces
@@ -222,30 +222,30 @@ class VolumePassage:
 
 @dataclass(frozen=True, eq=False)
 class VolumeScatterers(Scatterers):
-    r"""Scatterers fixed to the scene, spread evenly within volumes, each with the mean powers of its share of them.
+    r"""Volume scatterers, fixed to the scene and uniform in each volume, with the mean power of their share of it.
 
-    One stands at a drawn place in every cell of a cubic lattice, turned against the axes, that falls within the volume.
-    A volume of content V with n of them has in each :math:`\sqrt{V / n}` times a scattering matrix of independent
-    circular Gaussians hashed from cell and volume, with the medium's polarimetric covariance at the angle of the leg:
-    the same in every pulse, look, band and pass as long as the distance between them is the same.
+    Each cell of a cubic lattice, rotated against the axes, has one scatterer at a random position, kept if it lies
+    inside. In a volume V with n scatterers each has :math:`\sqrt{V / n}` times a scattering matrix of independent
+    circular Gaussians, hashed from cell and volume, with the medium's polarimetric covariance at the angle of the leg:
+    the same in every pulse, look, band and pass as long as the spacing of the scatterers is the same.
 
-    Between two directions the matrix stands in the H and V of each, at the mean of both cosines to the vertical.
+    Between two directions the matrix refers to the H and V of each, at the mean of both cosines to the vertical.
 
     Parameters
     ----------
-    n : how many
+    n : number of scatterers
     place : (3 n,) float64, m, scene frame
     key : (n,) uint32, hash
-    weight : (n,) float32, root of the volume that it stands for, m^(3/2)
+    weight : (n,) float32, square root of the volume that each represents, m^(3/2)
     medium : (n,) uint32
-    table : (16 NODES n_media,) float32, back and over the ground, see `Covariance.factors`
-    change : (2 n_media,) float32: coherence that stays between passes and time constant (days) of what does not; None
-        where all media stay as they are
+    table : (16 NODES n_media,) float32, for backscatter and for the path over the ground, see `Covariance.factors`
+    change : (2 n_media,) float32: coherence between passes that never decays, and time constant (days) of the rest;
+        None where no medium changes
 
     Notes
     -----
-    The covariances are those of backscatter and of the leg by level ground; two antennas apart, or ground that slopes,
-    take them at the mean of both angles.
+    The covariances are those of backscatter and of the path over horizontal ground; for bistatic angles and sloping
+    ground they are taken at the mean of both angles.
     """
 
     n: int
@@ -292,14 +292,14 @@ class VolumeScatterers(Scatterers):
 
 
 def _step(places: F64) -> float:
-    """How far behind a crossing a leg goes on, m, where the largest coordinate is that of ``places``."""
+    """Distance behind a crossing at which the search continues, m, for the largest coordinate in ``places``."""
     return 1e-5 + 16.0 * 2.0**-24 * float(np.abs(places).max())
 
 
 def _shrunk(volume: Volume, by: float) -> F64:
-    """Vertices (n_v, 3) of a volume whose least half width is smaller by so much, m.
+    """Vertices (n_v, 3), m, of a volume shrunk so that its least half width is smaller by ``by``, m.
 
-    Volumes side by side, or two in one place, would have surfaces that no ray can tell apart.
+    Otherwise adjacent or coincident volumes would have coincident surfaces, which rays cannot separate.
     """
     middle = volume.bounds.mean(axis=0)
     half = 0.5 * float(np.ptp(volume.bounds, axis=0).min())
@@ -314,19 +314,19 @@ def _node(cosine: mi.Float) -> tuple[mi.UInt32, mi.Float]:
 
 
 def _up() -> mi.Vector3f:
-    """The vertical, which orientations of pieces are told from."""
+    """Vertical unit vector, the reference of the orientation of plant elements."""
     return mi.Vector3f(0.0, 0.0, 1.0)
 
 
 def _numbered(volumes: Sequence[Volume]) -> tuple[list[VolumeMedium], list[int]]:
-    """Every medium once, and its number for each volume."""
+    """Distinct media of volumes, and the number of the medium of each volume."""
     media = {id(volume.medium): volume.medium for volume in volumes}
     numbers = {key: i for i, key in enumerate(media)}
     return list(media.values()), [numbers[id(volume.medium)] for volume in volumes]
 
 
 def volume_passage(volumes: Sequence[Volume]) -> VolumePassage:
-    """What volumes take from waves that pass."""
+    """Extinction by volumes, as a passage of the kernel."""
     media, number = _numbered(volumes)
     table = np.stack([medium.extinction for medium in media]).astype(np.float32)
     return VolumePassage(VolumeSurfaces.of(volumes, number), device_array(mi.Float, table))
@@ -335,14 +335,15 @@ def volume_passage(volumes: Sequence[Volume]) -> VolumePassage:
 def volume_scatterers(
     volumes: Sequence[Volume], cell_area: float, seed: int, shares: Callable[[F64], F64] | None = None
 ) -> VolumeScatterers:
-    """Scatterers that stand for volumes.
+    """Volume scatterers of volumes.
 
     Parameters
     ----------
     volumes : one at least
-    cell_area : m^2, resolution cell across the line of elevation: ``PER_CELL`` scatterers share one
-    seed : of their places and amplitudes
-    shares : amplitude (n,) that scatterers at places (n, 3) keep beside a cropped image; None: all keep theirs
+    cell_area : m^2, resolution cell perpendicular to the elevation direction; it holds ``PER_CELL`` scatterers
+    seed : of their positions and amplitudes
+    shares : function from positions (n, 3) to factors (n,) on the amplitude at the border of a cropped image; None:
+        one everywhere
     """
     media, number = _numbered(volumes)
     spacing = [scatterer_spacing(volume, cell_area) for volume in volumes]
@@ -375,7 +376,7 @@ def volume_scatterers(
 
 
 def _change(media: Sequence[VolumeMedium]) -> mi.Float | None:
-    """Coherence that stays and time constant of every medium; None where nothing changes."""
+    """Persistent coherence and time constant of every medium; None where nothing changes."""
     if all(medium.temporal_coherence == 1.0 for medium in media):
         return None
     rows = [(medium.temporal_coherence, medium.decorrelation_days) for medium in media]
@@ -383,9 +384,9 @@ def _change(media: Sequence[VolumeMedium]) -> mi.Float | None:
 
 
 def scatterer_spacing(volume: Volume, cell_area: float) -> float:
-    """Distance between the scatterers of a volume, m: as asked for, or a power of the root of two.
+    """Spacing of the scatterers of a volume, m: as given, or a power of the root of two.
 
-    So that radars of about the same resolution have the same scatterers, and small volumes have several.
+    Steps of the root of two give radars of similar resolution the same scatterers; small volumes have several.
     """
     if volume.spacing > 0.0:
         return volume.spacing
@@ -394,13 +395,13 @@ def scatterer_spacing(volume: Volume, cell_area: float) -> float:
 
 
 def _cells(volume: Volume, step: float, seed: int) -> tuple[F64, U32]:
-    """A drawn place (n, 3) in every cell of the lattice about a volume, m, and its hash (n,)."""
+    """Random position (n, 3), m, in every cell of the lattice about a volume, and its hash (n,)."""
     low, high = volume.bounds
     first, last = np.floor(low / step).astype(np.int64), np.floor(high / step).astype(np.int64)
     number = np.stack(
         np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(first, last, strict=True)), indexing="ij"), axis=-1
     ).reshape(-1, 3)
-    # of the volume: where two overlap each has its own
+    # hash of the volume: where two overlap each has its own scatterers
     key = mix(np.full(len(number), 0x9E3779B1, dtype=np.uint32))
     for value in (seed, *number.T, *np.round(1e3 * low).astype(np.int64), round(1e3 * step)):
         key = mix(key ^ (np.asarray(value) & 0xFFFFFFFF).astype(np.uint32))
@@ -411,7 +412,7 @@ def _cells(volume: Volume, step: float, seed: int) -> tuple[F64, U32]:
 
 
 def _inside(surfaces: VolumeSurfaces, place: F64, volume: U32, short: float) -> NDArray[np.bool_]:
-    """(n,) whether a place (n, 3) lies within its volume: whether a short leg (m) from it does."""
+    """Whether positions (n, 3) lie within their volume, (n,): tested by a short leg (m) from each."""
     own, none = device_array(mi.UInt32, volume), dr.zeros(mi.Float)
 
     def is_own(volume: mi.UInt32, medium: mi.UInt32, active: mi.Bool) -> Pair:

@@ -1,8 +1,8 @@
-"""Water under wind in the kernel: level by the direction of the wind, and scatterers that waves carry along.
+"""Water under wind in the kernel: backscatter by wind direction, and motion of the scatterers with the waves.
 
-Every scatterer of the water has a place at rest, which its lattice gives. From there it goes with the long waves, which
-are drawn one by one, has a random velocity of its own that stands for the orbits of all shorter waves, and the phase
-speed of the Bragg wave that scatters, running to the radar or away from it.
+Every scatterer of the water has a position at rest on its lattice. Its motion is the sum of the orbital motion of the
+long waves, which are drawn individually, a random velocity that represents the orbital motion of all shorter waves,
+and the phase velocity of the Bragg wave, towards the radar or away from it.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from sarmitsuba.materials.sea_spectrum import GRAVITY, TENSION
 from sarmitsuba.trace.movement import Movement
 from sarmitsuba.trace.speckle import gaussian, mix
 
-# numbers of a material's row: wind east and north, first wave and number of waves, deviations of the velocity along and
-# across the wind and upwards, and 1 for water
+# numbers of a material's row: wind east and north, first wave and number of waves, standard deviations of the velocity
+# along and across the wind and upwards, and 1 for water
 ROW = 8
 # terms of a sum over the waves
 Sums: TypeAlias = "tuple[mi.Float, ...]"
@@ -31,12 +31,12 @@ _HORIZONTAL, _VERTICAL, _BRAGG = 3, 4, 0x5EA5
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """What the motion of water does to the return of a scatterer.
+    """Effect of the motion of water on the echo of a scatterer.
 
     Parameters
     ----------
-    movement : of the scatterer from its place at rest: displacement (m) and velocity (m/s), float64
-    bragg : the short wave that it stands for; None where time stands still
+    movement : of the scatterer from its position at rest: displacement (m) and velocity (m/s), float64
+    bragg : short wave that the scatterer represents; None where motion is off
     """
 
     movement: Movement
@@ -45,14 +45,14 @@ class Drift:
 
 @dataclass(frozen=True, eq=False)
 class BraggWave:
-    """The short wave that a scatterer stands for.
+    """Bragg wave: the short wave that a scatterer represents.
 
     Parameters
     ----------
     wavenumber : rad/m, of the radar
     time : s
     wind : (2,) direction that the wind blows to
-    sample : of the scatterer, uniform from 0 to 1
+    draw : random number of the scatterer, uniform from 0 to 1
     water : lanes that are water
     """
 
@@ -63,10 +63,10 @@ class BraggWave:
     water: mi.Bool
 
     def range_rate(self, change: mi.Vector3f) -> mi.Float64:
-        r"""Rate of the slant range, m/s, :math:`\mp \omega(K) / 2k` for waves that come and go.
+        r"""Range rate of the Bragg wave, m/s, :math:`\mp \omega(K) / 2k` for approaching and receding waves.
 
-        The wave vector K is the change of direction along the surface, times k. Of the waves along it the share
-        :math:`\cos^4(\varphi/2) / (\cos^4(\varphi/2) + \sin^4(\varphi/2))` runs to the radar, with the angle
+        The wave vector K is k times the change of direction along the surface. Of the waves along it the share
+        :math:`\cos^4(\varphi/2) / (\cos^4(\varphi/2) + \sin^4(\varphi/2))` approaches the radar, with the angle
         :math:`\varphi` of K to the wind.
         """
         kx, ky = change.x * self.wavenumber, change.y * self.wavenumber
@@ -130,7 +130,7 @@ class WaterTables:
         return WaterTables(n_nodes, contrast32, rows32, waves32, len(every) > 0)
 
     def level(self, material: mi.UInt32, theta: mi.Float, change: mi.Vector3f) -> mi.Vector2f:
-        """Amplitude for h and v over that of the table, at an incidence angle and a change ``s - d`` of direction."""
+        """Amplitude for h and v relative to the table, at an incidence angle and a change ``s - d`` of direction."""
         at = theta * ((self.n_nodes - 1) / (0.5 * np.pi))
         node = dr.minimum(mi.UInt32(at), self.n_nodes - 2)
         row = material * self.n_nodes + node
@@ -147,7 +147,7 @@ class WaterTables:
     def tilted(
         self, normal: mi.Vector3f, point: mi.Vector3f, material: mi.UInt32, time: mi.Float
     ) -> mi.Vector3f:
-        """Unit normal of the water among the long waves, which tilt it; of all else the normal itself.
+        """Unit normal of the water surface, tilted by the long waves; the normal itself on other materials.
 
         Parameters
         ----------
@@ -174,11 +174,11 @@ class WaterTables:
         wavenumber: mi.Float,
         time: mi.Float64 | None,
     ) -> Drift:
-        """Motion of a scatterer; frozen as it is at time zero where ``time`` (s) is None.
+        """Motion of a scatterer; at rest as at time zero where ``time`` (s) is None.
 
         Parameters
         ----------
-        centre : m, its place at rest
+        centre : m, its position at rest
         key : its hash
         wavenumber : rad/m, of the radar
         """
@@ -206,7 +206,7 @@ class WaterTables:
     def _orbit(
         self, point: mi.Vector3f, material: mi.UInt32, time: mi.Float
     ) -> tuple[mi.Vector3d, mi.Vector3d]:
-        """Displacement (m) and velocity (m/s) of the water's surface by the long waves."""
+        """Orbital displacement (m) and velocity (m/s) of the water surface by the long waves."""
 
         def add(sums: Sums, wave: Wave) -> Sums:
             level = dr.rsqrt(dr.square(wave.kx) + dr.square(wave.ky)) * wave.amplitude
@@ -232,7 +232,7 @@ class WaterTables:
         n: int,
         add: Callable[[Sums, Wave], Sums],
     ) -> Sums:
-        """Sum of n terms over the long waves of a material at a place and time."""
+        """Sums of n terms over the long waves of a material at a position and time."""
         row = dr.gather(mi.Vector4f, self.rows, material * 2)
         first = mi.UInt32(row.z)
         last = first + mi.UInt32(row.w)
@@ -263,7 +263,7 @@ class WaterTables:
 
 @dataclass(frozen=True, eq=False)
 class Wave:
-    """A drawn wave at a place and time: wavenumber (rad/m), frequency (rad/s), amplitude (m), sine and cosine."""
+    """Long wave at a position and time: wavenumber (rad/m), angular frequency (rad/s), amplitude (m), sine, cosine."""
 
     kx: mi.Float
     ky: mi.Float

@@ -1,4 +1,4 @@
-"""Wires as scatterers: rows of nodes, each with the part of the wire's integral that a linear spline gives it."""
+"""Echoes of wires: the infinite-cylinder current, integrated over rows of nodes by linear (hat) functions."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.state import Kernel
 
 
-# rad; two-way phase by which a node's half of a spline, seen from an antenna near by, may differ from the plane wave's
-# at its end. Its mean over the spline is a sixth of that: -50 dB
+# rad; largest difference between the two-way spherical and plane-wave phase at the end of a node's hat function.
+# Its mean over the hat is a sixth of that: -50 dB
 NEAR_PHASE = 0.02
 # nodes in a resolution cell
 PER_RANGE_CELL, PER_AZIMUTH_CELL = 4.0, 8.0
-# where an end is seen from: its part of the wire has its middle there, in lengths of that part
+# point from which the visibility of an end is decided: the middle of its part of the line, in lengths of that part
 PROBE = 1.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class WireNodes:
-    """Nodes of wires.
+    """Integration nodes along wires.
 
     Parameters
     ----------
     point : (n, 3) float64, m
-    inward : (n, 3) float64, m, from an end into the wire to where it is seen from; zero within the wire
+    inward : (n, 3) float64, m, from an end to the point within the line at which its visibility is decided; else zero
     axis : (n, 3) unit vectors along the wire
     step : (n,) m between neighbours on the wire
-    sides : (n, 2) weight of its sides, along the axis and against it: 1 where the wire goes on, else 0
+    sides : (n, 2) 1 where the line continues along the axis and against it, 0 beyond an end
     wire : (n,) number of the wire
     """
 
@@ -54,7 +54,7 @@ class WireNodes:
     wire: NDArray[np.intp]
 
     def weighted(self, weight: F64) -> WireNodes:
-        """Those of the nodes with a weight (n,) above 0, their amplitudes times it."""
+        """The nodes of weight (n,) above 0, with amplitudes times the weight."""
         kept = weight > 1e-6
         return WireNodes(
             self.point[kept],
@@ -67,18 +67,18 @@ class WireNodes:
 
 
 def longest_step(range_cell: float, azimuth_cell: float, distance: float, wavelength: float) -> float:
-    r"""Largest distance between nodes, m.
+    r"""Largest spacing of the nodes along a wire, m.
 
     A quarter of the range cell, for the ends of a slanting wire; an eighth of the azimuth cell, so that a node's
-    pattern changes by 1.3 % over the whole aperture, little of it over the pulses that share a tracing; and short
-    against the Fresnel zone,
+    pattern changes by 1.3 % over the whole aperture and by less over the pulses of one block; and short against the
+    Fresnel zone,
 
     .. math:: k h^2 / R \le 0.02
 
     Parameters
     ----------
     range_cell, azimuth_cell : resolutions, m
-    distance : R, least to an antenna, m
+    distance : R, smallest distance to an antenna, m
     wavelength : m
     """
     fresnel = np.sqrt(NEAR_PHASE * distance * wavelength / (2.0 * np.pi))
@@ -86,7 +86,7 @@ def longest_step(range_cell: float, azimuth_cell: float, distance: float, wavele
 
 
 def cut(wires: Sequence[WireTarget], longest: float) -> WireNodes:
-    """Nodes of wires, no farther apart than ``longest``, m; each wire has both its ends."""
+    """Nodes along lines, spaced by at most ``longest``, m, with one at each end of a line."""
     points, inward, axes, steps, sides, numbers = [], [], [], [], [], []
     for number, wire in enumerate(wires):
         n = max(1, int(np.ceil(wire.length / longest - 1e-9)))
@@ -106,7 +106,7 @@ def cut(wires: Sequence[WireTarget], longest: float) -> WireNodes:
 
 
 class WireScatterers(Scatterers):
-    r"""Wires as scatterers with the closed form of the infinite cylinder's current.
+    r"""Wires and rods as scatterers, by the closed-form current of the infinite cylinder.
 
     .. math:: q \cdot S e = \frac{2}{\sqrt\pi} h F \left[T_{mm} (q \cdot \hat t_s)(\hat t_i \cdot e)
         + T_{ee} (q \cdot \hat p_s)(\hat p_i \cdot e)
@@ -116,23 +116,24 @@ class WireScatterers(Scatterers):
 
     .. math:: F = \int_{-1}^{1} w(t) (1 - |t|) e^{-j k h (\hat d - \hat s) \cdot \hat a\, t} dt
 
-    whose w is 0 beyond an end of the wire, else 1. Hats of neighbours sum to one: at the carrier the sum over a wire is
-    its whole integral, however it is cut, and what of a slanting wire is not cancelled stands at its ends.
+    whose w is 0 beyond an end of the line, else 1. Hats of neighbours sum to one: at the carrier the sum over the nodes
+    is the integral over the line, however it is cut, and the uncancelled return of a slanting line is at its ends.
 
-    The phase of the leg to the front of the cylinder and back is in the range (`nearer`), not in T: it turns with the
-    frequency.
+    The phase of the path to the front of the cylinder is in the slant range (`nearer`), not in T, since it depends on
+    the frequency.
 
     Parameters
     ----------
     nodes : of the wires
-    wires : that they belong to
+    lines : wires to which the nodes belong
     wavelength : m
 
     Notes
     -----
-    The cylinder's series is that of the tilt whose cosine is the geometric mean of both legs' (reciprocal; exact on the
-    cone of mirror directions and, but for the TE current's part along the axis, in backscatter). Ignores what ends do:
-    reflected currents, resonances of wires below some wavelengths, caps; and shadows: wires hide nothing.
+    The cylinder's series is evaluated at the tilt whose cosine is the geometric mean of those of the incident and the
+    scattered direction (reciprocal; exact on the cone of specular directions and, except for the TE current along the
+    axis, in backscatter). Ignores effects of the ends (reflected currents, resonances of wires shorter than a few
+    wavelengths, end caps) and shadows cast by wires.
 
     References
     ----------
@@ -180,7 +181,7 @@ class WireScatterers(Scatterers):
     def departure(
         self, index: mi.UInt32, point: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
     ) -> mi.Vector3f:
-        """An end is seen from the middle of its part: a post's foot stands on the ground, not in it."""
+        """Start of a shadow ray, m; at an end it lies within the line: ground at a post's foot does not hide it."""
         return point + dr.gather(mi.Vector3f, self.inward, index) + direction * clearance
 
     def amplitude(
@@ -211,7 +212,7 @@ class WireScatterers(Scatterers):
         return value * filled * (step * (2.0 / float(np.sqrt(np.pi))))
 
     def _spline(self, index: mi.UInt32, y: mi.Float) -> mi.Complex2f:
-        """F of a node for the phase y over its half hat: of both sides, or of the one that the wire has."""
+        """Phase integral F of a node for the phase y over half its hat: over both sides, or over one at an end."""
         sides = dr.gather(mi.Vector2f, self.sides, index)
         half = 0.5 * y
         ratio = dr.select(dr.abs(half) > 1e-3, dr.sin(half) / half, 1.0 - dr.square(half) / 6.0)
@@ -225,7 +226,7 @@ class WireScatterers(Scatterers):
     def _series(
         self, index: mi.UInt32, axis: mi.Vector3f, legs: Sequence[_WireLeg]
     ) -> tuple[mi.Complex2f, mi.Complex2f, mi.Complex2f | None]:
-        """TM, TE and TE to TM (over the sine of the tilt), from four nodes of azimuth and two of tilt."""
+        """Coefficients TM, TE and TE to TM (over the sine of the tilt), cubic in azimuth and linear in tilt."""
         kind = dr.gather(mi.UInt32, self.kind, index)
         shape = dr.gather(mi.Vector4u, self.shapes, kind)
         cosine = dr.sqrt(legs[0].cosine * legs[1].cosine)
@@ -234,7 +235,7 @@ class WireScatterers(Scatterers):
         y = dr.acos(dr.clip(cosine, 0.0, 1.0)) * (2.0 / dr.pi) * mi.Float(shape.y - 1)
         column, row = dr.minimum(mi.UInt32(x), shape.z - 2), dr.minimum(mi.UInt32(y), shape.y - 2)
         u, v = x - mi.Float(column), y - mi.Float(row)
-        # Lagrange's cubic through the nodes before, here, next and after that
+        # Lagrange's cubic through four neighbouring nodes
         weights = (
             -u * (u - 1.0) * (u - 2.0) / 6.0,
             (u + 1.0) * (u - 1.0) * (u - 2.0) * 0.5,
@@ -262,8 +263,9 @@ class WireScatterers(Scatterers):
         return mi.Vector3f(row.x, row.y, row.z), row.w
 
     def nearer(self, index: mi.UInt32, incident: Leg, scattered: Leg) -> mi.Float:
-        """The wave turns round at the front of the wire, a radius before its axis where it is met at right angles."""
-        axis, _ = self._axis_and_step(index)
+        """Distance of the wire's front surface before its axis, m: its radius at normal incidence."""
+        wire = dr.gather(mi.Vector4f, self.wires, index)
+        axis = mi.Vector3f(wire.x, wire.y, wire.z)
         legs = [_WireLeg.of(axis, v) for v in (-incident.to_antenna, scattered.to_antenna)]
         azimuth = _azimuth(axis, legs)
         radius = dr.gather(mi.Float, self.radius, dr.gather(mi.UInt32, self.kind, index))
@@ -272,7 +274,7 @@ class WireScatterers(Scatterers):
 
 @dataclass(frozen=True, eq=False)
 class _WireLeg:
-    """A leg at a wire: field vectors in the plane of axis and ray and across it, and the cosine of its tilt."""
+    """Wave at a wire: unit vectors in and across the plane of axis and ray, and the cosine of the tilt."""
 
     along: mi.Vector3f
     across: mi.Vector3f
@@ -282,7 +284,7 @@ class _WireLeg:
     def of(axis: mi.Vector3f, direction: mi.Vector3f) -> _WireLeg:
         across = dr.cross(axis, direction)
         cosine = dr.norm(across)
-        # end-on there is no plane, and nothing returns
+        # along the axis the plane is undefined, and nothing is scattered
         across = across * dr.rcp(dr.maximum(cosine, 1e-6))
         return _WireLeg(dr.cross(direction, across), across, cosine)
 

@@ -1,4 +1,4 @@
-"""One closed form against the simulation: what was compared, how far apart they are, and why that far.
+"""Comparison of a closed form with the simulation: curves, deviation and tolerance.
 
 A case is one piece of physics with one plot; its comparisons are the curves in it. Every comparison keeps the
 closed form, the simulated values and the tolerance with its reason, so that tests, table and plots say the same.

@@ -1,4 +1,4 @@
-"""Focused noise of an empty scene, and a focused point: what a link budget predicts, measured."""
+"""Measured noise of an empty scene and power of a focused point, for comparison with a link budget."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Blocks and planes in a slant-range image, and where edges and lines lie in its range profile."""
+"""Range profiles of blocks and planes in a slant-range image, and positions of edges and lines."""
 
 from dataclasses import replace
 

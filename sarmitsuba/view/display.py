@@ -1,4 +1,4 @@
-"""From complex pixels to the values that a picture shows: quantity, averaging, limits of the scale, magnification."""
+"""Displayed values of a complex image: quantity, averaging, limits of the scale, magnification."""
 
 import dataclasses
 import math
@@ -48,7 +48,7 @@ _CLUTTER_AT = 0.42
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What a picture shows of an image, and how.
+    """Options of a picture of an image.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Images of all focusers side by side, and what each differs from the reference by."""
+"""Images of all focusers side by side, with their differences to the reference."""
 
 import math
 import textwrap

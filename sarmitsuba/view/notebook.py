@@ -1,4 +1,4 @@
-"""What notebooks show: pictures of images and plans of scenes as PNG, no file and no window needed."""
+"""Pictures for notebooks: images and plan views of scenes as PNG."""
 
 import io
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Radar cross section over aspect: polar where much of the circle is swept, else decibels over the angle."""
+"""Radar cross section over aspect: a polar plot for wide sweeps, else decibels over the angle."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The quality of an image as a picture: where the points and areas are, and every point's impulse response."""
+"""Picture of image quality: points, areas and impulse responses."""
 
 import numpy as np
 from matplotlib.axes import Axes

@@ -65,7 +65,7 @@ def test_what_makes_no_pair_is_one_line(pair: Path, tmp_path: Path, capsys: Any)
     (bare / "raw.h5").unlink()
     assert cli.main(["interferogram", str(image), str(bare), "-o", str(tmp_path / "o")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "stands on another grid than the first, and there are no raw data" in line
+    assert "is on another grid than the first, and there are no raw data" in line
     assert cli.main(["interferogram", str(image), str(image), "-o", str(tmp_path / "same")]) == 0
     assert not (tmp_path / "same" / "heights.npz").exists()  # no baseline, no heights
     assert cli.main(["insar", "point", "-o", str(tmp_path / "x"), "--no-focus"]) == 2

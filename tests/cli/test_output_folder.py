@@ -303,7 +303,7 @@ def test_formats_of_extensions_are_written(simulations: list[Scene], tmp_path: P
 
 
 def hostile(record: dict[str, Any], folder: Path, out: Path, rng: np.random.Generator) -> dict[str, Any]:
-    """The list with a name that leads elsewhere, in the folder but not a result's, or to what is no plain file."""
+    """The list with a name that leads elsewhere, in the folder but not a result's, or to what is no regular file."""
     mine = folder / "mine.h5"
     size = int(rng.choice([-1, mine.stat().st_size]))
     kind = int(rng.integers(10))
@@ -393,5 +393,5 @@ def test_a_journal_follows_no_link(tmp_path: Path) -> None:
         (tmp_path / "raw.blocks").unlink()
     assert (tmp_path / "mine").read_text() == "" and not (tmp_path / "nowhere").exists()
     os.mkfifo(tmp_path / "raw.blocks")
-    with pytest.raises(OutputError, match="is no plain file"):
+    with pytest.raises(OutputError, match="is no regular file"):
         Journal(tmp_path / "raw.blocks")

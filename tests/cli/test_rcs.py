@@ -98,7 +98,7 @@ def test_mesh_without_a_radar_and_an_elevation_sweep(
         (["--azimuth", "0:360:1e-6"], "more than 100000 directions"),
         (["--elevation", "91"], "outside -90 to 90"),
         (["--azimuth=-200:200:1"], "more than the circle"),
-        (["--elevation", "90"], "turns nothing but the polarisation"),
+        (["--elevation", "90"], "rotates only the polarisation"),
         (["--pol", "HX"], "not a list of channels"),
         (["--max-depth", "-1"], "--max-depth"),
         (["--frequency", "5"], "--frequency"),

@@ -137,7 +137,7 @@ def test_a_folder_of_results_does_not_hide_a_shipped_scene(
     (line,) = (line for line in capsys.readouterr().err.splitlines() if "point.xml" in line)
     assert (
         line
-        == "warning: point: the file point.xml in this folder is taken, not the shipped scene of that name"
+        == "warning: point: the file point.xml in this folder is used, not the shipped scene of that name"
     )
     # tol: 0.05 dB, gridding kernels and interpolation
     assert 10 * np.log10(read_image("own/image.h5").rcs().max()) == pytest.approx(20.0, abs=0.05)

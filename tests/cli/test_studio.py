@@ -89,7 +89,7 @@ def test_what_the_bench_cannot_take_is_one_line(tmp_path: Path, capsys: pytest.C
     with pytest.raises(SceneError, match="there is no bsdf"):
         scene_xml(dataclasses.replace(first_state("tower"), materials={"roof": "pec"}))
     (tmp_path / "box.ply").write_text("ply\n")
-    with pytest.raises(SceneError, match="the bench takes scene files"):
+    with pytest.raises(SceneError, match="the studio takes scene files"):
         first_state(str(tmp_path / "box.ply"))
     (tmp_path / "torn.xml").write_text("<scene>")
     with pytest.raises(SceneError, match="not well-formed"):

@@ -69,7 +69,7 @@ def test_permittivity_one_returns_nothing(row, tmp_path: Path) -> None:
         '<scene version="3.0.0"><sensor type="sar_antenna"/><shape type="cube"><bsdf type="radar_material">'
         '<float name="permittivity_real" value="1"/></bsdf></shape></scene>'
     )
-    with pytest.raises(SceneError, match="nothing for the radar to see"):
+    with pytest.raises(SceneError, match="the scene has no scatterers"):
         sarmitsuba.load_scene(scene)
 
 

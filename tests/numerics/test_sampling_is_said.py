@@ -187,7 +187,7 @@ def test_rays_too_sparse_for_a_curved_surface(scene_file, row, monkeypatch: pyte
     (text,) = texts
     stated = re.search(
         r"(\d+) % of the surface is too small or too curved for the rays that fit the bound on rays, 0.2 m apart: its "
-        r"coherent return comes out up to (\d+) dB too strong; set ray_spacing to (\S+) m",
+        r"coherent return is up to (\d+) dB too strong; set ray_spacing to (\S+) m",
         text,
     )
     assert stated is not None and stated[1] == "100"
@@ -223,7 +223,7 @@ def test_wide_rays_over_bodies_that_shade_each_other_are_said(scene_file) -> Non
     path.write_text(path.read_text().replace("</scene>", second + "</scene>"))
     wide = {"sar_path.ray_spacing": "0.15"}  # 4.8 wavelengths
     (text,) = said(lambda: sarmitsuba.simulate(sarmitsuba.load_scene(path, parameters=wide)))
-    assert "shade or mirror each other" in text
+    assert "shadow or mirror each other" in text
     assert said(lambda: sarmitsuba.simulate(sarmitsuba.load_scene(path))) == []
     # one convex body: its tubes end at its own edges
     alone = sarmitsuba.load_scene(scene_file(), parameters=wide)

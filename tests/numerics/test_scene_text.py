@@ -139,7 +139,7 @@ def nest(folder: Path, depth: int, width: int) -> Path:
 def test_includes_of_includes_are_counted_not_read(tmp_path: Path, depth: int, width: int) -> None:
     path = nest(tmp_path, depth, width)
     for read in (load_scene, check_document, lambda one: copy_scene(one, tmp_path / "to")):
-        with pytest.raises(SceneError, match=r"its includes come to \w+ files, at most 1000"):
+        with pytest.raises(SceneError, match=r"its includes expand to \w+ files, more than the bound 1000"):
             read(path)
     assert not (tmp_path / "to").exists()
 
@@ -161,7 +161,7 @@ def test_counts_of_includes_are_those_of_reading_them_all(tmp_path: Path) -> Non
         if len(files) > len(set(files)):
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr("sarmitsuba.loader.references._MAX_INCLUDES", len(set(files)) - 1)
-                with pytest.raises(SceneError, match=f"come to {len(files) - 1} files"):
+                with pytest.raises(SceneError, match=f"expand to {len(files) - 1} files"):
                     check_document(folder / "i0.xml")
             compared += 1
     assert compared > 5

@@ -120,7 +120,7 @@ def test_one_pulse(tmp_path: Path) -> None:
     distance = np.linalg.norm(np.array([2.5, -1.5, 0.0]) - raw.radar.track.position[0])
     at = window.start_range[0] + window.sample_spacing * np.argmax(profile)
     assert abs(at - distance) <= 0.5 * window.sample_spacing
-    with pytest.raises(DataError, match="1 pulse makes no aperture; at least 2 are needed"):
+    with pytest.raises(DataError, match="1 pulse gives no synthetic aperture; at least 2 are needed"):
         focus(raw)
 
 

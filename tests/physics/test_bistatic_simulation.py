@@ -437,7 +437,7 @@ def test_each_antenna_has_its_own_beam(seed: int) -> None:
             {"receiver_track_file": "no.csv"},
             "receiver_offset_across has no effect beside receiver_track_file",
         ),
-        ({"receiver_offset_across": 9e4}, "from [0-9.]+ deg beside the transmitter, more than 30 deg"),
+        ({"receiver_offset_across": 9e4}, "angle at the aim point is [0-9.]+ deg, more than 30 deg"),
     ],
 )
 def test_wrong_receivers_are_one_line(change: dict[str, Any], message: str) -> None:
@@ -459,6 +459,7 @@ def test_one_look_wants_one_antenna() -> None:
     scene = make_scene(targets.plate(4.0, 4.0), (ROUGH,), given)
     for method in ("image", "raster"):
         with pytest.raises(
-            RadarError, match="the receiver is apart from the transmitter; take method hybrid or raw"
+            RadarError,
+            match=r"the receiver is apart from the transmitter \(bistatic\); take method hybrid or raw",
         ):
             render(scene, method=method)

@@ -332,7 +332,7 @@ def test_an_image_beside_all_points_is_refused() -> None:
     radar, along, _, _ = drawn(0)
     scene = build_scene(points=[PointTarget("aim", np.zeros(3))], radar=radar, film=film(40.0))
     away = replace(scene, points=(PointTarget("far", 300.0 * along),))
-    with pytest.raises(RadarError, match="shows none of the 1 ideal points, the nearest 280 m beside it"):
+    with pytest.raises(RadarError, match="shows none of the 1 ideal points, the nearest 280 m outside it"):
         simulate(away)
 
 

@@ -250,7 +250,7 @@ def test_one_look_shows_it_where_its_range_rate_puts_it(seed: int) -> None:
 def test_raster_refuses_what_moves() -> None:
     scene = Drawn(81, 16, 0.04).scene(method="raster")
     with pytest.raises(
-        RadarError, match=r"method raster projects what rests, and a mesh moves; .* moving_targets off"
+        RadarError, match=r"method raster shows objects at rest only, and a mesh moves; .* moving_targets off"
     ):
         Imager(Run(scene)).raster()
     off: dict[str, Switch] = {"moving_targets": "off"}

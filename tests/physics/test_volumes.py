@@ -195,7 +195,7 @@ def test_volumes_can_be_left_out() -> None:
     scene = layer()
     plan = plan_effects(scene)
     decision = plan.decision("vegetation")
-    assert decision is not None and decision.on and "1 volume takes" in decision.why
+    assert decision is not None and decision.on and "1 volume: extinction" in decision.why
     assert plan.on("visibility") and plan.on("fresnel")
     off = replace(scene, settings=replace(scene.settings, effects={"vegetation": "off"}))
     bare = plan_effects(off)

@@ -248,7 +248,7 @@ def test_a_raster_says_that_it_has_no_wires() -> None:
 
 
 def test_wires_made_in_python_are_checked() -> None:
-    with pytest.raises(SceneError, match="no two finite points"):
+    with pytest.raises(SceneError, match="not two different finite points"):
         WireTarget("rod", np.zeros(3), np.zeros(3), 0.01)
     with pytest.raises(SceneError, match="radius = 0 m"):
         WireTarget("rod", np.zeros(3), np.ones(3), 0.0)
@@ -385,7 +385,7 @@ def test_cylinders_polylines_and_instances_are_read(tmp_path: Path) -> None:
             "oval",
         ),
         (CYLINDER.format(name="", more='<string name="velocity" value="1 0 0"/>', bsdf=""), "moves"),
-        (CYLINDER.replace('value="0.02"', 'value="0.6"').format(name="", more="", bsdf=""), "no line"),
+        (CYLINDER.replace('value="0.02"', 'value="0.6"').format(name="", more="", bsdf=""), "too thick"),
         ('<shape type="sphere"><bsdf type="radar_wire"/></shape>', "put it on a cylinder"),
         ('<shape type="linearcurve"><string name="filename" value="mast.txt"/></shape>', "no surface"),
         (

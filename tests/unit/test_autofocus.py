@@ -89,7 +89,7 @@ def test_names_and_data_that_are_refused() -> None:
         parse_autofocus("phase_gradient,turns=3")
     radar = ideal_radar()
     raw = ideal_echoes(radar, np.zeros(3))
-    with pytest.raises(DataError, match="autofocus: the data hold nothing but zeros"):
+    with pytest.raises(DataError, match="autofocus: the data are all zero"):
         focus(replace(raw, data=0.0 * raw.data), autofocus="phase_gradient")
 
 

@@ -127,7 +127,7 @@ def test_table_tells_measured_bounds_and_what_timing_cannot_tell() -> None:
         "four": "? -",
         "five": "none -",
     }
-    (idle,) = [line for line in lines if line.startswith("on, and nothing of it in this image")]
+    (idle,) = [line for line in lines if line.startswith("on, but without any change of this image")]
     assert "three (25 %);" in idle and "one" not in idle.split(":")[1]
 
 
@@ -172,7 +172,7 @@ def test_stated_changes_are_those_of_whole_images() -> None:
             # tol: what blocks tell well is stated as measured, within their scatter
             assert np.isnan(few[effect].error_db) or few[effect].error_db >= true - 2.0
     assert stated["visibility"].error_is in ("none", "measured")
-    # more bounces are followed than there are: what the last one changes is that of the last that returns anything
+    # more bounces are followed than there are: what the last one changes is that of the last with an echo
     depth = stated["max_depth"]
     assert depth.value == DEFAULT_DEPTH and depth.deepest == 2 and depth.error_db > -20.0
 

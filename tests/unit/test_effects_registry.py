@@ -149,7 +149,7 @@ def test_coherent_is_a_switch(ground: Scene, corner: Scene) -> None:
         plan = plan_effects(switched(smooth, coherent="off"), sampling)
     assert not plan.flags.coherent and not plan.flags.tube_phase and plan.flags.diffuse
     assert plan_effects(switched(ground, coherent="on"), sampling).flags.coherent
-    with pytest.raises(SceneError, match="coherent = off leaves nothing that returns"):
+    with pytest.raises(SceneError, match="coherent = off leaves no echo at all"):
         plan_effects(switched(corner, coherent="off"))
 
 
@@ -274,7 +274,7 @@ def test_summary_and_json(corner: Scene) -> None:
     record = json.loads(json.dumps(plan.as_dict()))
     assert record["effects"]["fresnel"] == {
         "on": False,
-        "why": "all conductors are perfect",
+        "why": "all surfaces are perfect conductors",
         "value": None,
         "error_db": None,
         "error_is": "none",

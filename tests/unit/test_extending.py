@@ -192,7 +192,7 @@ def check_an_effect_of_the_trace_kernel(example: Example, folder: Path) -> None:
     assert len(set(paths.kind)) == 3 and len(paths.length) == len(all_paths.length)
     # tol: as above
     assert paths.power.sum() == pytest.approx(all_paths.power.sum() * loss**2, rel=4e-3)
-    with pytest.raises(RadarError, match="method raster traces nothing, so that rain has no effect"):
+    with pytest.raises(RadarError, match="method raster traces no paths, so that rain has no effect"):
         render(wet.replace(method="raster"))
     del EFFECTS._entries["rain"]
     np.testing.assert_array_equal(bits, simulate(load_scene(folder / "scene.xml")).data)

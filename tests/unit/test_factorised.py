@@ -170,7 +170,7 @@ def test_what_it_refuses() -> None:
     raw = band_noise(radar, 8)
     request = ImageRequest(grid="ground", extent_azimuth=10.0, extent_range=400.0)
     with pytest.raises(
-        DataError, match=r"factorised: the image reaches under the track; take focuser .*backproj"
+        DataError, match=r"factorised: the image extends below the track; take focuser .*backproj"
     ):
         focus(raw, default_grid(radar, request), focuser="factorised")
     radar = ideal_radar(resolution=1.0, n_samples=100)

@@ -111,5 +111,5 @@ def test_cell_area_is_the_product_of_the_cells_for_a_plain_geometry() -> None:
 def test_one_pulse_is_no_aperture() -> None:
     radar = ideal_radar(n_samples=64)
     one = replace(radar, track=radar.track.of_pulses(slice(0, 1)))
-    with pytest.raises(DataError, match="1 pulse makes no aperture"):
+    with pytest.raises(DataError, match="1 pulse gives no synthetic aperture"):
         ground_cell_area(one, np.zeros(3), np.ones(1), "rectangular")

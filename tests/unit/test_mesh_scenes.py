@@ -98,7 +98,7 @@ def test_a_gltf_part_without_a_material_is_named_by_itself(tmp_path: Path) -> No
 
 def test_names_that_say_nothing_are_said(tmp_path: Path) -> None:
     trimesh.creation.box((10, 10, 10)).export(tmp_path / "box.ply")
-    with pytest.warns(SarmitsubaWarning, match="names say nothing are read as concrete: no name"):
+    with pytest.warns(SarmitsubaWarning, match="materials with unknown names are read as concrete: no name"):
         load_scene(tmp_path / "box.ply", radar=RADAR)
     (tmp_path / "a.obj").write_text("usemtl M17\nv 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 2 3\nf 1 2 4\n")
     with pytest.warns(SarmitsubaWarning, match='read as concrete: "M17"'):

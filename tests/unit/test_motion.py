@@ -103,7 +103,7 @@ def test_wrong_motion_is_refused_in_one_line(tmp_path: Path, inner: str, message
     assert "\n" not in str(error.value)
     twice = shape(VECTOR + shape(VECTOR, name="body"), "merge", "car", "")
     with pytest.raises(
-        SceneError, match="a velocity of its own within a shape that moves; give it to one of both"
+        SceneError, match="a velocity inside a shape that moves; give the velocity to one of the two"
     ):
         scene_of(tmp_path, twice)
 

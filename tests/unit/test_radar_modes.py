@@ -227,7 +227,7 @@ def test_what_has_its_whole_aperture() -> None:
     spot = radar_of(mode="spotlight", **beam)
     held = lit(spot, x[:, None] * spot.track.along)
     assert np.ptp(x[held.whole]) == pytest.approx(2.0 * 5e3 * np.tan(np.radians(1.0)), abs=6.0)
-    with pytest.raises(RadarError, match="isotropic lights everything and has no outline"):
+    with pytest.raises(RadarError, match="isotropic illuminates everything and has no outline"):
         outline(replace(spot, antenna=radar_of().antenna), 0)
 
 

@@ -168,9 +168,9 @@ def test_broken_mesh_files(tmp_path: Path, name: str, content: bytes, message: s
 
 def test_nothing_to_see(tmp_path: Path) -> None:
     start = GOOD.index("<shape")
-    assert "nothing for the radar to see: there is no shape" in refused(tmp_path, GOOD[:start] + "</scene>")
+    assert "the scene has no scatterers: there is no shape" in refused(tmp_path, GOOD[:start] + "</scene>")
     text = GOOD[:start] + '<shape type="cube"><bsdf type="null"/></shape></scene>'
-    assert "nothing for the radar to see: every shape is invisible" in refused(tmp_path, text)
+    assert "the scene has no scatterers: every shape is invisible" in refused(tmp_path, text)
 
 
 def test_shapes_do_not_belong_into_a_radar_file(tmp_path: Path) -> None:

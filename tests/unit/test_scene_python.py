@@ -227,7 +227,7 @@ def test_a_track_in_python_replaces_angles_and_range() -> None:
 @pytest.mark.parametrize(
     ("meshes", "options", "message"),
     [
-        ([], {}, "scene: nothing for the radar to see: there is no shape"),
+        ([], {}, "scene: the scene has no scatterers: there is no shape"),
         (
             [SceneMesh(*cube(), "irn")],
             {},

@@ -118,7 +118,7 @@ def test_resolve_takes_names_paths_and_suffixes(tmp_path, monkeypatch):
     Path("dihedral.xml").write_text("<scene/>", encoding="utf-8")
     assert resolve("dihedral.xml") == Path("dihedral.xml")  # an existing file wins
     with pytest.warns(
-        SarmitsubaWarning, match=r"the file dihedral\.xml in this folder is taken, not the shipped"
+        SarmitsubaWarning, match=r"the file dihedral\.xml in this folder is used, not the shipped"
     ):
         assert resolve("dihedral") == Path("dihedral.xml")
     Path("mine.xml").write_text("<scene/>", encoding="utf-8")

@@ -318,7 +318,7 @@ VACUUM = '<bsdf type="radar_material" name="class_255"><float name="permittivity
         ),
         (
             f'<bsdf type="land_cover">{bitmap("class_map")}{TWO_CLASSES}{named("class_102", 0)}{VACUUM}</bsdf>',
-            "is invisible: a map makes no holes",
+            "is invisible: a map cannot make holes",
         ),
     ],
 )
@@ -329,7 +329,7 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, bsdf: str, 
 
 
 def test_a_disk_has_no_texture_coordinates(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="a map lies on uv of a disk, which has none here; give map_extent"):
+    with pytest.raises(SceneError, match="a map needs uv, which a disk does not have here; give map_extent"):
         load_scene(scene_file(tmp_path, material(bitmap("sigma0_map")), '<shape type="disk">'))
 
 

@@ -227,8 +227,8 @@ def test_inward_meshes_are_turned() -> None:
         (slice(0, 11), "hedge", "is not closed"),
         (slice(0, 12), "hedgerow", 'did you mean "hedge"'),
         (slice(0, 12), {"preset": "hedge", "extinction_h": 1.0}, "describe the volume twice"),
-        (slice(0, 12), {}, "is not described"),
-        (slice(0, 12), {"sigma_v_h_db": -10.0, "relative_density": 2.0}, "relative_density is of a preset"),
+        (slice(0, 12), {}, "the volume has no content"),
+        (slice(0, 12), {"sigma_v_h_db": -10.0, "relative_density": 2.0}, "relative_density needs a preset"),
         (
             slice(0, 12),
             {"sigma_v_h_db": -10.0, "leaf_density": 9.0},
@@ -246,7 +246,7 @@ def test_wrong_volumes_are_refused_in_one_line(faces: slice, medium: object, wor
 
 
 def test_a_volume_needs_ground() -> None:
-    with pytest.raises(SceneError, match="stands on nothing"):
+    with pytest.raises(SceneError, match="no surface below the volume"):
         build_scene(volumes=[SceneVolume(*cube(), "hedge", "crown")])
 
 

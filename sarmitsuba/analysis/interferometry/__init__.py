@@ -1,4 +1,4 @@
-"""Interferometry: what two images of one scene say together."""
+"""Interferometry of two images of one scene."""
 
 from sarmitsuba.analysis.interferometry.baseline import Baseline
 from sarmitsuba.analysis.interferometry.heights import HeightMap, height_map, unwrapped_phase

@@ -1,4 +1,4 @@
-"""The baseline of two images: its parts about the line of sight, and what follows from them."""
+"""Interferometric baseline: components about the line of sight, critical baseline, height of ambiguity."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ _SAME = 1e-3
 
 @dataclass(frozen=True)
 class Baseline:
-    r"""The second image's antenna from the first's, seen at one point.
+    r"""Baseline from the first image's antenna to the second's, for one point.
 
     With one pass (p = 1) the transmitter is common and the baseline is that of the receivers; with two passes (p = 2)
     it is that of the phase centres.

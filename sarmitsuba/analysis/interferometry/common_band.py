@@ -1,4 +1,4 @@
-"""Spectral shift filter: what both images of a pair show of level ground, and nothing else."""
+"""Spectral shift filter: the common band of both images of a pair for level ground."""
 
 import numpy as np
 import scipy.fft

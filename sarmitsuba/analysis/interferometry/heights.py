@@ -1,4 +1,4 @@
-"""From phase to heights and places: unwrapping, and the point of every pixel that has its range, Doppler and phase."""
+"""Heights from interferometric phase: unwrapping, and the point of each pixel by range, Doppler and phase."""
 
 from dataclasses import dataclass
 

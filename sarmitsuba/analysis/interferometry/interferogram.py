@@ -1,4 +1,4 @@
-"""Two images of one grid in, interferogram out: phase, coherence, and the geometry that explains them."""
+"""Interferogram of two images on one grid: phase, coherence and geometry."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -72,7 +72,7 @@ class Interferogram:
 
     @property
     def kind(self) -> str:
-        """How the pair was made, in words."""
+        """Kind of the pair, in words."""
         if self.baseline.passes == 1:
             return "one pass, two receivers"
         days = f" {self.days:g} day{'s' * (self.days != 1.0)} apart" if self.days else ""

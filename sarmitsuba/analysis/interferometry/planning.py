@@ -1,4 +1,4 @@
-"""Where a pair's second antenna flies: a baseline across the line of sight that suits the scene."""
+"""Planning of the second pass: a perpendicular baseline suitable for the scene."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,4 +1,4 @@
-"""Where an image was seen from: antenna positions and slant range of every point, as its phases have them."""
+"""Phase centres of an image: antenna positions and slant range of every point."""
 
 from dataclasses import dataclass
 

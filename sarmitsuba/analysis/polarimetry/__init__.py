@@ -1,4 +1,4 @@
-"""What polarisation says of a scene: coherency matrix, Cloude-Pottier decomposition, compact polarimetry, colours."""
+"""Polarimetry: coherency matrix, Cloude-Pottier decomposition, compact polarimetry, colours."""
 
 from sarmitsuba.analysis.polarimetry.cloude_pottier import (
     ZONES,

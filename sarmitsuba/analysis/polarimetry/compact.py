@@ -1,4 +1,4 @@
-r"""Compact polarimetry: Stokes vector of what comes back from a circular wave, and what it says of the scatterers.
+r"""Compact polarimetry: Stokes vector of the echo of a circular wave, and its decompositions.
 
 Source: Raney, IEEE TGRS 45 (11) 2007 (hybrid polarity, m-delta); Raney, Cahill, Patterson, Bussey, JGR 117, E00H21,
 2012 (m-chi).

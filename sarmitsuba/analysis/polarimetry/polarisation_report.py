@@ -1,4 +1,4 @@
-"""What the polarisation of an image says, as one report."""
+"""Report of an image's polarimetry."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ CELLS = 5.0
 
 @dataclass(frozen=True, eq=False)
 class PolarimetryReport:
-    """What was found; the part of the channels that an image lacks is None.
+    """Results of the decompositions; None for those whose channels an image lacks.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How good an image is: points, areas, looks; measured from its pixels, beside what is predicted."""
+"""Image quality: points, areas and looks, measured and predicted."""
 
 from sarmitsuba.analysis.quality.areas import Area, AreaQuality
 from sarmitsuba.analysis.quality.error_budget import ErrorPart, error_budget

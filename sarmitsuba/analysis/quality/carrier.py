@@ -1,4 +1,4 @@
-"""The carrier of a focused image: the phase that turns from pixel to pixel, known from the geometry alone."""
+"""Carrier of a focused image: its phase ramp from pixel to pixel, from the geometry."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Errors of an image by their cause: what is in its stated error, and what is not."""
+"""Error budget of an image by cause."""
 
 import math
 from collections.abc import Mapping

@@ -27,7 +27,7 @@ from sarmitsuba.image.sar_image import SarImage
 
 @dataclass(frozen=True)
 class QualityReport:
-    """What was measured.
+    """Measured image quality.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Looks: parts of the image's spectrum focused apart, whose powers are averaged; resolution against speckle."""
+"""Spectral multi-looking: sub-apertures and sub-bands whose powers are averaged."""
 
 from dataclasses import dataclass
 

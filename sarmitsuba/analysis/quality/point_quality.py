@@ -1,4 +1,4 @@
-"""Point targets in an image: where they are, found or given, and what their impulse response is."""
+"""Point targets in an image: positions, found or given, and impulse responses."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What the impulse response of an image should look like, from its cells and windows."""
+"""Predicted widths of an image's impulse response, from its cells and windows."""
 
 from functools import cache
 

@@ -1,1 +1,1 @@
-"""One effect per module, each registered in ``EFFECTS``; nothing else lists them."""
+"""Built-in effects, one module each, registered in ``EFFECTS``."""

@@ -1,4 +1,4 @@
-"""The beam: gain over direction."""
+"""Antenna pattern: gain over direction."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,16 +13,16 @@ from sarmitsuba.scene.scene import Scene
 
 
 class AntennaPattern(Effect):
-    """Off for an isotropic beam, or where the gain varies too little over the scene and the aperture.
+    """Antenna pattern; off for an isotropic beam, or where the gain hardly varies over the scene and the aperture.
 
-    Off makes the beam isotropic for focusing as well, which would otherwise correct for what is not there.
+    Off makes the beam isotropic for focusing as well, which would otherwise correct for a pattern that was not applied.
     """
 
     name = "antenna_pattern"
     title = "beam over the scene"
     documentation = "two-way beam pattern"
     off_when = "isotropic, or flat over scene and aperture"
-    off_means = "an isotropic beam, for focusing too"
+    off_means = "isotropic beam, also in focusing"
     rank = 90
     at_key_pulses = False
     kernel_flags: ClassVar[Mapping[str, str]] = {
@@ -44,7 +44,7 @@ class AntennaPattern(Effect):
         change = float(np.abs(gain - 1.0).max())
         error = 20.0 * float(np.log10(change)) if change > 0 else -np.inf
         if change <= context.tolerance:
-            return Assessment(False, f"{kind} beam, flat over the scene to {error:.0f} dB", error)
+            return Assessment(False, f"{kind} beam, constant gain over the scene to {error:.0f} dB", error)
         return Assessment(
             True, f"{kind} beam falls to {20 * np.log10(max(float(gain.min()), 1e-15)):.1f} dB", error
         )
@@ -56,7 +56,7 @@ class AntennaPattern(Effect):
         return {"antenna_pattern": on}
 
     def without(self, scene: Scene) -> Scene:
-        """An isotropic beam of the same peak gain."""
+        """Scene with an isotropic beam of the same peak gain."""
         antenna = replace(scene.radar.antenna, pattern="isotropic")
         return replace(scene, radar=replace(scene.radar, antenna=antenna))
 

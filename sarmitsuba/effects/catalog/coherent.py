@@ -14,7 +14,7 @@ from sarmitsuba.materials.diffuse import diffuse_tables
 
 
 class Coherent(Effect):
-    """Off where roughness leaves nothing of it beside the clutter.
+    """Coherent return; off where roughness makes it negligible against the clutter.
 
     After one bounce a resolution cell of area A returns coherently at most
     ``4 pi A^2 / lambda^2 exp(-4 (k s cos)^2)``, even when it faces the antenna; diffusely ``sigma0 A``. Behind
@@ -24,8 +24,8 @@ class Coherent(Effect):
     name = "coherent"
     title = "coherent return of smooth surfaces"
     documentation = "physical-optics return of the smooth part of the surfaces"
-    off_when = "roughness leaves nothing of it beside the clutter"
-    off_means = "no physical-optics closing"
+    off_when = "negligible against the clutter because of roughness"
+    off_means = "no physical-optics return"
     rank = 20
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "coherent": "closing to the antenna by physical optics",
@@ -40,12 +40,14 @@ class Coherent(Effect):
         more = scene.points or scene.has_sources
         if scene.settings.effects.get(self.name) == "off" and not decided["diffuse"].on and not more:
             raise SceneError(
-                f"{scene.name}: coherent = off leaves nothing that returns, because diffuse is off "
+                f"{scene.name}: coherent = off leaves no echo at all, because diffuse is off "
                 f"({decided['diffuse'].why}); set coherent to auto or give a material a diffuse_law"
             )
         if not decided["diffuse"].on or context.scene.settings.effects.get("roughness") == "off":
             return Assessment(
-                True, "nothing else returns" if not decided["diffuse"].on else "roughness is off", 0.0
+                True,
+                "the only return of the surfaces" if not decided["diffuse"].on else "roughness is off",
+                0.0,
             )
         if decided["max_depth"].on:
             return self._measured(context, smooth)
@@ -54,18 +56,22 @@ class Coherent(Effect):
         bound = _single_bounce_db(context)
         if bound <= context.tolerance_db:
             return Assessment(
-                False, f"rough: coherent cell below {max(bound, -300.0):.0f} dB of the clutter", bound
+                False,
+                f"rough: coherent return of a cell below {max(bound, -300.0):.0f} dB of the clutter",
+                bound,
             )
-        return Assessment(True, f"coherent cell up to {bound:.0f} dB over the clutter", min(bound, 0.0))
+        return Assessment(
+            True, f"coherent return of a cell up to {bound:.0f} dB over the clutter", min(bound, 0.0)
+        )
 
     def _measured(self, context: SceneContext, smooth: list[str]) -> Assessment:
         pilot = context.pilot
-        why = f"{names(smooth)} smooth" if smooth else "mirror chains keep some of the coherent wave"
+        why = f"{names(smooth)} smooth" if smooth else "multi-bounce paths keep a coherent part"
         if pilot is None or pilot.total == 0.0:
             return Assessment(True, why, 0.0)
         energy, cell = pilot.energy_db(0, 1, upper=True), pilot.cell_db(0, 1)
         small = energy <= context.tolerance_db and cell <= pilot.cell_limit_db(context.tolerance_db)
-        # a facet that faces the antenna flashes in too few cells to be met by chance
+        # a facet that faces the antenna is bright in too few cells to be hit by chance
         if small and not smooth and _single_bounce_db(context) <= context.tolerance_db:
             return Assessment(
                 False,
@@ -81,7 +87,7 @@ class Coherent(Effect):
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """Closing to the antenna by physical optics."""
+        """Flag of the physical-optics return to the antenna."""
         return {"coherent": on}
 
 

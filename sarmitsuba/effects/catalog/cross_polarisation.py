@@ -14,13 +14,13 @@ from sarmitsuba.scene.scene import Scene
 
 
 class CrossPolarisation(Effect):
-    """On where the radar records a cross-polar channel; off drops those channels from the data."""
+    """Cross-polar channels; on where the radar records one, off drops those channels from the data."""
 
     name = "cross_polarisation"
     title = "cross-polar channels"
     documentation = "channels with different transmit and receive polarisation"
     off_when = "the radar records no cross-polar channel"
-    off_means = "those channels leave the data"
+    off_means = "no cross-polar channels in the data"
     rank = 70
     at_key_pulses = False
     kernel_flags: ClassVar[Mapping[str, str]] = {
@@ -33,7 +33,7 @@ class CrossPolarisation(Effect):
         cross = [c for c in channels if c[0] != c[1]]
         if cross:
             return Assessment(True, f"the radar records {', '.join(channels)}", 0.0)
-        return Assessment(False, f"only {', '.join(channels)} asked for", -np.inf)
+        return Assessment(False, f"the radar records only {', '.join(channels)}", -np.inf)
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
@@ -42,7 +42,7 @@ class CrossPolarisation(Effect):
         return {"channels": context.scene.radar.channels if on else _co_polar(context.scene)}
 
     def without(self, scene: Scene) -> Scene:
-        """Drop the channels from the radar, so that no later stage looks for them."""
+        """Scene with a radar without the cross-polar channels."""
         return replace(scene, radar=replace(scene.radar, channels=_co_polar(scene)))
 
 

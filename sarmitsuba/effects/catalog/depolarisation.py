@@ -12,7 +12,7 @@ from sarmitsuba.effects.text import names
 
 
 class Depolarisation(Effect):
-    """On where a diffuse material has a cross-polar ratio that the channels asked for can show.
+    """Cross-polar diffuse return; on where a diffuse material has a cross-polar ratio visible in the recorded channels.
 
     A ratio r changes the co-polar amplitude by about ``sqrt(r)``; in a cross-polar channel it is the clutter itself.
     """
@@ -20,8 +20,8 @@ class Depolarisation(Effect):
     name = "depolarisation"
     title = "cross-polar diffuse return"
     documentation = "cross-polar diffuse return, at each material's cross_polar_ratio_db"
-    off_when = "no cross-polar ratio that a channel can show"
-    off_means = "one scalar per cell"
+    off_when = "no cross-polar ratio that is visible in the recorded channels"
+    off_means = "one complex number per scatterer instead of a matrix"
     rank = 80
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "depolarisation": "two more Gaussians per cell and a full scattering matrix",
@@ -32,13 +32,13 @@ class Depolarisation(Effect):
         ratios = {m.name: m.cross_polar_ratio_db for m in context.materials if m.scatters}
         strongest = max(ratios.values(), default=-np.inf)
         if not decided["diffuse"].on or not np.isfinite(strongest):
-            return Assessment(False, "no diffuse cross-polar return", -np.inf)
+            return Assessment(False, "no material has a diffuse cross-polar return", -np.inf)
         given = names([n for n, r in ratios.items() if np.isfinite(r)])
         if decided["cross_polarisation"].on:
             return Assessment(True, f"cross-polar ratio on {given}", 0.0)
         if strongest <= context.tolerance_db:
             return Assessment(
-                False, f"cross-polar ratio at most {strongest:.0f} dB, no cross channel", strongest
+                False, f"cross-polar ratio at most {strongest:.0f} dB, no cross-polar channel", strongest
             )
         return Assessment(True, f"cross-polar ratio up to {strongest:.0f} dB on {given}", strongest)
 

@@ -16,7 +16,7 @@ _POLARISED_NODES = 16
 
 
 class Diffuse(Effect):
-    """On where a material that rays can hit scatters diffusely: it is the clutter itself, no tolerance applies."""
+    """Diffuse return; on where a visible material scatters diffusely (this is the clutter, so no tolerance applies)."""
 
     name = "diffuse"
     title = "diffuse scattering"
@@ -39,12 +39,12 @@ class Diffuse(Effect):
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """Laws that tell h from v need the plane of incidence: a property of the law, not an effect."""
+        """Flags of diffuse scatterers, and of laws that differ between h and v, which need the plane of incidence."""
         return {"diffuse": on, "polarised_diffuse": on and _polarised(context)}
 
 
 def _polarised(context: SceneContext) -> bool:
-    """Whether hh and vv of some material's law differ, as its table has them."""
+    """Whether hh and vv differ in the table of some material's law."""
     wavelength = context.scene.radar.waveform.wavelength
     return any(diffuse_tables(m, wavelength, _POLARISED_NODES).polarised for m in context.materials)
 

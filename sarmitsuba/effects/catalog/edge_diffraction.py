@@ -1,4 +1,4 @@
-"""Fringe currents along the sharp edges of metal."""
+"""Edge diffraction: fringe currents along the sharp edges of metal."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,41 +17,43 @@ from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.wedge import fringe_backscatter
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
 
-# antenna positions and edges that the estimate looks at, spread over all
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+
+# antenna positions and edges used in the estimate, distributed over all
 POSITIONS, EDGES = 9, 2000
-# metal faces whose edges are looked for while planning: a quarter of a second
+# most metal faces searched for edges while planning: a quarter of a second
 MOST_FACES = 100_000
 # cosine of the slope of ground that counts as level
 LEVEL = 0.98
 
 
 class EdgeDiffraction(Effect):
-    r"""On where a scene has sharp metal edges whose fringe counts.
+    r"""Edge diffraction; on where the strongest sharp metal edge is above the tolerance.
 
     A straight edge of length l (no longer than a resolution cell) along t, seen from the direction u, adds about
 
     .. math:: \sigma = \tfrac1\pi \max(D_s, D_h)^2 \min(l, \frac1{k |\hat t \cdot \hat u|})^2
 
-    to physical optics, with the fringe coefficients of a wedge seen across its edge. By way of level ground below, out
-    or home, it adds with the mean of u and of its mirror image in place of u, and so over its whole length where it is
-    upright; twice as an amplitude, less what the ground takes. The strongest edge is held against
-    the clutter or the strongest cell that a pilot found; without one, against a cell of the roughest material, or,
-    where nothing is rough, what the strongest plane of metal returns at once to any of the antenna's places: what
-    mirrors may send back beside it is not known without a pilot, and counts as none. Edges of what moves are left out,
-    which the reason says.
+    to physical optics, with the fringe coefficients of a wedge seen across its edge. For paths with one leg over level
+    ground, u is replaced by the mean of u and its mirror image, so that a vertical edge contributes over its whole
+    length; both paths are added, times the reflection coefficient of the ground. The strongest edge is compared with
+    the clutter or the strongest cell found by a pilot; without a pilot, with a cell of the roughest material, or,
+    where nothing is rough, with the strongest single-bounce return of a metal plane to any antenna position (multiple
+    bounces are unknown without a pilot, and count as none). Edges of moving shapes are left out, as the reason says.
 
-    Of what mirrors send to edges, and edges to mirrors, only the ground below an edge is followed; here any level face
-    below it counts as its ground.
+    Of paths between edges and mirrors only those over the ground below an edge are simulated; here any level face below
+    it counts as its ground.
     """
 
     name = "edge_diffraction"
     title = "fringe currents of metal edges"
     documentation = "diffraction by the sharp edges of metal beyond physical optics"
-    off_when = "no sharp metal edge, or what the strongest adds lies below the tolerance"
-    off_means = "physical optics alone: the same in HH and VV, nothing from a thin plate seen edge-on"
+    off_when = "no sharp metal edge, or the return of the strongest is below the tolerance"
+    off_means = "physical optics alone: HH = VV, no echo of a thin plate seen edge-on"
     rank = 105
     kernel_flags: ClassVar[Mapping[str, str]] = {
-        "edge_diffraction": "a launch of its own: one lane for each piece of an edge and pulse",
+        "edge_diffraction": "a separate launch: one lane for each piece of an edge and pulse",
     }
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -75,7 +77,7 @@ class EdgeDiffraction(Effect):
         strongest, longest = _strongest(edges, context, bounces=bounces), float(edges.length.max())
         reference, limit, over = _reference(found, context, decided)
         if strongest <= 0.0:
-            return Assessment(False, "no metal edge is seen", -np.inf)
+            return Assessment(False, "no metal edge is visible", -np.inf)
         error = 10.0 * float(np.log10(strongest / reference)) if reference > 0.0 else 0.0
         what = f"metal edges up to {length(longest)} add {error:.0f} dB, {over}"
         if any(
@@ -83,13 +85,13 @@ class EdgeDiffraction(Effect):
             for _, faces in context.scene.geometry.moving_meshes()
             for m in np.unique(context.scene.geometry.face_material[faces])
         ):
-            what += "; those of metal that moves are left out"
+            what += "; edges of moving metal are left out"
         return Assessment(error > limit, what, min(error, 0.0))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """Another launch beside those of the rays."""
+        """Flag of the separate launch of edges."""
         return {"edge_diffraction": on}
 
 
@@ -109,13 +111,13 @@ class _Metal:
 
 
 def _edges(found: _Metal) -> SharpEdges:
-    """Sharp metal edges of a scene, thinned where there are many; those that something touches among them."""
+    """Sharp metal edges of a scene, thinned where there are many; edges that touch other objects included."""
     edges = sharp_edges(found.corners, found.metal)
     return edges.of(np.unique(np.linspace(0, edges.n - 1, min(edges.n, EDGES)).astype(np.int64)))
 
 
 def _strongest(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> float:
-    """RCS that the strongest edge adds from any place of the antenna, m^2; by way of the ground too."""
+    """Largest RCS added by an edge at any antenna position, m^2; with paths over the ground."""
     cell = context.sampling.cell if context.sampling is not None else np.inf
     longest = np.minimum(edges.length, cell)
     lowest = _ground_height(context) if bounces else np.inf
@@ -143,7 +145,7 @@ def _strongest(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> fl
 
 
 def _ground_height(context: SceneContext) -> float:
-    """Height of the lowest level face that rays see, m; infinite where there is none."""
+    """Height of the lowest visible level face, m; infinite where there is none."""
     geometry = context.scene.geometry
     visible = ~np.array([m.invisible for m in context.scene.materials], dtype=bool)[geometry.face_material]
     corners = geometry.vertices[geometry.faces[visible]]
@@ -174,7 +176,7 @@ def _places(context: SceneContext) -> F64:
 def _reference(
     found: _Metal, context: SceneContext, decided: Mapping[str, Decision]
 ) -> tuple[float, float, str]:
-    """RCS that counts as the image's clutter or peak, m^2, how far below it the effect may stay, dB, and its name."""
+    """Reference RCS (clutter or peak of the image), m^2, allowed level relative to it, dB, and its name."""
     pilot = context.pilot
     if pilot is not None and pilot.total > 0.0:
         if pilot.clutter > 0.0:
@@ -197,7 +199,7 @@ def _clutter(context: SceneContext) -> float:
 
 
 def _facets(found: _Metal, context: SceneContext) -> float:
-    """RCS of the strongest plane of metal, or of a cell of it, from any place of the antenna, m^2; physical optics."""
+    """Largest physical-optics RCS of a metal plane, or of a cell of it, at any antenna position, m^2."""
     corners = found.corners[found.metal]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normal, axis=1)
@@ -206,7 +208,7 @@ def _facets(found: _Metal, context: SceneContext) -> float:
         return 0.0
     normal /= size[:, None]
     offset = np.einsum("ni,ni->n", corners[:, 0], normal)
-    # triangles of one plane add up to its outline: the sides that they share return nothing
+    # the terms of common sides of coplanar triangles cancel
     alike = np.round(np.column_stack([normal, offset / max(float(np.ptp(corners)), 1e-9)]), 4)
     _, plane = np.unique(alike, axis=0, return_inverse=True)
     cell = context.sampling.cell if context.sampling is not None else np.inf
@@ -215,7 +217,7 @@ def _facets(found: _Metal, context: SceneContext) -> float:
         look = place - corners.mean(axis=1)
         distance = np.linalg.norm(place - corners, axis=2)
         cosine = np.abs(np.einsum("ni,ni->n", look, normal)) / np.linalg.norm(look, axis=1)
-        # what a linear phase integrates to over a triangle, from its three corners
+        # integral of a linear phase over a triangle, from its three corners
         phase = 2.0 * context.wavenumber * (distance - distance.min())
         share = 0.5 * size * np.exp(-1j * phase[:, 0]) * _over_triangle(phase - phase[:, :1]) * cosine
         total = np.abs(_sums(plane.reshape(-1), share))

@@ -14,13 +14,13 @@ from sarmitsuba.materials.material import Material
 
 
 class Fresnel(Effect):
-    """Off where all conductors are as good as perfect, or nothing reflects or returns coherently."""
+    """Fresnel coefficients; off where all materials are nearly perfect conductors, or nothing reflects coherently."""
 
     name = "fresnel"
     title = "Fresnel coefficients"
     documentation = "reflection coefficients of the materials; off: every surface is a perfect conductor"
     off_when = "every surface is a perfect conductor, or nothing reflects and nothing returns coherently"
-    off_means = "`E - 2 (E.n) n` only"
+    off_means = "the reflection of a perfect conductor, `E - 2 (E.n) n`"
     rank = 30
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "fresnel": "Fresnel coefficients; off treats every surface as a perfect conductor",
@@ -30,7 +30,7 @@ class Fresnel(Effect):
         """See the class."""
         lossy = [m for m in context.materials if not m.pec]
         if not lossy:
-            return Assessment(False, "all conductors are perfect", -np.inf)
+            return Assessment(False, "all surfaces are perfect conductors", -np.inf)
         mirrors = decided["max_depth"].on or context.scene.has_sources
         if not mirrors and not decided["coherent"].on:
             return Assessment(False, "nothing reflects and nothing returns coherently", -np.inf)
@@ -39,7 +39,7 @@ class Fresnel(Effect):
             return Assessment(
                 False, f"{names([m.name for m in lossy])} within {error:.0f} dB of a perfect conductor", error
             )
-        # perfect conductors return more than the image has; by how much depends on the paths
+        # perfect conductors give a stronger image; by how much depends on the paths
         return Assessment(True, f"dielectric {names([m.name for m in lossy])}", float("nan"))
 
     def flags(
@@ -50,7 +50,7 @@ class Fresnel(Effect):
 
 
 def _error_db(m: Material) -> float:
-    """Largest change of the reflected field by calling the material a perfect conductor, over 0 to 85 degrees, dB."""
+    """Largest error of the reflected field of a perfect conductor in place of the material, 0 to 85 degrees, dB."""
     te, tm = fresnel(np.cos(np.radians(np.linspace(0.0, 85.0, 18))), m.permittivity)
     # perfect conductor: R_TE = -1, R_TM = 1
     error = max(float(np.abs(te + 1.0).max()), float(np.abs(tm - 1.0).max()))

@@ -1,4 +1,4 @@
-"""Wires that scatter by a closed form: cables, rails, posts, lattice masts."""
+"""Wires (rails, posts, lattice masts), with the closed-form scattering of cylinders."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -12,13 +12,13 @@ from sarmitsuba.scene.scene import Scene
 
 
 class LineScatterers(Effect):
-    """On where the scene has wires; off leaves them out."""
+    """Wires; on where the scene has any, off leaves them out."""
 
     name = "line_scatterers"
     title = "wires, rails and posts"
-    documentation = "returns of the wires that `radar_wire` makes of cylinders and linearcurves"
+    documentation = "returns of wires: cylinders and linearcurves with a `radar_wire`"
     off_when = "the scene has no `radar_wire`"
-    off_means = "no wire returns anything"
+    off_means = "no echoes of wires"
     rank = 136
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -27,7 +27,7 @@ class LineScatterers(Effect):
         if not wires:
             return Assessment(False, "no radar_wire", -np.inf)
         wavelength = context.scene.radar.waveform.wavelength
-        # that of the optics limit: what a wire returns to a radar square to it
+        # optics limit at normal incidence
         glint = max(2.0 * np.pi * wire.radius * wire.length**2 / wavelength for wire in wires)
         what = "1 wire" if len(wires) == 1 else f"{len(wires)} wires"
         total = sum(wire.length for wire in wires)
@@ -35,7 +35,7 @@ class LineScatterers(Effect):
         return Assessment(True, why, 0.0)
 
     def without(self, scene: Scene) -> Scene:
-        """The scene without its wires."""
+        """Scene without its wires."""
         return dataclasses.replace(scene, wires=())
 
 

@@ -15,18 +15,18 @@ from sarmitsuba.scene.scene import Scene
 
 
 class MotionInPulse(Effect):
-    r"""On where echoes appear elsewhere, or with another phase, than from an antenna that stands still.
+    r"""Motion within the pulse; on where it shifts echoes in range or phase (no start-stop approximation).
 
-    With the chirp's rate :math:`\gamma = B / T_p`, an echo of range R whose range changes by :math:`\dot R` appears
-    shifted by :math:`\dot R f_c / \gamma`, of a range cell, and has the phase of the range at its own arrival, which is
-    :math:`2 (R - R_0) / c` after that of the aim point's.
+    With the chirp's rate :math:`\gamma = B / T_p`, an echo of range R and range rate :math:`\dot R` appears
+    shifted by :math:`\dot R f_c / \gamma` in range, and has the phase of the range at its own arrival, which is
+    :math:`2 (R - R_0) / c` after that of the aim point's echo.
     """
 
     name = "motion_in_pulse"
     title = "motion within the pulse"
     documentation = "motion of the antenna within the pulse: until reception, and Doppler within the chirp"
-    off_when = "neither shifts an echo by more than the tolerance"
-    off_means = "the antenna stands still at every pulse"
+    off_when = "echoes are shifted by less than the tolerance"
+    off_means = "start-stop approximation: the antenna is at rest during every pulse"
     rank = 138
     at_key_pulses = False
 
@@ -34,13 +34,15 @@ class MotionInPulse(Effect):
         """See the class."""
         radar = context.scene.radar
         if context.scene.settings.method in ("image", "raster"):
-            return Assessment(False, f"method {context.scene.settings.method} looks from one place", -np.inf)
+            return Assessment(
+                False, f"method {context.scene.settings.method} uses one antenna position", -np.inf
+            )
         wave, n = radar.waveform, radar.track.n_pulses
         few = radar.of_pulses(np.unique(np.linspace(0, n - 1, min(n, 33)).round().astype(int)))
         kappa = wave.center_frequency * wave.pulse_width / wave.bandwidth
         rate, beyond = _widest(few, context)
         shift = kappa * rate
-        # rms over the band of the phase that a shift is, and the phase at the carrier
+        # rms over the band of the phase of a range shift, and the phase at the carrier
         phase = np.hypot(
             np.pi / np.sqrt(3.0) * shift / wave.range_cell, 4.0 * np.pi / wave.wavelength * beyond
         )
@@ -49,12 +51,12 @@ class MotionInPulse(Effect):
         return Assessment(error > context.tolerance_db, why, error)
 
     def within(self, scene: Scene) -> Scene:
-        """The receiver where the antenna is when the echo arrives."""
+        """Scene with the receiver at the antenna's position when the echo arrives."""
         return replace(scene, radar=moving_in_pulse(scene.radar))
 
 
 def _widest(radar: Radar, context: SceneContext) -> tuple[float, float]:
-    """Greatest range rate that the scene is seen with (m/s), and that over c times the range from the aim point, m."""
+    """Largest range rate of the scene (m/s), and largest range rate over c times the range from the aim point, m."""
     rate = np.array([radar.range_rate(corner) for corner in context.corners])
     beyond = np.array([radar.slant_range(corner) for corner in context.corners])
     beyond = beyond - radar.slant_range(radar.aim_point)

@@ -1,4 +1,4 @@
-"""Shapes that move while the radar flies by."""
+"""Motion of shapes during the aperture."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -12,13 +12,13 @@ from sarmitsuba.scene.scene import Scene
 
 
 class MovingTargets(Effect):
-    """On where a shape moves; off leaves all of them where they stand at time zero."""
+    """Moving targets; on where a shape moves, off keeps all at their positions at time zero."""
 
     name = "moving_targets"
     title = "moving shapes"
     documentation = "motion of shapes that have a velocity or an acceleration"
     off_when = "no shape moves"
-    off_means = "all shapes at rest, as they stand at time zero"
+    off_means = "all shapes at rest, at their positions at time zero"
     rank = 135
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "motion": "displacement and velocity of the face at every hit",
@@ -34,18 +34,18 @@ class MovingTargets(Effect):
         time = scene.radar.track.time
         moved = max(float(np.linalg.norm(np.ptp(m.displacement(time), axis=0))) for m in motions)
         what = "1 shape moves" if len(motions) == 1 else f"{len(motions)} shapes move"
-        # rad over the aperture: from one on, what it returns is another image
+        # rad over the aperture: from one on, the image is completely different
         error = 20.0 * float(np.log10(min(2.0 * context.wavenumber * moved, 1.0))) if moved else -np.inf
         return Assessment(True, f"{what}, up to {moved:.3g} m during the aperture", error)
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """Two gathers per hit, in scenes where a mesh moves."""
+        """Flag of the motion of faces, in scenes where a mesh moves."""
         return {"motion": on and context.scene.geometry.moves}
 
     def without(self, scene: Scene) -> Scene:
-        """All shapes at rest."""
+        """Scene with all shapes at rest."""
         return scene.frozen()
 
 

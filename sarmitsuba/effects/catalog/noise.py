@@ -12,7 +12,7 @@ from sarmitsuba.scene.scene import Scene
 
 
 class Noise(Effect):
-    """On where a noise temperature is given.
+    """Receiver noise; on where a noise temperature is given.
 
     The noise-equivalent RCS of a focused cell is ``k T / T_p R^4 / (K^2 N)`` for N pulses.
     """
@@ -21,7 +21,7 @@ class Noise(Effect):
     title = "receiver noise"
     documentation = "thermal noise of the receiver"
     off_when = "no noise temperature"
-    off_means = "nothing is added"
+    off_means = "no noise"
     rank = 140
     at_key_pulses = False
 
@@ -40,10 +40,12 @@ class Noise(Effect):
                 context.pilot.clutter if context.pilot.clutter > 0 else float(context.pilot.peak[3].max())
             )
             error = 10.0 * float(np.log10(rcs / reference))
-        return Assessment(True, f"{radar.noise_temperature:g} K: {level:.0f} dBsm per cell", error)
+        return Assessment(
+            True, f"{radar.noise_temperature:g} K: noise-equivalent RCS {level:.0f} dBsm per cell", error
+        )
 
     def without(self, scene: Scene) -> Scene:
-        """A receiver at zero kelvin."""
+        """Scene with a noise-free receiver."""
         return replace(scene, radar=replace(scene.radar, noise_temperature=0.0))
 
 

@@ -12,12 +12,12 @@ from sarmitsuba.effects.text import length
 
 
 class Roughness(Effect):
-    """Off where every rms height is too small for ``1 - exp(-2 (k s cos)^2)`` to count, or nothing is coherent."""
+    """Roughness loss; off where ``1 - exp(-2 (k s cos)^2)`` is negligible for all surfaces, or nothing is coherent."""
 
     name = "roughness"
     title = "coherent loss by roughness"
     documentation = "loss of coherent reflection to the rms height"
-    off_when = "every rms height takes less than the tolerance from the wave"
+    off_when = "the coherent loss by every rms height is below the tolerance"
     off_means = "no exponentials"
     rank = 40
     kernel_flags: ClassVar[Mapping[str, str]] = {
@@ -32,12 +32,11 @@ class Roughness(Effect):
         mirrors = decided["max_depth"].on or context.scene.has_sources
         if not mirrors and not decided["coherent"].on:
             return Assessment(False, "nothing reflects and nothing returns coherently", -np.inf)
-        loss = -np.expm1(-2.0 * (context.wavenumber * height) ** 2)  # at normal incidence, the most
+        loss = -np.expm1(-2.0 * (context.wavenumber * height) ** 2)  # largest, at normal incidence
         error = 20.0 * float(np.log10(loss))
         rough = f"rms height up to {length(height)}"
         if error <= context.tolerance_db:
-            return Assessment(False, f"{rough} takes {error:.0f} dB of the amplitude", error)
-        # what roughness takes may be more than what it leaves
+            return Assessment(False, f"{rough}: coherent loss {error:.0f} dB of the amplitude", error)
         return Assessment(True, rough, float("nan"))
 
     def flags(

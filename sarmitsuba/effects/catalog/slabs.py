@@ -1,4 +1,4 @@
-"""Reflection of walls and panes of finite thickness."""
+"""Reflection of slabs: walls and panes of finite thickness."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -15,16 +15,16 @@ from sarmitsuba.materials.slab import COSINES, slab_coefficients
 
 
 class Slabs(Effect):
-    """On where a material has a thickness and reflects otherwise than a half space of it."""
+    """Slab reflection; on where a material has a thickness and reflects differently from a half space."""
 
     name = "slabs"
     title = "slabs of finite thickness"
     documentation = "reflection of materials with a thickness as slabs; off: as half spaces"
-    off_when = "no material has a thickness, or all are as good as half spaces"
+    off_when = "no material has a thickness, or all reflect like half spaces"
     off_means = "Fresnel coefficients of half spaces"
     rank = 32
     kernel_flags: ClassVar[Mapping[str, str]] = {
-        "slabs": "reflection coefficients of slabs, coated or not, at faces that are some",
+        "slabs": "reflection coefficients of slabs, coated or not, at faces with a thickness",
     }
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -39,18 +39,18 @@ class Slabs(Effect):
         if error <= context.tolerance_db and not context.seen_through:
             return Assessment(False, f"{what}: within {error:.0f} dB of a half space", error)
         return Assessment(
-            True, f"{what}: a half space would be off by {round(error)} dB of the incident field", error
+            True, f"{what}: error of a half space {round(error)} dB of the incident field", error
         )
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """Slab coefficients in the kernel."""
+        """Flag of slab coefficients in the kernel."""
         return {"slabs": on}
 
 
 def _error_db(m: Material, wavelength: float) -> float:
-    """Largest difference of a slab's reflected field from the half space's over the incident one, dB."""
+    """Largest difference of the fields reflected by a slab and a half space, relative to the incident field, dB."""
     slab = slab_coefficients(m, wavelength)
     te, tm = fresnel(COSINES, m.permittivity)
     error = max(float(np.abs(slab.r_te - te).max()), float(np.abs(slab.r_tm - tm).max()))

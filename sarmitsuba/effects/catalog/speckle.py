@@ -11,7 +11,7 @@ from sarmitsuba.effects.flags import FlagValue
 
 
 class Speckle(Effect):
-    """On where anything is diffuse; without it every cell has the same modulus and a phase of its own.
+    """Speckle; on where anything is diffuse. Off gives every cell the same modulus and a random phase.
 
     The mean square of ``g - g / |g|`` for a unit complex Gaussian g is ``2 - sqrt(pi)``, -6.4 dB.
     """
@@ -22,7 +22,7 @@ class Speckle(Effect):
         "persistent random reflectivity of the diffuse scatterers; off: equal modulus, random phase"
     )
     off_when = "nothing is diffuse"
-    off_means = "speckle coefficients of unit modulus and random phase"
+    off_means = "scatterers of equal modulus and random phase"
     rank = 50
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "speckle": "complex Gaussian scatterers; off gives each cell the same modulus and a random phase",
@@ -32,7 +32,7 @@ class Speckle(Effect):
         """See the class."""
         if not decided["diffuse"].on:
             return Assessment(False, "nothing diffuse", -np.inf)
-        return Assessment(True, "diffuse cells carry speckle", 10.0 * float(np.log10(2.0 - np.sqrt(np.pi))))
+        return Assessment(True, "diffuse scatterers are random", 10.0 * float(np.log10(2.0 - np.sqrt(np.pi))))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

@@ -1,4 +1,4 @@
-"""Spherical spreading inside the scene; without it every path has the spreading of the scene's middle."""
+"""Spherical spreading inside the scene; off: every path has the spreading of the scene's middle."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -11,12 +11,12 @@ from sarmitsuba.effects.flags import FlagValue
 
 
 class Spreading(Effect):
-    """Off where ``1 / R^2`` is the same all over the scene and the aperture, to the tolerance."""
+    """Spherical spreading; off where ``1 / R^2`` is constant over the scene and the aperture within the tolerance."""
 
     name = "spreading"
     title = "spreading inside the scene"
     documentation = "spherical spreading inside the scene; off: that of the scene's middle everywhere"
-    off_when = "1/R^2 is the same all over the scene"
+    off_when = "1/R^2 is nearly constant over the scene"
     off_means = "one factor"
     rank = 100
     kernel_flags: ClassVar[Mapping[str, str]] = {

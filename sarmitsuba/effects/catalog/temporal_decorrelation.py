@@ -1,4 +1,4 @@
-"""Rough surfaces and volumes that have changed since the first pass."""
+"""Temporal decorrelation: change of rough surfaces and volumes since the first pass."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -13,7 +13,7 @@ from sarmitsuba.materials.vegetation.medium import VolumeMedium
 
 
 class TemporalDecorrelation(Effect):
-    r"""On in later passes over materials that lose coherence; the first pass is the scene as it is.
+    r"""Temporal decorrelation; on in later passes over materials that lose coherence.
 
     Two numbers of mean power one and coherence :math:`\gamma` differ by :math:`2 (1 - \gamma)` in the mean square.
     """
@@ -24,7 +24,7 @@ class TemporalDecorrelation(Effect):
         "change of rough surfaces and volumes since the first pass where temporal_coherence is below 1"
     )
     off_when = "the first pass, or no material changes"
-    off_means = "every pass sees the scatterers of the first"
+    off_means = "every pass has the scatterers of the first"
     rank = 55
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "temporal": "random numbers of the scatterers mixed with those of their latest change",
@@ -36,7 +36,7 @@ class TemporalDecorrelation(Effect):
         if days == 0.0:
             return Assessment(False, "the first pass", -np.inf)
         if context.scene.settings.method == "raster":
-            return Assessment(False, "method raster draws its speckle anew for every image", -np.inf)
+            return Assessment(False, "method raster has independent speckle in every image", -np.inf)
         diffuse = decided["diffuse"].on
         changing = [m for m in _changing(context, diffuse=diffuse) if m.coherence_after(days) < 1.0]
         if not changing:
@@ -49,13 +49,13 @@ class TemporalDecorrelation(Effect):
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """Two more Gaussians for each of a scatterer's, where some material can change."""
+        """Flag of the random change of scatterers, where some material can change."""
         changes = bool(_changing(context, diffuse=decided["diffuse"].on))
         return {"temporal": on and changes and context.scene.settings.pass_days != 0.0}
 
 
 def _changing(context: SceneContext, *, diffuse: bool) -> list[Material | VolumeMedium]:
-    """Surfaces, where they return diffusely, and media of volumes that lose coherence between passes."""
+    """Diffuse surfaces and media of volumes that lose coherence between passes."""
     found: list[Material | VolumeMedium] = [m for m in context.materials if diffuse and m.scatters]
     found += [volume.medium for volume in context.scene.volumes]
     return [m for m in found if m.temporal_coherence < 1.0]

@@ -1,4 +1,4 @@
-"""Surfaces that vary from place to place: maps of level and material, and the gamma texture of clutter."""
+"""Spatially varying surfaces: maps of level and material, and the gamma texture of clutter."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -18,9 +18,9 @@ _NODES = 16
 
 
 class SurfaceTexture(Effect):
-    r"""On where a material has a map or a texture.
+    r"""Maps and textures; on where a material has one.
 
-    Against an even surface of the same mean level the field's relative error is, for a factor f on sigma0 of unit mean,
+    For a factor f on sigma0 of unit mean the relative error of the field of a uniform surface of the same level is
 
     .. math:: \overline{(\sqrt f - 1)^2} = 2 - 2 \overline{\sqrt f}
 
@@ -33,10 +33,10 @@ class SurfaceTexture(Effect):
         "maps of surfaces (level, permittivity, roughness, land cover) and the gamma texture of clutter"
     )
     off_when = "no material has a map or a texture"
-    off_means = "even surfaces: no factor on the level, and of a map of materials the most frequent one"
+    off_means = "uniform surfaces: no factor on the level, and of a map of materials the most frequent one"
     rank = 45
     kernel_flags: ClassVar[Mapping[str, str]] = {
-        "texture": "level, texture and material of the place where every scatterer stands",
+        "texture": "level, texture and material at the position of every scatterer",
     }
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -45,7 +45,7 @@ class SurfaceTexture(Effect):
         shares: dict[str, float] = {}
         for m in context.materials:
             mapped = m.maps is not None and m.maps.classes is not None
-            if m.texture_shape > 0.0 and not mapped:  # of what a map covers its materials tell
+            if m.texture_shape > 0.0 and not mapped:  # under a map the textures of its materials apply
                 words = f"texture of shape {m.texture_shape:g} over {length(m.texture_length)} on {m.name}"
                 shares[words] = _gamma_share(m.texture_shape)
             if m.maps is not None and m.maps.level is not None:
@@ -62,7 +62,7 @@ class SurfaceTexture(Effect):
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """Gathers per scatterer, nine normal numbers where there is a texture; never where there is neither."""
+        """Flag of maps and textures; false in scenes without any."""
         there = any(m.maps is not None or m.texture_shape > 0.0 for m in context.materials)
         return {"texture": on and there}
 
@@ -72,12 +72,12 @@ def _gamma_share(shape: float) -> float:
 
 
 def _level_share(factor: np.ndarray) -> float:
-    """Of the mean of a map: what a material without it would return is the factor 1."""
+    """Relative error of a material without its map of sigma0, whose factor is 1."""
     return float(np.square(np.sqrt(factor) - 1.0).mean() / max(float(factor.mean()), 1e-30))
 
 
 def _parts_share(own: Material, parts: tuple[Material, ...], wavelength: float) -> float:
-    """Largest difference of a part's diffuse amplitude from the material's own, over the larger of both."""
+    """Largest difference of a part's diffuse amplitude from the material's own, relative to the larger one."""
     tables = [diffuse_tables(m, wavelength, _NODES) for m in (own, *parts)]
     amplitude = np.stack([np.concatenate([t.amplitude_h, t.amplitude_v]) for t in tables])
     larger = np.maximum(np.maximum(amplitude[1:], amplitude[0]), 1e-15)

@@ -1,4 +1,4 @@
-"""Departures of the track from a straight uniform line."""
+"""Trajectory errors: deviations of the track from a straight uniform line."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,13 +14,13 @@ from sarmitsuba.scene.scene import Scene
 
 
 class Trajectory(Effect):
-    """On where the track is not straight; off flies the best straight uniform line instead."""
+    """Trajectory errors; on where the track is not straight, off replaces it by the best straight uniform line."""
 
     name = "trajectory"
     title = "trajectory errors"
     documentation = "deviation of the track from a straight line; off: the best straight line"
     off_when = "the track is straight"
-    off_means = "the best straight line, for focusing too"
+    off_means = "best straight line, also in focusing"
     rank = 130
     at_key_pulses = False
 
@@ -40,7 +40,7 @@ class Trajectory(Effect):
         )
 
     def without(self, scene: Scene) -> Scene:
-        """The straight line through the track by least squares, uniform in time."""
+        """Scene with the least-squares straight track, uniform in time."""
         track = scene.radar.track
         if all(one.is_straight for one in scene.radar.tracks):
             return scene

@@ -1,4 +1,4 @@
-"""What is seen through slabs, such as windows and thin walls."""
+"""Transmission of waves through slabs (panes and thin walls)."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -13,16 +13,16 @@ from sarmitsuba.materials.slab import lets_through, most_power_through
 
 
 class Transmission(Effect):
-    """On where waves go through a slab to something behind it; off, slabs stop them."""
+    """Transmission; on where a slab transmits and something is behind it, off makes slabs opaque."""
 
     name = "transmission"
     title = "transmission through slabs"
-    documentation = "waves through materials with a thickness, out and home; off: they block"
-    off_when = "no slab lets waves through, or nothing lies behind one"
-    off_means = "slabs block; one path per ray"
+    documentation = "transmission through materials with a thickness; off: they are opaque"
+    off_when = "no slab transmits, or nothing lies behind one"
+    off_means = "opaque slabs; one path per ray"
     rank = 34
     kernel_flags: ClassVar[Mapping[str, str]] = {
-        "transmission": "paths branch at slabs, and scattered legs go through them",
+        "transmission": "paths branch at slabs, and legs to the antenna are transmitted through them",
     }
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -33,27 +33,27 @@ class Transmission(Effect):
         if not slabs:
             return Assessment(False, "no material has a thickness", -np.inf)
         if not decided["slabs"].on and (decided["slabs"].source == "user" or not decided["fresnel"].on):
-            return Assessment(False, "slabs are half spaces, through which nothing is seen", -np.inf)
+            return Assessment(False, "slabs is off: materials are opaque half spaces", -np.inf)
         if scene.settings.method == "raster":
             return Assessment(False, "the raster method has one bounce and no fields", float("nan"))
         error = 10.0 * float(np.log10(max(most_power_through(m, wavelength) for m in slabs) + 1e-30))
         if error <= context.tolerance_db or not any(lets_through(m, wavelength) for m in slabs):
             return Assessment(
-                False, f"{names([m.name for m in slabs])} let at most {error:.0f} dB through both ways", error
+                False, f"{names([m.name for m in slabs])}: two-way transmission at most {error:.0f} dB", error
             )
         if not context.seen_through:
             return Assessment(False, f"nothing lies behind {names([m.name for m in slabs])}", -np.inf)
         return Assessment(
             True,
-            f"what lies behind {names([m.name for m in context.seen_through])} is seen, up to {error:.1f} dB "
-            "both ways",
+            f"objects behind {names([m.name for m in context.seen_through])}: two-way transmission up to "
+            f"{error:.1f} dB",
             error,
         )
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """Branches at slabs, in the loop of several bounces and with the slabs' reflection."""
+        """Flag of the branches at slabs; it needs the bounce loop and the slabs' reflection."""
         return {"transmission": on}
 
 

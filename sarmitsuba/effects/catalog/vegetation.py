@@ -1,4 +1,4 @@
-"""Volumes that waves go through: crowns of trees, hedges, stands."""
+"""Volumes with scattering and extinction: vegetation such as tree crowns, hedges, forest stands."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,13 +11,13 @@ from sarmitsuba.scene.scene import Scene
 
 
 class Vegetation(Effect):
-    """On where a shape is a volume; off leaves all volumes out."""
+    """Volumes; on where a shape is a volume, off leaves all volumes out."""
 
     name = "vegetation"
-    title = "returns of volumes, and what they take from waves"
+    title = "scattering and extinction of volumes"
     documentation = "volumes, such as crowns of trees: their returns and their extinction"
     off_when = "no shape has a `radar_volume`"
-    off_means = "bare ground: no volume returns or takes anything"
+    off_means = "no volumes: neither their echoes nor their extinction"
     rank = 137
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -26,21 +26,21 @@ class Vegetation(Effect):
         if not volumes:
             return Assessment(False, "no volume", -np.inf)
         if context.scene.settings.method == "raster":
-            return Assessment(False, "the raster method sees surfaces alone", float("nan"))
+            return Assessment(False, "method raster shows surfaces only", float("nan"))
         line = context.corners[-1] - context.scene.radar.track.center_position
         cosine = float(abs(line[2]) / np.linalg.norm(line))
-        # power that the mean path through each takes, and the strongest return of one square metre of volume
+        # extinction along the mean path through each, and the strongest return of one square metre of crown
         depth = [float(v.medium.at(cosine)[0].mean()) * v.mean_chord for v in volumes]
         returned = max(float(v.medium.at(cosine)[1][:2].max()) * v.mean_chord for v in volumes)
         error = 10.0 * np.log10(max(1.0 - np.exp(-2.0 * max(depth)), min(returned, 1.0), 1e-30))
-        what = "1 volume takes" if len(volumes) == 1 else f"{len(volumes)} volumes take"
+        what = "1 volume" if len(volumes) == 1 else f"{len(volumes)} volumes"
         low, high = (10.0 / np.log(10.0) * x for x in (min(depth), max(depth)))
         span = f"{high:.1f}" if high - low < 0.1 else f"{low:.1f} to {high:.1f}"
-        why = f"{what} {span} dB from a wave on a mean path through"
+        why = f"{what}: extinction {span} dB along a mean path"
         return Assessment(True, why, float(error))
 
     def without(self, scene: Scene) -> Scene:
-        """Surfaces and points alone."""
+        """Scene without its volumes."""
         return replace(scene, volumes=()) if scene.volumes else scene
 
 

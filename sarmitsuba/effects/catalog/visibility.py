@@ -11,15 +11,15 @@ from sarmitsuba.effects.flags import FlagValue
 
 
 class Visibility(Effect):
-    """Off after one bounce (the first hit sees the antenna) and where no face can come between.
+    """Shadow rays; off for one bounce (the first hit sees the antenna) and where no face can occlude.
 
-    On where scatterers that no ray finds stand beside a mesh, and where edges count and one bounce is not proven.
+    On where scatterers at known positions may be occluded by a mesh, and for edges unless one bounce is proven.
     """
 
     name = "visibility"
     title = "shadow rays"
     documentation = "shadow rays, which test whether the antenna is visible from a hit"
-    off_when = "one bounce, or no face can stand between; and no scatterers beside the mesh"
+    off_when = "one bounce, or no face can occlude; and no scatterers other than the mesh"
     off_means = "no shadow rays"
     rank = 110
     kernel_flags: ClassVar[Mapping[str, str]] = {
@@ -29,7 +29,7 @@ class Visibility(Effect):
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if context.scene.has_sources and context.materials:
-            return Assessment(True, "the mesh can hide what no ray finds", float("nan"))
+            return Assessment(True, "the mesh can hide wires, volumes or points", float("nan"))
         depth, edges = decided["max_depth"], decided["edge_diffraction"]
         if not depth.on and not decided["diffuse_pairs"].on and (depth.source == "fact" or not edges.on):
             return Assessment(False, "the antenna is visible from the first hit", -np.inf)
@@ -41,13 +41,13 @@ class Visibility(Effect):
             )
         if not depth.on:
             return Assessment(True, "edges can be hidden from the antenna", float("nan"))
-        # a hidden return may be stronger than all that are seen
+        # a hidden return may be stronger than all visible ones
         return Assessment(True, "later hits can be hidden from the antenna", float("nan"))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
-        """One ray query per hit."""
+        """Flag of the shadow rays."""
         return {"visibility": on}
 
 

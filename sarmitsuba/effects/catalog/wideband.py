@@ -15,15 +15,18 @@ from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.slab import COSINES, slab_coefficients
 
-# frequencies that follow what is linear in the frequency, and the most that a band is traced at
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+
+# least number of traced frequencies (exact for changes linear in frequency), and the largest number
 LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16
-# what interpolation leaves of one return is to be so much below the tolerance, dB: several add up
+# margin of the interpolation error of one return below the tolerance, dB: several add up
 _BELOW_TOLERANCE_DB = 10.0
-# how far above the tolerance may be what is odd about the carrier: a quarter of a turn off the return at its peak, it
-# moves neither level nor place to first order
+# level above the tolerance allowed for changes that are odd about the carrier: in quadrature to the peak, they affect
+# neither level nor position to first order
 _ODD_ABOVE_TOLERANCE_DB = 10.0
-# phase from ray to ray up to which tubes count as areas, rad, and how far the part of a facet that a ray stands for
-# reaches beside its mean place, in tubes
+# phase difference of neighbouring rays up to which tubes count as areas, rad, and extent of the part of a facet of one
+# ray about its phase centre, in tubes
 _AREAS_UP_TO, _REACH = 2.0, 2.0
 # cosines of incidence and frequencies at which laws are compared
 _COSINES, _FREQUENCIES = COSINES[::6], 257
@@ -31,10 +34,10 @@ _COSINES, _FREQUENCIES = COSINES[::6], 257
 
 @dataclass(frozen=True)
 class _Law:
-    """A factor on echoes over the band: of what, (n, n_frequencies) complex, and dB of the image that have it.
+    """Frequency dependence of a kind of echo: name, factor (n, n_frequencies) complex, and its level in the image, dB.
 
-    ``above_db``: how far above the tolerance it may be before it calls for the effect; one that does not decide counts
-    for the number of frequencies alone.
+    ``above_db``: level above the tolerance up to which it does not need the effect; a law with ``decides`` off counts
+    only for the number of frequencies.
     """
 
     of: str
@@ -44,7 +47,7 @@ class _Law:
     decides: bool = True
 
     def error_db(self, band: SubBands, frequency: F64) -> float:
-        """Rms over the band of what interpolation from the traced frequencies leaves, dB of the image."""
+        """Rms error over the band of the interpolation from the traced frequencies, dB of the image."""
         at = band.frequencies
         index = (at - frequency[0]) / (frequency[1] - frequency[0])
         first = np.clip(np.floor(index).astype(int), 0, len(frequency) - 2)
@@ -57,25 +60,25 @@ class _Law:
 
 
 class Wideband(Effect):
-    r"""On where a return's amplitude, with the phase of its range taken out, changes over the band B about the carrier.
+    r"""Frequency dependence; on where amplitudes (without the phase of the range) change over the band B.
 
-    The carrier's amplitude for all frequencies is off by its rms change over the band. What is proportional to f, as
-    the physical-optics return of an area is, by
+    The error of using the carrier's amplitude at all frequencies is its rms change over the band. For a return
+    proportional to f, such as the physical-optics return of an area, it is
 
     .. math:: \frac{B}{\sqrt{12} f_c}
 
-    That, the return of a facet's corner, as 1/f, and the coherent loss of a rough surface are real factors, and all but
-    a part of second order is odd about the carrier: a quarter of a turn off the return at its peak it moves neither
-    level nor place; it changes side lobes and fills the nulls between them. These call for the effect from 10 dB above
-    the tolerance on (by default from B / f_c = 0.11 on).
+    This, the return of a facet's corner (as 1/f) and the coherent loss of a rough surface are real factors that are odd
+    about the carrier up to second order: in quadrature to the peak, they change neither level nor position, but
+    side lobes and the nulls between them. These need the effect from 10 dB above the tolerance on (by default from
+    B / f_c = 0.11 on).
 
-    Reflection coefficients, of half spaces and of slabs, and what slabs let through are compared with those at the
-    carrier, over the incident wave; diffuse laws at both ends of the band. They call for it from the tolerance on. As
-    many frequencies are traced as leave 10 dB less than the tolerance of any of these.
+    Reflection coefficients of half spaces and slabs, and transmission through slabs, are compared with those at the
+    carrier, relative to the incident wave; diffuse laws at both ends of the band. They need the effect from the
+    tolerance on. The number of frequencies is such that the error of each is 10 dB below the tolerance.
     """
 
     name = "wideband"
-    title = "change of reflection over the band"
+    title = "change of scattering over the band"
     documentation = "amplitudes and materials at several frequencies of the band; off: the carrier's for all"
     off_when = "over the band no material changes by more than the tolerance, and B / f_c is below 0.11"
     off_means = "the carrier's amplitudes, permittivities and slabs at all frequencies"
@@ -85,7 +88,7 @@ class Wideband(Effect):
         """See the class."""
         method = context.scene.settings.method
         if method == "raster":
-            return Assessment(False, "method raster draws the level at the carrier", -np.inf)
+            return Assessment(False, "method raster uses the level at the carrier", -np.inf)
         if not context.scene.traced:
             return Assessment(False, "ideal points are the same at all frequencies", -np.inf)
         wave = context.scene.radar.waveform
@@ -97,7 +100,7 @@ class Wideband(Effect):
             return max(((law.error_db(band, frequency), law.of) for law in laws), default=(-np.inf, ""))
 
         def against_carrier(frequency: F64, laws: list[_Law]) -> tuple[bool, float, str]:
-            """Whether a law calls for the effect, the largest error without it, and what decides."""
+            """Whether the effect is needed, the largest error without it, and the deciding law."""
             band = SubBands(wave.center_frequency, wave.bandwidth, 1)
             every = [(law.error_db(band, frequency), law) for law in laws]
             errors = [(x, law) for x, law in every if law.decides]
@@ -108,7 +111,7 @@ class Wideband(Effect):
             change = f"{law.of} changes by {error:.0f} dB over the band"
             if not calling and error > context.tolerance_db:
                 most = context.tolerance_db + law.above_db
-                change += f", a quarter of a turn off its peak: up to {most:g} dB only side lobes change"
+                change += f", in quadrature to the peak: up to {most:g} dB only side lobes change"
             return bool(calling), max(x for x, _ in every), change
 
         few = ends[:: (_FREQUENCIES - 1) // 8]
@@ -134,13 +137,13 @@ class Wideband(Effect):
 
 
 def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]) -> Iterator[_Law]:
-    """What returns of the scene follow over the band, as far as it is simulated."""
+    """Frequency dependences of the scene's returns, of the effects that are on."""
     wave = context.scene.radar.waveform
     relative = (frequency / wave.center_frequency)[None].astype(np.complex128)
     if decided["coherent"].on:
         share = _coherent_db(context)
         yield _Law("the return of an area, as f,", relative, share, _ODD_ABOVE_TOLERANCE_DB)
-        if decided["tube_phase"].on:  # a side of a facet returns the same at all frequencies
+        if decided["tube_phase"].on:  # the return of a facet's side is independent of frequency
             yield _Law(
                 "the return of a facet's corner, as 1/f,", 1.0 / relative, share, _ODD_ABOVE_TOLERANCE_DB
             )
@@ -160,7 +163,7 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
 
 
 def _coherent_db(context: SceneContext) -> float:
-    """Coherent energy over the image's, or its strongest cell over what may be left out there, dB; at most 0."""
+    """Coherent share of the image's energy, or its strongest cell relative to the limit for single cells, dB; <= 0."""
     pilot = context.pilot
     if pilot is None or pilot.total == 0.0:
         return 0.0
@@ -169,13 +172,13 @@ def _coherent_db(context: SceneContext) -> float:
 
 
 def _phase_over_tube(context: SceneContext, spacing: float) -> float:
-    """Phase from ray to ray at the carrier on the most slanting face, rad, rays ``spacing`` (m) apart."""
+    """Phase difference of neighbouring rays on the most oblique face, rad, at the carrier; ``spacing``: of rays, m."""
     cosine = max(context.incidence_cosine[0], 0.05)
     return context.wavenumber * spacing * max(1.0, float(np.sqrt(1.0 - cosine**2)) / cosine)
 
 
 def _reflection(material: Material, frequency: F64, context: SceneContext, *, slab: bool) -> Iterator[_Law]:
-    """Reflection of a dielectric, and what a slab lets through both ways, over the incident wave."""
+    """Reflection of a dielectric, and two-way transmission of a slab, relative to the incident wave."""
     thick = slab and material.thickness > 0.0
     if material.dispersion is None and not thick:
         return
@@ -196,11 +199,11 @@ def _reflection(material: Material, frequency: F64, context: SceneContext, *, sl
         turn = np.angle(both_legs[:, middle + 1] * both_legs[:, middle - 1].conj())
         slope = turn / (frequency[middle + 1] - frequency[middle - 1])
         both_legs = both_legs * np.exp(-1j * slope[:, None] * (frequency - frequency[middle]))
-        yield _Law(f"what {material.name} lets through", both_legs)
+        yield _Law(f"the transmission of {material.name}", both_legs)
 
 
 def _diffuse(material: Material, frequency: F64, relative: C128) -> C128:
-    """Amplitude of a diffuse law over that at the carrier: the power of f between both ends of the band."""
+    """Amplitude of a diffuse law relative to the carrier, as a power of f through both ends of the band."""
     first, last = (
         diffuse_tables(material.at_frequency(float(f)), SPEED_OF_LIGHT / float(f), 7)
         for f in frequency[[0, -1]]

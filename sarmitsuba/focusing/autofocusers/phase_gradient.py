@@ -15,7 +15,7 @@ from sarmitsuba.focusing.options import option
 _EDGE, _WIDEN = 0.1, 1.5
 # azimuth rows in which points are looked for apart, where pixels have apertures of their own: per aperture
 _BLOCKS = 4.0
-# part of the best lit pulse's strength below which a pulse says nothing of its error
+# share of the strongest pulse's level below which a pulse gives no estimate of its error
 _DARK = 1e-3
 # update below which no more rounds are made, rad rms
 _SMALL = 0.05
@@ -30,23 +30,23 @@ class PhaseGradient(Autofocuser):
 
     .. math:: \dot\phi_t = \arg \sum_p g_{p,t}^* \, g_{p,t+1} \, e^{-j s_p}
 
-    with :math:`s_p` the slope that the point's distance from its blurred peak makes. It is integrated, taken out of the
-    data, and the image is made anew. As histories are followed through the recorded track at each point's own range,
-    any mode, track and focuser will do. Where pixels have apertures of their own (stripmap), every pulse takes the
-    points that it lights; the slopes :math:`s_p` tie neighbouring sub-apertures together.
+    with :math:`s_p` the slope that the point's distance from its blurred peak makes. It is integrated, removed from the
+    data, and the image is made again. As histories follow the recorded track at each point's own range, any mode, track
+    and focuser is possible. Where pixels have their own apertures (stripmap), every pulse uses the points that it
+    illuminates; the slopes :math:`s_p` connect neighbouring sub-apertures.
 
     Notes
     -----
     Source: D. E. Wahl, P. H. Eichel, D. C. Ghiglia, C. V. Jakowatz, IEEE Trans. Aerosp. Electron. Syst. 30 (1994), 827;
     the estimator: C. V. Jakowatz, D. E. Wahl, J. Opt. Soc. Am. A 10 (1993), 2539. Ignores that the error along the line
-    of sight varies over the scene. A shift of the whole image is not seen and not made.
+    of sight varies over the scene. A shift of the whole image is neither estimated nor introduced.
     """
 
     name: ClassVar[str] = "phase_gradient"
     title: ClassVar[str] = "bright points that stand out, spotlight and stripmap"
 
-    rounds: int = option(8, "images made at most")
-    points: int = option(200, "bright pixels used at most")
+    rounds: int = option(8, "largest number of images made")
+    points: int = option(200, "largest number of bright pixels used")
 
     def estimate(self, task: AutofocusTask) -> F64:
         """See the class."""
@@ -101,7 +101,7 @@ def _low_pass(history: C64, most: float) -> tuple[C64, float]:
 
 
 def _integrated(history: C64) -> tuple[F64, F64]:
-    """Phase error (n_pulses,) rad from low-pass histories (n, n_pulses), and how much every pulse sees.
+    """Phase error (n_pulses,) rad from low-pass histories (n, n_pulses), and the signal power in every pulse.
 
     The slopes of the points are those of the weighted least squares over all gradients, of points and pulses together.
     """

@@ -1,4 +1,4 @@
-"""Autofocus by the sharpness of the image: least entropy, or most contrast."""
+"""Autofocus by image sharpness: minimum entropy, or maximum contrast."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -15,16 +15,16 @@ from sarmitsuba.focusing.options import option
 
 # (pixel, pulse) pairs that are kept: 16 MB
 _PAIRS = 1 << 21
-# fewest lines of azimuth that are sharpened together
+# least number of azimuth lines used together
 _COLUMNS = 6
-# highest orders of the search in turn, and its steps at each
+# highest polynomial orders of the successive searches, and their steps
 _LEVELS = (3, 6, 12, 24, 48)
 _STEPS = 40
 
 
 @dataclass(frozen=True)
 class _Sharpness(Autofocuser):
-    r"""The range error is the sum of Legendre polynomials over the pulses that makes the image sharpest.
+    r"""Range error as the sum of Legendre polynomials over the pulses that gives the sharpest image.
 
     The orders begin with the second. Pixels are sums of every pulse's contribution,
     :math:`I_p = |\sum_t b_{pt} e^{j \phi_t}|^2` (:func:`sarmitsuba.focusing.histories.pulse_contributions`), along
@@ -39,12 +39,12 @@ class _Sharpness(Autofocuser):
     """
 
     orders: int = option(16, "highest order of the polynomials over the pulses")
-    pixels: int = option(20_000, "pixels used at most")
-    start: int = option(8, "rounds of phase_gradient that the search starts from; 0: from the recorded track")
+    pixels: int = option(20_000, "largest number of pixels used")
+    start: int = option(8, "rounds of phase_gradient before the search; 0: start from the recorded track")
 
     @abstractmethod
     def measure(self, intensity: F64) -> tuple[float, F64]:
-        """What is made least, and its derivative by every pixel's intensity (n,)."""
+        """Minimised measure, and its derivative with respect to every pixel's intensity (n,)."""
 
     def estimate(self, task: AutofocusTask) -> F64:
         """See the class."""
@@ -124,7 +124,7 @@ class MaximumContrast(_Sharpness):
     """
 
     name: ClassVar[str] = "maximum_contrast"
-    title: ClassVar[str] = "smooth errors; led by the brightest points"
+    title: ClassVar[str] = "smooth errors; dominated by the brightest points"
 
     def measure(self, intensity: F64) -> tuple[float, F64]:
         """See the base class."""

@@ -1,1 +1,1 @@
-"""Fast factorised backprojection: how the aperture is divided, and the compiled steps from pulses to pixels."""
+"""Fast factorised backprojection: division of the aperture, and the compiled steps from pulses to pixels."""

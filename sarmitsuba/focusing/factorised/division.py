@@ -8,12 +8,14 @@ import numpy as np
 from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.factorised.sampling import SubimageSampling
 
-# processor seconds of one core: of a pulse at a sample, of a group merged into a sample, of a subimage's sample on its
-# way, and of a section at a pixel by the taps of the last interpolation; benchmarks/suite/factorised.py measures
-# their sum
+F64 = NDArray[np.float64]
+
+# processor seconds of one core: of a pulse at a sample, of a group merged into a sample, of the transforms of a
+# subimage's sample, and of a section at a pixel by the taps of the last interpolation; benchmarks/suite/factorised.py
+# measures their sum
 _PULSE, _MERGE, _SAMPLE = 3e-9, 2e-9, 2.5e-8
 PIXEL_SECONDS = {4: 7e-9, 6: 12e-9}
-# of a section, whatever its size: each stage is written down anew for its launch
+# of a section, independent of its size: each stage is traced again for its launch
 _SECTION = 0.02
 
 
@@ -40,7 +42,7 @@ class SubimageLevel:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Consecutive pulses that have one polar grid in common.
+    """Section of the aperture: consecutive pulses with a common polar grid.
 
     Parameters
     ----------
@@ -51,7 +53,7 @@ class Section:
     start_range, range_step : m, slant range from the origin
     n_ranges : samples
     levels : finest subimages first; the last is that of the whole section
-    rows : of the image that it serves
+    rows : of the image to which it contributes
     """
 
     first: int
@@ -71,7 +73,7 @@ class Section:
 
     @property
     def samples(self) -> int:
-        """Most samples that two neighbouring levels hold together."""
+        """Largest number of samples in two neighbouring levels together."""
         sizes = [level.n_groups * level.n_angles * self.n_ranges for level in self.levels]
         return max([sizes[-1], *(a + b for a, b in pairwise(sizes))])
 
@@ -87,7 +89,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Plan:
-    """All sections, and how their subimages are sampled.
+    """Sections of the aperture and the sampling of their subimages.
 
     Parameters
     ----------
@@ -117,7 +119,7 @@ class Plan:
 
     @property
     def n_bytes(self) -> int:
-        """Of one layer's subimages, with the copies that their correction makes."""
+        """Bytes of one layer's subimages with the copies of their correction."""
         return max(
             8 * section.samples + 24 * section.n_ranges * section.levels[-1].n_angles
             for section in self.sections

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]
     Vector = tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]
 
-# angles of a lane that forms subimages; they share what is read per pulse
+# angles of a lane that forms subimages; they share the data read per pulse
 ANGLES = 4
 
 
@@ -84,7 +84,7 @@ class PolarAxes:
 
 @dataclass(frozen=True)
 class Point:
-    """A point as seen from a group's centre.
+    """Vector and distance from a group's centre to a point.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Point:
         return cls((-2.0 * x, -2.0 * y, -2.0 * z), distance, near, near * near)
 
     def farther(self, types: ModuleType, shift: dr.ArrayBase) -> tuple[dr.ArrayBase, dr.ArrayBase]:
-        r"""Range from ``shift`` (x, y, z, square, m) off the centre less that from the centre, and 1 / the sum of both.
+        r"""Range from a place ``shift`` (x, y, z, square, m) off the centre minus that from it, and 1 / their sum.
 
         .. math:: D = \frac{|\delta|^2 - 2 q \cdot \delta}{R + \sqrt{R^2 + |\delta|^2 - 2 q \cdot \delta}}
 
@@ -178,7 +178,7 @@ def form(
     out: list[dr.ArrayBase],
     first: dr.ArrayBase,
 ) -> None:
-    r"""Subimages of groups of pulses, each less the carrier of its group's centre.
+    r"""Subimages of groups of pulses, each without the carrier of its group's centre.
 
     .. math:: b_g(p) = \sum_{t \in g} w_t g_t \frac{R_t^2}{R_0^2} s_t(R_t) e^{+j 4 \pi f_c (R_t - R_g) / c}
 
@@ -297,8 +297,8 @@ def sum_weights(
     positions: F64,
     axes: dr.ArrayBase,
     weighting: Weighting,
-) -> F64:
-    r"""What every pulse together weighs at points (n, 3), :math:`\sum_t w_t g_t^2`, (n,).
+) -> NDArray[np.float64]:
+    r"""Summed weight of all pulses at points (n, 3), :math:`\sum_t w_t g_t^2`, (n,).
 
     Parameters
     ----------
@@ -426,7 +426,7 @@ def _parabola(
     step = cis(types, slope)
     half_step = cis(types, 0.5 * slope)
     change = cis(types, types.Float64(2.0 * bend))
-    # places are odd halves: the two next to the middle, then outwards by ratios that change by a constant factor
+    # places are odd halves: the two next to the middle, then outwards with ratios that change by a constant factor
     bow = cis(types, types.Float64(0.25 * bend))
     out: dict[int, Complex] = {}
     for sign in (1.0, -1.0):

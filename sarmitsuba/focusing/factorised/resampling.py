@@ -1,4 +1,4 @@
-"""The compiled last step of factorised backprojection: a section's subimage to pixels."""
+"""Compiled last step of factorised backprojection: interpolation of a section's subimage at the pixels."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Pixels:
     n_columns : UInt32 opaque
     per_column : one over it, float64 opaque
     corner, along, across : three float64 opaque each, m: of the first row, a step to the next, a unit vector
-    distances : float64, m across per column
+    distances : float64, across-track distance of every column, m
     """
 
     n_columns: dr.ArrayBase
@@ -48,7 +48,7 @@ def resample(
     r"""Add a section's subimage, whose interpolation is corrected beforehand, to pixels: :math:`I += b e^{j k R_0}`."""
     Float, UInt32, Int32 = types.Float32, types.UInt32, types.Int32
     lane = dr.arange(UInt32, n_lanes)
-    # a whole-number division would be done lane by lane
+    # an integer division is not vectorised
     row = UInt32((types.Float64(lane) + 0.5) * pixels.per_column)
     across = dr.gather(types.Float64, pixels.distances, lane - row * pixels.n_columns)
     down = types.Float64(row)

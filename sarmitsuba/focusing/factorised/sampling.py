@@ -1,4 +1,4 @@
-"""How densely subimages are sampled and interpolated, and the error that leaves."""
+"""Sampling density and interpolation of subimages, and the resulting error."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,12 +11,12 @@ from sarmitsuba.echo.gridding import gridding_kernel
 TAPS = 8
 """Taps of the interpolation over angle that refines a subimage."""
 RATIOS = (8, 4, 2)
-"""Ratios of angular spacings of a subimage and the one it is merged into; literals of the kernel, so few."""
+"""Ratios of angular spacings of a subimage and the merged one; few, because they are literals of the kernel."""
 
 UPSAMPLING = (1.5, 4.0)
-"""Bounds of the upsampling: below, the correction of the last interpolation needs more taps than it has."""
+"""Bounds of the upsampling: below the first, the correction of the last interpolation needs more taps than it has."""
 CORRECTION = 6
-"""Samples to either side that the correction of the last interpolation reads."""
+"""Samples on either side used by the correction of the last interpolation."""
 
 # of range profiles at twice the receiver's rate, as benchmarks/suite/focusers.py measures it, by taps
 _PROFILE_ERROR_DB = {4: -66.0, 6: -105.0}
@@ -24,7 +24,7 @@ _PROFILE_ERROR_DB = {4: -66.0, 6: -105.0}
 _CHOICES = ((1.75, 4), (2.0, 4), (2.0, 6), (2.5, 6))
 # float32 sums and phases
 _ROUNDING_DB = -90.0
-# kept between the predicted error and the one stated
+# margin between the predicted error and the stated one
 MARGIN_DB = 3.0
 _NODES = 64
 
@@ -65,7 +65,7 @@ def _error_db(sampling: SubimageSampling, merges: int) -> float:
 
 
 def choose_sampling(error_db: float, upsampling: float, merges: int) -> SubimageSampling:
-    """The cheapest sampling with a predicted error ``MARGIN_DB`` below the wanted one; that of least error if none."""
+    """The cheapest sampling with a predicted error ``MARGIN_DB`` below the wanted one; else that of least error."""
     choices = [SubimageSampling(*choice) for choice in _CHOICES]
     if upsampling:
         choices = [SubimageSampling(upsampling, 4), SubimageSampling(upsampling, 6)]
@@ -87,7 +87,7 @@ def refinement_weights(upsampling: float, ratio: int) -> tuple[tuple[float, ...]
     k = np.arange(TAPS) - (TAPS // 2 - 1)
     normal = np.sinc(band * (k[:, None] - k))
     places = (np.arange(ratio) + 0.5) / ratio
-    # weights that are hard to tell apart stay small
+    # regularisation: keeps ill-determined weights small
     return tuple(
         tuple(float(w) for w in np.linalg.solve(normal + 1e-11 * np.eye(TAPS), np.sinc(band * (k - x))))
         for x in places
@@ -105,11 +105,11 @@ def refinement_error(upsampling: float) -> float:
     return float(np.sqrt(np.mean(np.abs(value - np.exp(2j * np.pi * np.outer(nu, x))) ** 2)))
 
 
-def correction(sampling: SubimageSampling, n: int) -> F32:
-    """Gains of an FFT's n bins that undo the last interpolation's transform within the band.
+def correction(sampling: SubimageSampling, n: int) -> NDArray[np.float32]:
+    """Gains of an FFT's n bins that divide out the last interpolation's transform within the band.
 
-    A filter of ``2 CORRECTION + 1`` taps, so that the ends of a subimage spoil no more samples than that: in the band
-    the least squares of one over the kernel's transform.
+    A filter of ``2 CORRECTION + 1`` taps, so that the ends of a subimage affect no more samples: least-squares fit, in
+    the band, to the inverse of the kernel's transform.
     """
     order = np.arange(CORRECTION + 1)
     nu = np.linspace(0.0, 0.5 / sampling.upsampling, 8 * _NODES)

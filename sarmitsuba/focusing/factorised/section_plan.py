@@ -1,4 +1,4 @@
-"""How the aperture is divided into sections and groups of pulses, and the polar grids of their subimages."""
+"""Division of the aperture into sections and groups of pulses, and the polar grids of their subimages."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -23,28 +23,31 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# samples kept beyond the image: what the last interpolation reads, and where its correction ends decay
+F64 = NDArray[np.float64]
+
+# samples kept beyond the image: taps of the last interpolation, and the decay of its correction at the ends
 GUARD = CORRECTION + 4
-# sums on their way from range compression to profiles, per sample of raw data
+# operations from range compression to profiles, per sample of raw data
 _PROFILE = 6e-8
 # pulses per group of the finest subimages, and groups merged at once below the last merger
 _GROUPS = (4, 8, 16, 32, 64, 128)
 _MERGED = (4, 8, 16)
-# error, dB, of a section whose aperture ends within it, for a weight of 1 there and a length of one Fresnel length
-# sqrt(lambda R / 2), what a tenfold length takes off it, and the least that is stated: fitted to band-filling noise
+# error, dB, of a section in which an aperture ends, for a weight of 1 at the end and a length of one Fresnel length
+# sqrt(lambda R / 2); its decrease for a tenfold length; and the smallest error that is stated: fitted to band-filling
+# noise
 _EDGE_DB, _EDGE_SLOPE_DB, _EDGE_LEAST_DB = -7.0, 26.0, -60.0
 _SHORTEST = 4.0
 # nodes along each of the image's sides for extents, and across it for spectra
 _SIDE, _ACROSS = 33, 5
-# a pattern's amplitude is taken to vary no faster than this many radians per one over ``Antenna.per_width``
+# assumed bound of a pattern's variation, radians per 1 / ``Antenna.per_width``
 _BEAM_BAND = 3.0
-# the widest angle under which the image may be seen from a section's foot point, rad
+# largest angle subtended by the image from a section's foot point, rad
 _WIDEST = 2.0
-# pulses of a section that are looked at for what they recorded
+# pulses of a section whose receive windows are checked
 _LOOKED_AT = 33
-# spectra are known at a few points: spare
+# margin, because spectra are computed at a few points only
 _SPARE = 1.03
-_UNDER = "the image reaches under the track"
+_UNDER = "the image extends below the track"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +60,10 @@ class _SectionSpectra:
     first, rows, origin, axes, drop : see :class:`Section`
     angles, ranges : least and largest over the image, rad and m
     antenna : (n, 3) m, of all pulses
-    points : (n_points, 3) m, where spectra are worked out
-    steps : two (n_points, 3), the way of a point per m of range and per rad
+    points : (n_points, 3) m, at which spectra are computed
+    steps : two (n_points, 3), displacement of a point per m of range and per rad
     slopes : two (n, n_points), the change of the range to every pulse by those steps
-    spread : what the antenna's pattern adds to the band in angle
+    spread : widening of the band in angle by the antenna's pattern
     """
 
     radar: Radar
@@ -79,7 +82,7 @@ class _SectionSpectra:
     known: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     def extent(self, length: int) -> tuple[float, float]:
-        r"""Half of the band, rad per m of range and per rad, of groups of that many pulses about their centres.
+        r"""Half of the band, rad per m of range and per rad, of groups of a given number of pulses about their centres.
 
         With the slope :math:`d_t` of the range and that of the centre's, :math:`d_g`, the spectrum of pulse t lies at
         :math:`k_c (d_t - d_g) + \kappa d_t`, :math:`|\kappa| \le 2 \pi B / c`.
@@ -124,13 +127,13 @@ def _across(grid: ImageGrid, n: int) -> F64:
 
 
 def _mesh(along: F64, across: F64) -> tuple[F64, F64]:
-    """Coordinates of all pairs."""
+    """Coordinates of all pairs of two axes."""
     a, c = np.meshgrid(along, across, indexing="ij")
     return a.ravel(), c.ravel()
 
 
 def _sight(radar: Radar, grid: ImageGrid, first: int, n: int, rows: slice) -> _SectionSpectra | str:
-    """The section of ``n`` pulses from ``first`` on; what is in the way where there can be none."""
+    """Section of ``n`` pulses from ``first`` on; the reason where it is impossible."""
     antenna = radar.track.position[first : first + n]
     origin = antenna.mean(axis=0)
     drop = float(origin[2] - grid.height)
@@ -174,7 +177,7 @@ def _sight(radar: Radar, grid: ImageGrid, first: int, n: int, rows: slice) -> _S
 
 
 def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: SubimageSampling) -> Section | str:
-    """Section with groups of ``lengths``, finest first; what is in the way where there can be none."""
+    """Section with groups of ``lengths``, finest first; the reason where it is impossible."""
     n = len(sight.antenna)
     range_step, angle_step = (np.pi / (half * sampling.upsampling) for half in sight.extent(n))
     start_range = sight.ranges[0] - GUARD * range_step
@@ -203,7 +206,7 @@ def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: Subimag
 def _levels(
     sight: _SectionSpectra, top: SubimageLevel, lengths: tuple[int, ...], upsampling: float
 ) -> tuple[SubimageLevel, ...] | None:
-    """Levels from the section's own down; None where a smaller group needs no fewer angles."""
+    """Levels from the section's own downwards; None where a smaller group does not need fewer angles."""
     above = top
     levels = [above]
     for length in reversed(lengths):
@@ -222,7 +225,7 @@ def _levels(
 
 
 def _padded(levels: list[SubimageLevel], n: int) -> tuple[SubimageLevel, ...]:
-    """Numbers of groups, such that each level's are a whole multiple of those above."""
+    """Numbers of groups, padded so that each level's is a multiple of that above."""
     merged = [high.n_pulses // low.n_pulses for low, high in pairwise(levels[:-1])]
     groups = 1
     out = [levels[-1]]
@@ -233,7 +236,7 @@ def _padded(levels: list[SubimageLevel], n: int) -> tuple[SubimageLevel, ...]:
 
 
 def _rows_served(radar: Radar, grid: ImageGrid, first: int, n: int) -> slice | None:
-    """Rows of the image whose own aperture has pulses of these; None where there are none."""
+    """Rows of the image whose own aperture contains pulses of the section; None where there are none."""
     if np.isinf(radar.half_aperture):
         return slice(0, grid.shape[0])
     forward, center, gap = flight(radar)
@@ -243,7 +246,7 @@ def _rows_served(radar: Radar, grid: ImageGrid, first: int, n: int) -> slice | N
     line = _flat(grid, a, c)[:, None] - radar.track.position[pick]
     distance = np.linalg.norm(line, axis=-1)
     sine = np.einsum("ptk,tk->pt", line, forward[pick]) / distance
-    # a pulse, and the pulses between those looked at
+    # a pulse, and the pulses between those checked
     spare = (1.0 + n / len(pick)) * gap[pick] / distance
     inside = (np.abs(sine - center[pick]) < radar.half_aperture + spare).any(axis=1)
     rows = np.flatnonzero(inside.reshape(index.size, -1).any(axis=1))
@@ -283,7 +286,7 @@ class _ApertureEnds:
 
     @classmethod
     def of(cls, radar: Radar, grid: ImageGrid, window: Window) -> "_ApertureEnds | None":
-        """None where all pulses serve all pixels."""
+        """Aperture ends of a radar; None where all pulses serve all pixels."""
         if np.isinf(radar.half_aperture) or radar.track.n_pulses < 2:
             return None
         middle = grid.positions_on_line(grid.shape[0] // 2)
@@ -295,12 +298,12 @@ class _ApertureEnds:
         return cls(20.0 * float(np.log10(max(weight, 1e-9))), float(fresnel))
 
     def error_db(self, n: float) -> float:
-        """Of sections of n pulses."""
+        """Error of sections of n pulses, dB."""
         lost = _EDGE_SLOPE_DB * float(np.log10(max(n / self.fresnel, 1.0)))
         return max(_EDGE_DB + self.weight_db - lost, _EDGE_LEAST_DB)
 
     def shortest(self, error_db: float) -> float:
-        """Pulses of sections with that error."""
+        """Number of pulses of sections with a given error."""
         lengths = 10.0 ** ((_EDGE_DB + self.weight_db - max(error_db, _EDGE_LEAST_DB)) / _EDGE_SLOPE_DB)
         return float(self.fresnel * max(_SHORTEST, lengths))
 
@@ -312,7 +315,7 @@ def _cut(n: int, parts: int) -> list[tuple[int, int]]:
 
 
 def _parts(n: int, shortest: float) -> Iterator[int]:
-    """Numbers of sections to choose from, of n pulses in all and at least so many each."""
+    """Candidate numbers of sections for n pulses in total and a least number in each."""
     parts = 1
     while parts == 1 or n / parts >= shortest:
         yield parts
@@ -323,14 +326,14 @@ def _parts(n: int, shortest: float) -> Iterator[int]:
 def make_plan(
     radar: Radar, grid: ImageGrid, window: Window, error_db: float, upsampling: float, stages: int
 ) -> Plan | str:
-    """The division of the aperture with the least processor time; what is in the way where there is none.
+    """Division of the aperture with the least processor time; the reason where there is none.
 
     Parameters
     ----------
     radar, grid : data and image
     window : in azimuth
     error_db, upsampling : see :func:`sarmitsuba.focusing.factorised.sampling.choose_sampling`
-    stages : between pulses and pixels: 2, 3 or 4; 0 = that of least time
+    stages : between pulses and pixels: 2, 3 or 4; 0 = the fastest
     """
     best: tuple[float, int, tuple[int, ...]] | None = None
     reason = "there are too few pulses to divide"
@@ -354,7 +357,7 @@ def make_plan(
                 costs.append(section.seconds(sampling.width, grid.shape[1]))
             if costs and (best is None or np.mean(costs) * parts < best[0]):
                 best = float(np.mean(costs)) * parts, parts, lengths
-        # the last interpolation alone takes longer from here on
+        # from here on the last interpolation alone takes longer
         if best and edges is None and parts * PIXEL_SECONDS[4] * pixels > best[0]:
             break
     if best is None:
@@ -377,7 +380,7 @@ def make_plan(
 
 
 def _leaves_window(radar: Radar, sight: _SectionSpectra) -> bool:
-    """Whether a pulse of the section serves points that it did not record."""
+    """Whether a point of the image is outside the receive window of a pulse that serves it."""
     n, window = len(sight.antenna), radar.window
     pick = np.unique(np.linspace(0, n - 1, _LOOKED_AT).astype(int))
     own = pick + sight.first
@@ -394,7 +397,7 @@ def _leaves_window(radar: Radar, sight: _SectionSpectra) -> bool:
 
 
 def _sights(radar: Radar, grid: ImageGrid, cuts: list[tuple[int, int]]) -> list[_SectionSpectra] | str:
-    """Sections that serve the image; what is in the way of one of them, or where none does."""
+    """Sections that serve the image; the reason where one of them is impossible or none does."""
     out = []
     for first, n in cuts:
         rows = _rows_served(radar, grid, first, n)

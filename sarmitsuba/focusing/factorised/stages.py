@@ -1,4 +1,4 @@
-"""From range-compressed pulses to pixels by the stages of a plan."""
+"""Stages of factorised backprojection from range-compressed pulses to pixels."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from sarmitsuba.radar.radar import Radar
 
 # bytes of profiles at a time
 BATCH_BYTES = 32 << 20
-# of them while they are made: spectrum, its padded form, transform, cut-out, table and the device's
+# copies while they are made: spectrum, padded spectrum, transform, cut-out, table and the device's copy
 _COPIES = 6
 # pixels per launch
 TILE_PIXELS = 1 << 20
@@ -49,7 +49,7 @@ _WINDOW_NODES = 1025
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What all stages need.
+    """Data common to all stages.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Job:
     profiles : how they become profiles
     pulse_weights : (n_pulses,) of the azimuth window; ones where each pixel has its own band
     weighting : antenna and bands
-    reference : m, the range whose spread is divided out
+    reference : m, range whose spreading loss is divided out
     sampling : of subimages
     """
 
@@ -86,7 +86,7 @@ def weighting_of(types: ModuleType, radar: Radar, window: Window) -> Weighting:
 
 
 def run_plan(job: Job, plan: Plan, grid: ImageGrid, progress: Progress) -> C64:
-    """Pixels (n_layers, n_azimuth, n_range), sums over all pulses as yet undivided by their weights."""
+    """Pixels (n_layers, n_azimuth, n_range): sums over all pulses before division by the summed weights."""
     types, n_layers = job.types, len(job.raw.layers)
     image = np.empty((n_layers, *grid.shape), dtype=np.complex64)
     tiles = list(_tiles(grid))
@@ -185,7 +185,7 @@ def _finest(job: Job, section: Section, antenna: F64, centers: F64) -> list[dr.A
 
 
 def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slice) -> GroupPulses:
-    """Tables of the pulses of some groups; those of padding, at the section's end, weigh nothing."""
+    """Tables of the pulses of selected groups; padding pulses at the section's end have weight zero."""
     types, plan, radar = job.types, job.profiles, job.raw.radar
     length = section.levels[0].n_pulses
     first, stop = groups.start * length, min(groups.stop * length, section.n_pulses)
@@ -268,7 +268,7 @@ def _pixels(types: ModuleType, section: Section, grid: ImageGrid, rows: slice) -
 def whole_weights(job: Job, grid: ImageGrid) -> F32:
     """Sum of all pulses' weights in every pixel (n_azimuth, n_range), or (1, 1) where it is the same in all.
 
-    Worked out at nodes and linear in between: it varies as slowly as a beam, or as an aperture cut by the track's end.
+    Computed at nodes and linear in between: it varies as slowly as a beam, or as an aperture cut by the track's end.
     """
     radar = job.raw.radar
     if job.weighting.uniform:
@@ -293,14 +293,14 @@ def _between(nodes: F64, places: F64) -> F64:
 
 
 def plan_bytes(plan: Plan, profiles: ProfilePlan, grid: ImageGrid, n_layers: int) -> int:
-    """Most bytes at a time beyond raw data and image: profiles of a batch, subimages, sums and a launch's pixels."""
+    """Peak memory in bytes beyond raw data and image: profiles of a batch, subimages, sums and a launch's pixels."""
     group = 8 * n_layers * profiles.n_stored * max(section.levels[0].n_pulses for section in plan.sections)
     pixels = int(np.prod(grid.shape))
     return _COPIES * max(group, BATCH_BYTES) + n_layers * (plan.n_bytes + 8 * pixels) + 16 * TILE_PIXELS
 
 
 def make_job(raw: RawData, profiles: ProfilePlan, plan: Plan, window: Window, grid: ImageGrid) -> Job:
-    """What all stages need, from data and plan."""
+    """Data common to all stages, from raw data and plan."""
     types, radar = arrays(), raw.radar
     own = np.isfinite(radar.half_aperture)
     weights = np.ones(radar.track.n_pulses) if own else window.aperture(radar.track.n_pulses)

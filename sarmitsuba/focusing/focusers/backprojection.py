@@ -52,7 +52,10 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
 
-# layers that share one pass over the geometry; more would spill registers
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# layers that share one evaluation of the geometry; more would spill registers
 _MAX_LAYERS = 4
 # pixels whose summed weight is below this part of the aperture's were not illuminated
 _DARK = 1e-6
@@ -60,12 +63,13 @@ _DARK = 1e-6
 TILE_PIXELS = 1 << 20
 # nodes of the azimuth window over a pixel's own aperture
 _WINDOW_NODES = 1025
-# time of a pixel's pulse: alone; on a line, and what the line's nodes add, each over a line's of 32 pixels and 10 nodes
+# relative time of a pixel and pulse: single; on a line; and per node of the line; unit: a line of 32 pixels and 10
+# nodes
 PIXEL_ALONE, PIXEL_ON_LINE, NODE_ON_LINE = 4.0, 0.3, 2.2
 
 
 class _Meter:
-    """Adds up the work done and tells the caller, with its rate."""
+    """Sums the work done and reports it with its rate."""
 
     def __init__(self, progress: Progress, total: float) -> None:
         self.progress, self.total, self.done = progress, total, 0.0
@@ -157,12 +161,12 @@ class Tile:
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """A backprojection in launches that need nothing of each other; parameters as for :func:`backproject`.
+    """Backprojection divided into independent launches; parameters as for :func:`backproject`.
 
     Raises
     ------
     DataError
-        The data are not range compressed, or bistatic in a way that the sum cannot be made for.
+        The data are not range compressed, or bistatic in a way that is not supported.
     """
 
     raw: RawData
@@ -183,13 +187,13 @@ class Tiles:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of one layer's pixels."""
+        """Shape of one layer's pixels."""
         target = self.target
         return target.shape if isinstance(target, ImageGrid) else (np.asarray(target).shape[0],)
 
     @cached_property
     def plan(self) -> ProfilePlan:
-        """How echoes are interpolated."""
+        """Interpolation plan of the echoes."""
         return plan_profiles(
             self.raw.radar,
             self.range_window,
@@ -199,7 +203,7 @@ class Tiles:
 
     @cached_property
     def weights(self) -> F64:
-        """Of the pulses."""
+        """Azimuth weights of the pulses."""
         n_pulses = self.raw.radar.track.n_pulses
         own = np.isfinite(self.raw.radar.half_aperture)
         return np.ones(n_pulses) if own else self.azimuth_window.aperture(n_pulses)
@@ -269,7 +273,7 @@ def _focus_lines(
         inverse_square=dr.opaque(types.Float64, 1.0 / reference**2),
     )
     state = [dr.zeros(types.Float32, lanes) for _ in range(per_line * stride)]
-    dr.make_opaque(state)  # else the first batch has a kernel of its own
+    dr.make_opaque(state)  # otherwise the first batch would compile its own kernel
     for batch in _batches(radar.track.n_pulses, plan, n_layers, batch_bytes):
         n = batch.stop - batch.start
         pulses = ProfileBatch(
@@ -334,7 +338,7 @@ def _axes_table(radar: Radar, weights: F64, batch: slice) -> F32:
 def backproject_numpy(raw: RawData, points: ArrayLike, *, range_window: str = "rectangular") -> C128:
     """Reference backprojection at (n, 3) points: float64, exact trigonometric interpolation, isotropic antenna.
 
-    Slow; it is what the compiled kernel is tested against. Returns (n_layers, n) complex128.
+    Slow; the reference of the compiled kernel's tests. Returns (n_layers, n) complex128.
     """
     radar, points = raw.radar, np.asarray(points, dtype=np.float64)
     plan = plan_spectrum(radar, parse_window(range_window))
@@ -374,24 +378,22 @@ def series_at(spectrum: C128, position: F64) -> C128:
 _SERIES = 64
 # by taps, at twofold oversampling; of eight taps what sums in float32 leave
 _KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -115.0}
-# rows and columns of an image at which its places are asked how well they are lit
+# rows and columns of an image at which the illumination is evaluated
 _PLACES = (9, 9)
 
 
-# most by which the two beams' amplitudes may differ, of the transmitter's at its peak
+# largest difference of the two beams' amplitudes, relative to the transmitter's peak
 _BEAMS_APART = 0.1
 
 
 def bistatic_refusal(radar: Radar) -> str:
-    """Why the sum cannot be made for a receiver apart from the transmitter; empty when it can, or there is none."""
+    """Reason why bistatic data cannot be backprojected; empty when they can, or are monostatic."""
     if radar.receiver is None or (radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)):
         return ""
     if radar.receives_itself:
         return ""
     if radar.receiver_pointing is None:
-        return (
-            "a receiver apart from the transmitter has no pattern or Doppler band; give an isotropic antenna"
-        )
+        return "the data are bistatic and give no pattern of the receiver; give an isotropic antenna"
     other = replace(
         radar,
         track=radar.receiver,
@@ -414,7 +416,7 @@ def bistatic_refusal(radar: Radar) -> str:
 
 @dataclass(frozen=True)
 class Backprojection(Focuser):
-    """Time-domain backprojection, see :func:`backproject`; refuses nothing but bistatic data with a pattern."""
+    """Time-domain backprojection, see :func:`backproject`; refuses only bistatic data with a pattern."""
 
     name: ClassVar[str] = "backprojection"
     title: ClassVar[str] = "any track and any grid, bistatic too"
@@ -426,15 +428,15 @@ class Backprojection(Focuser):
     oversampling: int = option(0, "range upsampling factor; 0 = 6 for linear and 2 for the others")
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
-        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        """Reason why it cannot focus this radar's data on this grid; empty when it can."""
         return bistatic_refusal(radar)
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Error of the interpolation over range and of rounding, against the sum in float64 at exact ranges.
+        """Error of range interpolation and rounding, dB, against the sum in float64 at exact ranges.
 
         Powers add up of the interpolation's, as benchmarks/suite/focusers.py measures it, and of the rounding of the
-        ends of pixels' own apertures. Both grow where a place is dim: its pixel is divided by the summed weight of
-        its pulses.
+        ends of pixels' own apertures. Both grow where a place is weakly illuminated: its pixel is divided by the summed
+        weight of its pulses.
         """
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate
@@ -445,12 +447,12 @@ class Backprojection(Focuser):
         return 10.0 * float(np.log10(power))
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
-        """Most bytes at a time while it makes the pixels, those included; raw data are held already."""
+        """Peak memory in bytes while the pixels are made, pixels included, raw data not."""
         per_line, _ = self._line(radar, grid)
         return backprojection_bytes(radar, grid, n_layers, per_line)
 
     def effort(self, radar: Radar, grid: ImageGrid) -> float:
-        """Time of a pixel's pulse over that of one on a line of 32 pixels and 10 nodes."""
+        """Time per pixel and pulse relative to a line of 32 pixels and 10 nodes."""
         per_line, nodes = self._line(radar, grid)
         return PIXEL_ALONE if per_line == 1 else PIXEL_ON_LINE + NODE_ON_LINE * nodes / per_line
 

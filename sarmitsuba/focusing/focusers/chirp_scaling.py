@@ -1,4 +1,4 @@
-"""Chirp scaling: range migration equalised by a chirp multiplication, no interpolation at all."""
+"""Chirp scaling focuser: range migration equalised by a chirp multiplication, without interpolation."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -24,18 +24,21 @@ from sarmitsuba.focusing.frequency_domain.track_geometry import slant_grid
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# chirps are made for factors up to this; rows that need more hold no echo of an image within the bound
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# largest chirp scaling factor; rows that need more contain no echo of an image within the bound
 _LARGEST = 0.5
 
 
 def _largest(law: Migration, sines: F64) -> float:
-    """Largest factor, in magnitude, that the chirps must serve over a range of k_x / k_c."""
+    """Largest chirp scaling factor, in magnitude, over a range of k_x / k_c."""
     sine = np.linspace(sines[0], sines[1], 257)
     return float(min(np.abs(law.scaling_factor(law.center_wavenumber * sine)).max(), _LARGEST))
 
 
 class _ChirpLines(RangeLaw):
-    """Lines over range from chirps and FFTs."""
+    """Evaluation of range lines by chirps and FFTs."""
 
     def __init__(self, band: WavenumberBand, law: Migration) -> None:
         self.band, self.law = band, law
@@ -72,10 +75,10 @@ class ChirpScaling(RowsFocuser):
 
     (Cumming & Wong 2005, chapter 7; Raney et al. 1994). Then bulk migration correction and secondary range compression
     by a phase in the two-dimensional spectrum, azimuth compression and the residual phase
-    :math:`-\kappa C (1 + C) u^2 / 2` in the range-Doppler domain. The data come range compressed: they get a virtual
-    chirp, as long as the factor needs (``VirtualChirp``), and the bulk phase, which does not depend on range, is taken
-    first; the scaled chirp is compressed by its own rate :math:`\kappa (1 + C)`. The pixels' spacing comes from a
-    chirp-z transform.
+    :math:`-\kappa C (1 + C) u^2 / 2` in the range-Doppler domain. The data are range compressed: they are multiplied by
+    a virtual chirp, as long as the factor needs (``VirtualChirp``), and the bulk phase, which does not depend on range,
+    is taken first; the scaled chirp is compressed by its own rate :math:`\kappa (1 + C)`. The pixels' spacing comes
+    from a chirp-z transform.
 
     Validity: as range-Doppler's, :math:`\phi \approx \pi B^2 \Delta\rho \tan^2\theta / (2 c f_c \cos\theta)`. Without
     scaling the migration of the reference range is corrected for all, which leaves
@@ -100,7 +103,7 @@ class ChirpScaling(RowsFocuser):
         return Treatment(correction="pixel" if self.scaling else "reference")
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
-        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        """Reason why it cannot focus this radar's data on this grid; empty when it can."""
         refusal = migration_refusal(radar, grid, self._treatment, self.bound)
         if refusal:
             return refusal

@@ -1,4 +1,4 @@
-"""Fast factorised backprojection: two-stage and recursive."""
+"""Fast factorised backprojection focuser: two-stage and recursive."""
 
 import math
 from dataclasses import dataclass, replace
@@ -25,11 +25,11 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.memory import check_fits
 from sarmitsuba.radar.radar import Radar
 
-# layers that share one pass over the geometry
+# layers that share one evaluation of the geometry
 _MAX_LAYERS = 2
 # pixels whose summed weight is below this part of the aperture's were not illuminated
 _DARK = 1e-6
-# processor seconds of a pulse in the weights at all of their nodes
+# processor seconds of a pulse in the summed weights, at all of their nodes
 _WEIGHTS = 5e-5
 STAGES = (0, 2, 3, 4)
 RECTANGULAR = parse_window("rectangular")
@@ -37,7 +37,7 @@ RECTANGULAR = parse_window("rectangular")
 
 @dataclass(frozen=True)
 class Factorised(Focuser):
-    r"""Backprojection in stages: few pulses at few places first, many pulses at many places last.
+    r"""Fast factorised backprojection: coarse subimages of few pulses are merged into finer ones of many pulses.
 
     Consecutive pulses about the mean position :math:`A_g` of their group make a subimage
 
@@ -48,19 +48,17 @@ class Factorised(Focuser):
     carrier by :math:`e^{j k_c (R_g - R_G)}` and summed; the widest ones are interpolated at the pixels. ``stages=2``
     has no merger: the local backprojection of Yegulalp 1999. With 3 and 4 it is the recursion of Ulander, Hellsten and
     Stenstrom 2003, with one difference: all subimages of a section of the aperture have the section's ranges, so that
-    mergers interpolate in angle only (as Dong 2017 does in Cartesian coordinates). Sections are as long as that pays;
-    within one, :math:`\kappa (d R_t / d\varphi)` of the range band :math:`|\kappa| \le 2 \pi B / c` widens the
+    mergers interpolate in angle only (as Dong 2017 does in Cartesian coordinates). Sections are as long as this saves
+    time; within one, :math:`\kappa (d R_t / d\varphi)` of the range band :math:`|\kappa| \le 2 \pi B / c` widens the
     spectrum in angle.
 
-    Every grid is as fine as the spectra of its pulses, worked out from the track, ask for, times ``upsampling``; the
-    error is that of the interpolations, predicted by
-    :meth:`sarmitsuba.focusing.factorised.sampling.SubimageSampling.error_db`, and ``upsampling=0`` takes the least
-    that keeps
-    ``error``.
+    Every grid samples the spectra of its pulses, computed from the track, times ``upsampling``; the error is that of
+    the interpolations, predicted by :meth:`sarmitsuba.focusing.factorised.sampling.SubimageSampling.error_db`, and
+    ``upsampling=0`` uses the smallest that meets ``error``.
 
     Validity: any track, spotlight or with apertures of the pixels' own (then in two stages). Refuses an image that
-    reaches under the track, where angle and range are no coordinates, one that leaves the receive window, and own
-    apertures whose sharp ends ask for sections so long that backprojection is as fast.
+    extends below the track, where angle and range are no coordinates, one that leaves the receive window, and own
+    apertures whose sharp ends need sections so long that backprojection is as fast.
 
     Notes
     -----
@@ -74,11 +72,11 @@ class Factorised(Focuser):
     title: ClassVar[str] = "any track, an image off the flight line; fast for large images"
 
     error: float = option(-50.0, "wanted error against exact backprojection, dB")
-    upsampling: float = option(0.0, "samples per critical sample of subimages; 0 = as the error wants")
-    stages: int = option(0, "between pulses and pixels: 2 (Yegulalp), 3 or 4; 0 = those of least time")
+    upsampling: float = option(0.0, "samples per critical sample of subimages; 0 = from the wanted error")
+    stages: int = option(0, "stages between pulses and pixels: 2 (Yegulalp), 3 or 4; 0 = the fastest")
 
     def plan(self, radar: Radar, grid: ImageGrid, window: Window = RECTANGULAR) -> Plan | str:
-        """How the aperture is divided; what is in the way where it cannot be.
+        """Division of the aperture; the reason where it is impossible.
 
         Raises
         ------
@@ -95,7 +93,7 @@ class Factorised(Focuser):
         return make_plan(radar, grid, window, self.error, self.upsampling, self.stages)
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
-        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        """Reason why it cannot focus this radar's data on this grid; empty when it can."""
         plan = self.plan(radar, grid)
         if isinstance(plan, str):
             return plan
@@ -107,20 +105,20 @@ class Factorised(Focuser):
         return ""
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Predicted error of a rectangular azimuth window, with a margin; NaN where the image leaves the beam."""
+        """Predicted error for a rectangular azimuth window, with a margin; NaN where the image leaves the beam."""
         plan = self.plan(radar, grid)
         if isinstance(plan, str) or leaves_beam(radar, image_places(grid)):
             return math.nan
         return plan.error_db + MARGIN_DB
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """Of all stages."""
+        """Processor time of all stages."""
         plan = self.plan(radar, grid)
         return math.inf if isinstance(plan, str) else self._seconds(plan, radar)
 
     @staticmethod
     def _seconds(plan: Plan, radar: Radar) -> float:
-        """Of all stages, and of the weights where they are not the same everywhere."""
+        """Processor time of all stages, and of the weights where they vary over the image."""
         uniform = radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)
         return plan.seconds + (0.0 if uniform else _WEIGHTS * radar.track.n_pulses)
 
@@ -143,7 +141,7 @@ class Factorised(Focuser):
         check_fits(
             f"focuser factorised: subimages of {len(plan.sections)} sections",
             plan_bytes(plan, profiles, grid, min(n_layers, _MAX_LAYERS)),
-            "make the image smaller, or take focuser backprojection",
+            "make the image smaller, or use focuser backprojection",
         )
         image = np.empty((n_layers, *grid.shape), dtype=np.complex64)
         for start in range(0, n_layers, _MAX_LAYERS):

@@ -46,7 +46,7 @@ class _Stolt(RangeLaw):
         return self.band.geometry.rho_center * ky
 
     def lines(self, spectrum: C64, kx: F64, ky: F64) -> C64:
-        """Stolt's mapping."""
+        """Stolt mapping."""
         gridded = spread(spectrum, (ky - self.center) * self.cells, self.n)
         line = scipy.fft.ifft(gridded, axis=1)
         return np.asarray(line[:, self.pixels % self.n] * self.carrier)
@@ -65,7 +65,7 @@ class _WithoutStolt(RangeLaw):
         return self.law.bulk(kx, ky, offset)
 
     def lines(self, spectrum: C64, kx: F64, ky: F64) -> C64:
-        """Pixels, with the azimuth phase that the law leaves to them."""
+        """Pixels with the azimuth phase of the migration law."""
         out = self.points(spectrum)
         out *= unit_phasor(self.law.azimuth(kx, self.band.rho))
         return out
@@ -124,7 +124,7 @@ class OmegaK(RowsFocuser):
     :math:`(\rho - \rho_{ref}) k_{y0}` in the range-Doppler domain, residual azimuth compression. With ``stolt=off``
     there is the reference function alone, which focuses at the reference range only.
 
-    Validity: the accurate form is exact but for the stationary phase of the track's transform, any squint for which
+    Validity: the accurate form is exact except for the stationary phase of the track's transform, for any squint with
     :math:`k_x < k`, any bandwidth and swath. Without the mapping, at :math:`\Delta\rho` from the reference range,
 
     .. math:: \phi_{phase} \approx \frac{2 \pi B}{c} \Delta\rho
@@ -152,7 +152,7 @@ class OmegaK(RowsFocuser):
         return _WITHOUT.get(self.stolt)
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
-        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        """Reason why it cannot focus this radar's data on this grid; empty when it can."""
         treatment = self._treatment
         if treatment is None:
             return track_refusal(radar, grid)

@@ -1,4 +1,4 @@
-"""Polar format focusing of spotlight data: every pulse is a line through the image's spectrum."""
+"""Polar format focuser of spotlight data: every pulse is a radial line in the image's spectrum."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -27,23 +27,23 @@ from sarmitsuba.radar.radar import Radar
 # taps of both kernels, polar samples onto the wavenumber grid and image onto the pixels; rms error of each, dB, is
 # gridding_kernel(6).error_db
 _WIDTH = 6
-# largest phase, rad, that the wavefront's curvature may leave at the end of the aperture
+# largest phase error, rad, from wavefront curvature at the end of the aperture
 LARGEST_PHASE = 0.3
 # CPU seconds of a sample, and of a pixel
 _SECONDS = 1.55e-6
-# what both kernels and the transforms leave, dB
+# error of both kernels and the transforms, dB
 _FLOOR_DB = -60.0
-# pulses at which the curvature is worked out
+# pulses at which the curvature is computed
 _NODES = 33
-# pixels, or cells that samples are spread to, worked on at once
+# pixels, or gridding cells, processed at once
 _BATCH = 1 << 21
-# bytes of a pixel, of a sample of the raw data, and of such a batch, in all arrays that are held together
+# bytes per pixel, per raw-data sample, and per item of such a batch, in all arrays held at the same time
 _PIXEL_BYTES, _SAMPLE_BYTES, _BATCH_BYTES = 207, 63, 64_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class _PlaneWaves:
-    """Lines of sight to the image's centre, and the plane wave that stands in for each.
+    """Lines of sight to the image's centre, and the plane wave that approximates each wavefront.
 
     Parameters
     ----------
@@ -71,47 +71,48 @@ class _PlaneWaves:
         return _PlaneWaves(center, axes, distance, leg @ axes.T / distance[:, None], nodes)
 
     def differences(self, radar: Radar, points: F64) -> F64:
-        """Ranges of points (n, 3) less that of the centre at the nodes, (n, n_nodes), m."""
+        """Ranges of points (n, 3) minus that of the centre at the nodes, (n, n_nodes), m."""
         leg = np.linalg.norm(points[:, None] - radar.track.position[self.nodes], axis=-1)
         return np.asarray(leg - self.distance[self.nodes])
 
     def places(self, differences: F64) -> F64:
-        """(n, 2) m: where plane waves put points, by least squares over the aperture."""
+        """Positions (n, 2) m of points in the plane-wave image, by least squares over the aperture."""
         return np.asarray(differences @ np.linalg.pinv(self.slope[self.nodes]).T)
 
     def residual(self, radar: Radar, points: F64) -> F64:
-        """Range that plane waves leave at the nodes, (n, n_nodes), m."""
+        """Range error of the plane waves at the nodes, (n, n_nodes), m."""
         differences = self.differences(radar, points)
         return np.asarray(differences - self.places(differences) @ self.slope[self.nodes].T)
 
 
 def refusal(radar: Radar, grid: ImageGrid) -> str:
-    """What keeps polar format from focusing a radar's data on a grid; empty when nothing does."""
+    """Reason why polar format cannot focus a radar's data on a grid; empty when it can."""
     if radar.track.n_pulses < 8:
         return f"{radar.track.n_pulses} pulses are too few, at least 8 are needed"
     if np.isfinite(radar.half_aperture):
-        return "every pixel has an aperture of its own (stripmap), and polar format takes one for all"
+        return "every pixel has its own aperture (stripmap), and polar format needs a common one"
     polar = _PlaneWaves.of(radar, grid)
     if np.linalg.matrix_rank(polar.slope, tol=1e-6) < 2:
-        return "the aperture does not turn about the image"
+        return "the line of sight does not rotate over the aperture"
     points = image_places(grid)
     left = 4.0 * np.pi / radar.waveform.wavelength * polar.residual(radar, points)
-    # a mean phase is taken out again; what varies costs level, at a third of the bound rms 0.04 dB
+    # the mean phase is removed; the variation reduces the level, at a third of the bound rms by 0.04 dB
     phase = float(max(np.abs(left).max(), 3.0 * np.std(left, axis=1).max()))
     if phase > LARGEST_PHASE:
         radius = float(np.linalg.norm(points - polar.center, axis=1).max())
         return (
-            f"the wavefront's curvature leaves {phase:.3g} rad at {radius:.4g} m from the image's centre (bound "
+            f"the wavefront's curvature causes a phase error of {phase:.3g} rad at {radius:.4g} m from the image's "
+            "centre (bound "
             f"{LARGEST_PHASE:g} rad, about {radius * np.sqrt(LARGEST_PHASE / phase):.3g} m)"
         )
     return ""
 
 
 def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
-    """Bound of the error against backprojection, dB, by the worst place of the image; NaN where it leaves the beam.
+    """Bound of the error against backprojection, dB, at the worst place of the image; NaN where it leaves the beam.
 
-    Powers add up of the phase that curvature leaves, of the change of R^2 over the aperture against that of the centre,
-    of pulses weighed otherwise than backprojection weighs them, and of a floor.
+    Sum of the powers of the curvature's phase error, of the change of R^2 over the aperture against that of the centre,
+    of the pulse weights' difference to backprojection's, and of a floor.
     """
     polar, points = _PlaneWaves.of(radar, grid), image_places(grid)
     phase = 4.0 * np.pi / radar.waveform.wavelength * polar.residual(radar, points)
@@ -122,7 +123,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
 
 
 def polar_format(task: FocusTask) -> C64:
-    r"""Focus range-compressed data whose pulses all serve all pixels.
+    r"""Polar format focusing of range-compressed data with one aperture for all pixels.
 
     With :math:`k = 4 \pi (f_c + f) / c`, S the spectrum of pulse t about the image's centre at the distance
     :math:`R_t`, and :math:`\mathbf u_t` the growth of range per metre along and across the image plane, every sample
@@ -132,8 +133,8 @@ def polar_format(task: FocusTask) -> C64:
               \mathbf q(p)}
 
     It is resampled onto a Cartesian raster (type-1 non-uniform FFT, gridding kernel of width 6), transformed, and the
-    image resampled to the places :math:`\mathbf q(p)` at which plane waves put the pixels: the least squares over the
-    aperture of :math:`|p - A_t| - R_t = \mathbf u_t \cdot \mathbf q`. That undoes the distortion by curved
+    image resampled to the positions :math:`\mathbf q(p)` of the pixels in the plane-wave image: the least squares over
+    the aperture of :math:`|p - A_t| - R_t = \mathbf u_t \cdot \mathbf q`. That undoes the distortion by curved
     wavefronts and leaves their defocusing,
 
     .. math:: \phi \approx \frac{\pi \lambda r^2}{8 \rho_a^2 R}
@@ -180,8 +181,10 @@ def polar_format(task: FocusTask) -> C64:
     return image
 
 
-def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window: Window) -> tuple[C128, F64]:
-    """Calibration of every pixel (n_azimuth, n_range), and its place among plane waves (n_pixels, 2), m."""
+def _scale_and_places(
+    radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window: Window
+) -> tuple[NDArray[np.complex128], F64]:
+    """Calibration of every pixel (n_azimuth, n_range), and its position in the plane-wave image (n_pixels, 2), m."""
     rows, columns = (np.unique(np.linspace(0, n - 1, 17).round().astype(int)) for n in grid.shape)
     total = np.array(
         [pulse_weights(radar, grid.positions_on_line(int(row))[columns], window).sum(axis=-1) for row in rows]
@@ -255,7 +258,7 @@ class _WavenumberRaster:
         spacing = 2.0 * np.pi / (size * step)
         away = (places - offset) / step
         phase = places @ middle
-        # read as a wave of its own wavenumber, a sample is met by the kernel's transform there
+        # the kernel's transform at the sample's wavenumber is divided out
         cells = (k - middle[:, None]) / spacing[:, None]
         read = kernel.inverse_transform(cells[0] / shape[0]) * kernel.inverse_transform(cells[1] / shape[1])
         shift = read * np.exp(1j * np.mod(offset @ (k - middle[:, None]), 2.0 * np.pi))
@@ -331,11 +334,11 @@ class PolarFormat(Focuser):
     title: ClassVar[str] = "spotlight of small scenes, any track; plane waves about the image's centre"
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
-        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        """Reason why it cannot focus this radar's data on this grid; empty when it can."""
         return refusal(radar, grid)
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
-        """Most bytes at a time while it makes the pixels, those included."""
+        """Peak memory in bytes while the pixels are made, pixels included."""
         pixels, samples = int(np.prod(grid.shape)), radar.track.n_pulses * radar.window.n_samples
         return pixels * (_PIXEL_BYTES + 8 * n_layers) + _SAMPLE_BYTES * samples + _BATCH_BYTES
 

@@ -1,4 +1,4 @@
-"""Range-Doppler focusing: range migration corrected by interpolation in the range-Doppler domain."""
+"""Range-Doppler focuser: range migration corrected by interpolation in the range-Doppler domain."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -32,7 +32,7 @@ _COMPRESSION: dict[str, Treatment] = {
 
 
 class _InterpolatedLines(RangeLaw):
-    """Lines over range from a twofold oversampled inverse FFT, interpolated at every pixel's migrated range."""
+    """Evaluation of range lines by a twofold oversampled inverse FFT, interpolated at every pixel's migrated range."""
 
     def __init__(self, band: WavenumberBand, law: Migration) -> None:
         self.band, self.law = band, law
@@ -103,7 +103,7 @@ class RangeDoppler(RowsFocuser):
         return treatment if self.rcmc else replace(treatment, correction="off")
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
-        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        """Reason why it cannot focus this radar's data on this grid; empty when it can."""
         return migration_refusal(radar, grid, self._treatment, self.bound)
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:

@@ -1,1 +1,1 @@
-"""What the frequency-domain focusers share; see :mod:`sarmitsuba.focusing.frequency_domain.rows`."""
+"""Common parts of the frequency-domain focusers; see :mod:`sarmitsuba.focusing.frequency_domain.rows`."""

@@ -1,4 +1,4 @@
-"""Spectrum of the weights that backprojection gives to the pulses of a pixel's own aperture."""
+"""Spectrum of backprojection's pulse weights over a pixel's own aperture."""
 
 from dataclasses import dataclass
 
@@ -20,12 +20,12 @@ from sarmitsuba.radar.radar import Radar
 
 # nodes of the weight over the aperture's sines, linear between them
 _NODES = 4097
-# the tails of the aperture's ends, without their phase, are tabulated up to this argument with as many nodes to one;
-# they fall as its inverse from there on
+# largest argument of the tabulated tails of the aperture's ends (without phase), and nodes per unit; beyond, they fall
+# as the inverse argument
 _FAR, _FINE = 32.0, 64
-# time-bandwidth product of the aperture up to which the orders that the law leaves out are added: -70 dB beyond
+# time-bandwidth product of the aperture up to which higher orders are added; beyond, they are below -70 dB
 _FEW = 100.0
-# half of the band at which they are tabulated, over half the aperture; it is part of a period of so many more
+# half of the tabulated band over half the aperture, and the transform's period over that band
 _WIDE, _PERIOD = 4, 4
 # largest sine that an aperture reaches
 _STEEPEST = 0.999
@@ -98,7 +98,7 @@ class _SineTable:
 def _higher_orders(
     weight: F64, bend: F64, slopes: tuple[float, float], sines: F64, spread: float
 ) -> _SineTable:
-    r"""What the law leaves out of a short aperture's spectrum, :math:`e^{j D \partial^2 / 2} w` less the law's own.
+    r"""Higher orders of a short aperture's spectrum: :math:`e^{j D \partial^2 / 2} w` minus the stationary-phase law.
 
     The ends' straight line has the law's tails exactly; the rest vanishes at the ends and is transformed numerically,
     and the law's tail of its slope there is taken off.
@@ -119,7 +119,7 @@ def _higher_orders(
     padded[beside : beside + n] = rest
     kappa = 2.0 * np.pi * np.fft.fftfreq(size, step)
     spectrum = np.fft.fft(padded) * np.exp(-0.5j * spread * kappa**2)
-    # what leaves the period would come back from its other end
+    # values outside the period would be aliased
     spectrum[np.abs(spread * kappa) > 0.5 * size * step] = 0.0
     value = np.fft.ifft(spectrum)[: n + 2 * beside]
     value[beside : beside + n] -= rest + 0.5j * spread * bend
@@ -138,7 +138,7 @@ def _higher_orders(
 
 @dataclass(frozen=True, eq=False)
 class ApertureFilter:
-    r"""Spectrum of a pixel's weights over the pulses, without the chirp's own, by stationary phase to second order.
+    r"""Spectrum of a pixel's pulse weights, without that of the azimuth chirp, by stationary phase to second order.
 
     Backprojection weighs a pulse by the direction of the pixel, w(s) = window times pattern for the sine s of its
     angle: a filter over the track, for a wavenumber k and a range :math:`\rho`, whose spectrum at
@@ -152,7 +152,7 @@ class ApertureFilter:
               \frac{\pi v^2}{2} = \rho \left(\frac{k - k_x s_e}{\sqrt{1 - s_e^2}} - k_y\right)
 
     (uniform in the distance v from the end; upper sign inside), times :math:`\mathrm{sinc}((k_x - k s_e) \Delta x / 2)`
-    as the weight does not stop at once but within one pulse, see
+    as the weight ends within one pulse, not abruptly, see
     :func:`sarmitsuba.focusing.aperture_weights.band_weights`. Without the tails a frequency-domain focuser cuts the
     aperture by the echo's Doppler frequency, not by the pixel's angle, and its side lobes have another phase.
 
@@ -162,7 +162,7 @@ class ApertureFilter:
     weight : (n,) complex64, H within the aperture at these
     ends : of the aperture, none where all pulses serve all pixels
     rho : m, range of closest approach
-    higher : what both leave out of apertures of a small time-bandwidth product, where it counts; at k_c
+    higher : higher orders for apertures of a small time-bandwidth product; at k_c
 
     Notes
     -----

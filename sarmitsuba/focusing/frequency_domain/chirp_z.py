@@ -1,4 +1,4 @@
-"""Fourier sums off the FFT's own samples: chirp-z transform, non-uniform FFT by a sparse matrix, chirp scaling."""
+"""Fourier sums at non-FFT points: chirp-z transform, non-uniform FFT by a sparse matrix, chirp scaling."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,7 +21,7 @@ _SHORTEST = 16.0
 
 @dataclass(frozen=True)
 class ChirpZ:
-    r"""Fourier sums on evenly spaced points of any spacing (Bluestein): FFTs and chirps, no interpolation.
+    r"""Chirp-z transform: Fourier sums at uniform points of any spacing (Bluestein), by FFTs and chirps.
 
     .. math:: y_p = \sum_m c_m e^{j \, turn \, (first + m) \, p}, \quad p = low, low + 1, ...
 
@@ -72,7 +72,7 @@ class ChirpZ:
 
 
 def kernel_matrix(position: F64, n: int) -> scipy.sparse.csr_array:
-    """Matrix that interpolates lines with the gridding kernel; its transpose spreads onto them.
+    """Interpolation matrix of the gridding kernel; its transpose grids values onto the lines.
 
     Parameters
     ----------
@@ -101,13 +101,13 @@ def kernel_matrix(position: F64, n: int) -> scipy.sparse.csr_array:
 
 
 def apply(matrix: scipy.sparse.sparray, values: C64) -> C64:
-    """Product of a real float32 matrix with complex64 values, both parts in one go."""
+    """Product of a real float32 matrix with complex64 values."""
     parts = np.ascontiguousarray(values).reshape(-1).view(np.float32).reshape(-1, 2)
     return np.asarray(np.ascontiguousarray(matrix @ parts)).view(np.complex64)[:, 0]
 
 
 def spread(values: C64, position: F64, n: int) -> C64:
-    """Spread (rows, m) values onto lines of n cells at ``position``: (rows, n) complex64."""
+    """Grid (rows, m) values onto lines of n cells at ``position``: (rows, n) complex64."""
     lines = apply(kernel_matrix(position, n).T, values).reshape(values.shape[0], n + WIDTH)
     lines[:, :WIDTH] += lines[:, n:]
     return lines[:, :n]
@@ -116,28 +116,28 @@ def spread(values: C64, position: F64, n: int) -> C64:
 def interpolate(lines: C64, position: F64) -> C64:
     """Values of periodic lines (rows, n) at ``position`` (rows, m) cells: (rows, m) complex64.
 
-    Exact to the kernel's error where the lines hold the inverse FFT of spectra that fill at most half of the band and
-    have had :func:`kernel_transform` divided out.
+    Exact to the kernel's error where the lines are the inverse FFT of spectra that fill at most half of the band and
+    are divided by :func:`kernel_transform`.
     """
     wrapped = np.concatenate([lines, lines[:, :WIDTH]], axis=1)
     return apply(kernel_matrix(position, lines.shape[1]), wrapped).reshape(position.shape)
 
 
 def kernel_transform(cycles: F64) -> F64:
-    """Fourier transform of the kernel at cycles per cell."""
+    """Fourier transform of the gridding kernel at frequencies in cycles per cell."""
     return gridding_kernel(WIDTH).transform(cycles)
 
 
 @dataclass(frozen=True)
 class VirtualChirp:
-    r"""Scaling of lines by chirps alone: range-compressed lines are given a chirp, and the chirp is scaled.
+    r"""Chirp scaling of range-compressed lines: a virtual chirp is applied and scaled.
 
-    In four steps, q the wavenumber and u the range from the point that stays:
+    In four steps, q the wavenumber and u the range from the fixed point:
 
     .. math:: X(q) \to X e^{-j q^2 / 2 \kappa}, \quad x(u) \to x e^{j \kappa C u^2 / 2}, \quad
               X \to X e^{j q^2 / 2 \kappa (1 + C)}, \quad x(u') \to x e^{-j \kappa C (1 + C) u'^2 / 2},
 
-    after which what stood at u stands at :math:`u' = u / (1 + C)`, with its amplitude times :math:`\sqrt{1 + C}`, which
+    which moves an echo from u to :math:`u' = u / (1 + C)` and multiplies its amplitude by :math:`\sqrt{1 + C}`, which
     is divided out. C is the chirp scaling factor (Cumming & Wong 2005, section 7.2.2).
 
     Parameters
@@ -147,8 +147,8 @@ class VirtualChirp:
 
     Notes
     -----
-    The data's own chirp would do as well and is not needed: flat range compression is its exact inverse, and a chirp
-    made to measure wastes neither samples nor bandwidth.
+    The transmitted chirp is not needed: flat range compression is its exact inverse, and the virtual chirp is no longer
+    and no wider than necessary.
     """
 
     rate: float
@@ -158,7 +158,7 @@ class VirtualChirp:
     def of(largest_factor: float, period: float, step: float, n_band: int) -> "VirtualChirp":
         """Chirp for factors up to ``largest_factor`` on lines of ``n_band`` wavenumbers ``step`` apart.
 
-        The chirp is as long as keeps the scaled echoes within the band of the transforms over half the ``period``, m.
+        The chirp is long enough to keep the scaled echoes within the transforms' band over half the ``period``, m.
         """
         n_fft = int(scipy.fft.next_fast_len(int(np.ceil(_ROOM * (1.0 + largest_factor) * n_band))))
         band = n_band * step

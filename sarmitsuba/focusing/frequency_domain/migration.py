@@ -1,4 +1,4 @@
-"""What a frequency-domain focuser does about range migration, and the phase that this leaves uncorrected."""
+"""Range migration correction of the frequency-domain focusers, and its residual phase."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -13,18 +13,20 @@ from sarmitsuba.focusing.frequency_domain.track_geometry import slant_grid, trac
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# directions with less than this part of the strongest two-way gain do not count for the residual phase
+F64 = NDArray[np.float64]
+
+# directions with less than this share of the strongest two-way gain are ignored in the residual phase
 _WEAK = 0.05
-# pulses and frequencies at which the residual phase is looked at
+# pulses and frequencies at which the residual phase is sampled
 _PULSES, _FREQUENCIES = 65, 9
-# default bound on the residual phase, rad: a quadratic one of this size at the band's ends turns the peak by a third of
-# it, 5 degrees
+# default bound on the residual phase, rad: a quadratic phase of this size at the band's ends changes the peak's phase
+# by a third of it, 5 degrees
 MAX_PHASE = np.pi / 12
 
 
 @dataclass(frozen=True)
 class Treatment:
-    """What an algorithm does about the parts of the spectrum's phase, see :class:`Migration`.
+    """Treatment of the parts of the spectrum's phase by an algorithm, see :class:`Migration`.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ class Treatment:
 
 @dataclass(frozen=True)
 class Migration:
-    r"""The approximation that one algorithm makes of the spectrum's exact phase.
+    r"""Migration law: an algorithm's approximation of the spectrum's exact phase.
 
     A point at closest approach :math:`\rho` has the phase :math:`-\rho k_y`, :math:`k_y = \sqrt{k^2 - k_x^2}`, in the
     two-dimensional spectrum. With :math:`k = k_c + \kappa` and :math:`k_{y0} = k_y(k_c)`,
@@ -60,7 +62,7 @@ class Migration:
     center_wavenumber : k_c, rad/m
     reference_range : rho_ref, m
     sin_squint : of the image's centre seen from mid-aperture
-    treatment : what the algorithm does
+    treatment : of the phase by the algorithm
     """
 
     center_wavenumber: float
@@ -75,7 +77,7 @@ class Migration:
 
     def carrier(self, kx: F64) -> F64:
         """k_y at the centre frequency, rad/m."""
-        # rows beyond a thousandth of a grazing angle hold nothing: the floor keeps them finite
+        # rows below a thousandth of grazing are empty: the floor keeps them finite
         floor = (1e-3 * self.center_wavenumber) ** 2
         return np.asarray(np.sqrt(np.maximum(self.center_wavenumber**2 - kx**2, floor)))
 
@@ -94,7 +96,7 @@ class Migration:
         return np.asarray(self.slope(kx) / self.reference_slope - 1.0)
 
     def bulk(self, kx: F64, ky: F64, offset: F64) -> F64:
-        """Phase, rad, that the spectrum is multiplied by.
+        """Phase, rad, that multiplies the spectrum.
 
         Parameters
         ----------
@@ -115,7 +117,7 @@ class Migration:
         return np.asarray(self.reference_range * moved)
 
     def azimuth(self, kx: F64, rho: F64) -> F64:
-        """Phase, rad, that the lines are multiplied by at closest-approach ranges, m."""
+        """Phase, rad, that multiplies the lines at closest-approach ranges, m."""
         carrier = self.carrier(kx)
         if self.treatment.azimuth == "pixel":
             return np.asarray(rho * carrier)
@@ -126,7 +128,7 @@ class Migration:
         return np.asarray(self.reference_range * carrier + (rho - self.reference_range) * straight)
 
     def residual(self, kx: F64, offset: F64, rho: F64) -> F64:
-        """Phase that is left, rad, at the spectrum's points; all arguments broadcast together."""
+        """Residual phase, rad, at points of the spectrum; all arguments broadcast together."""
         ky = np.sqrt((self.center_wavenumber + offset) ** 2 - kx**2)
         moved = offset * self.slope(kx) * (rho - self.reference_range)
         return np.asarray(rho * ky - self.bulk(kx, ky, offset) - moved - self.azimuth(kx, rho))
@@ -149,7 +151,9 @@ def directions(radar: Radar, grid: ImageGrid) -> tuple[F64, F64, NDArray[np.bool
     rows = grid.azimuth[[0, grid.azimuth.size // 2, -1]]
     columns = grid.range[[0, grid.range.size // 2, -1]]
     points = replace(grid, azimuth=rows, range=columns).positions()
-    if np.isfinite(radar.half_aperture):  # every pixel has its whole band, wherever its pulses are
+    if np.isfinite(
+        radar.half_aperture
+    ):  # every pixel has its whole band, independent of its pulses' positions
         middle = float(radar.pointing.boresight[radar.track.center_index] @ grid.along)
         band = np.clip(middle + radar.half_aperture * np.linspace(-1.0, 1.0, _PULSES), -0.999, 0.999)
         sine = np.broadcast_to(band, (*points.shape[:2], band.size))
@@ -161,7 +165,7 @@ def directions(radar: Radar, grid: ImageGrid) -> tuple[F64, F64, NDArray[np.bool
 
 
 def residual_phase(radar: Radar, grid: ImageGrid, law: Migration) -> float:
-    """Largest phase, rad, that a law leaves anywhere in the spectra of a slant grid's corners and edges."""
+    """Largest residual phase, rad, of a law in the spectra of a slant grid's corners and edges."""
     sine, rho, seen = directions(radar, grid)
     half = 2.0 * np.pi * radar.waveform.bandwidth / SPEED_OF_LIGHT
     offset = np.linspace(-half, half, _FREQUENCIES)
@@ -171,7 +175,7 @@ def residual_phase(radar: Radar, grid: ImageGrid, law: Migration) -> float:
 
 
 def residual_power(radar: Radar, grid: ImageGrid, law: Migration) -> float:
-    """Mean square, rad^2, of the phase that a law leaves in the spectrum of the worst of the edges and corners."""
+    """Mean square residual phase, rad^2, of a law in the spectrum of the worst edge or corner."""
     sine, rho, seen = directions(radar, grid)
     half = 2.0 * np.pi * radar.waveform.bandwidth / SPEED_OF_LIGHT
     offset = np.linspace(-half, half, _FREQUENCIES)
@@ -182,7 +186,7 @@ def residual_power(radar: Radar, grid: ImageGrid, law: Migration) -> float:
 
 
 def migration_refusal(radar: Radar, grid: ImageGrid, treatment: Treatment, bound: float) -> str:
-    """What keeps an algorithm from a radar's data: the track, or a residual phase past the bound; empty if nothing."""
+    """Reason why an algorithm cannot focus a radar's data: track, or residual phase above the bound; empty if none."""
     refusal = track_refusal(radar, grid)
     if refusal:
         return refusal

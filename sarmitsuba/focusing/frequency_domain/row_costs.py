@@ -1,4 +1,4 @@
-"""Bytes and processor time that the frequency-domain focusers take."""
+"""Memory and processor time of the frequency-domain focusers."""
 
 from abc import ABC
 from dataclasses import replace
@@ -22,7 +22,7 @@ _PLANNED, _CALIBRATION, _SCALED = 33, 8, 20
 _COMPLEX, _TRANSFORMED = 8, 16
 # of a slant and of a ground pixel and layer while one becomes the other: both, and both in the product's order
 _RESAMPLED = 16
-# of what the threads hold at a time, or held and have not given back, whatever the sizes
+# of the threads' buffers, in use or not yet released, independent of the sizes
 _THREADS = 70_000_000
 
 
@@ -37,14 +37,14 @@ class RowsFocuser(Focuser, ABC):
     sample_seconds: ClassVar[float]
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """A rate of its own for what all have to do."""
+        """Processor time: the algorithm's rate times the common work."""
         taken = CALL_SECONDS + self.sample_seconds * spectrum_work(radar, grid)
         if radar.antenna.pattern != "isotropic" and not own_apertures(radar):
             taken += WEIGHT_SECONDS * radar.track.n_pulses * NODES
         return taken
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
-        """Most bytes at a time while it makes the pixels, those included."""
+        """Peak memory in bytes while the pixels are made, pixels included."""
         slant = slant_grid(radar, grid)
         geometry = track_geometry(radar, slant)
         dense = replace(geometry, spacing=geometry.spacing / rate_factor(radar, slant, geometry)[0])

@@ -1,4 +1,4 @@
-r"""What the frequency-domain focusers share: from raw data to the two-dimensional spectrum, and from lines to pixels.
+r"""Common parts of the frequency-domain focusers: raw data to two-dimensional spectrum, and range lines to pixels.
 
 Every one of them makes
 
@@ -46,7 +46,10 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# Doppler band of the image over the PRF from which on it is said that the image folds over
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# Doppler band of the image over the PRF above which a warning about azimuth aliasing is given
 _FOLDED = 1.05
 # samples of the spectrum mapped at once by a thread: bounds the temporary memory and fits the caches
 _BATCH = 1 << 18
@@ -58,7 +61,7 @@ _GUARD = 32
 
 @dataclass(frozen=True, eq=False)
 class WavenumberBand:
-    """The wavenumbers of the spectrum's rows, and the pixels that they become.
+    """Wavenumbers of the spectrum's rows, and the pixels made from them.
 
     Parameters
     ----------
@@ -66,7 +69,7 @@ class WavenumberBand:
     first, count, step : wavenumbers k - k_c are ``(first + arange(count)) * step``, rad/m
     sines : (2,) float64, range of k_x / k
     rho : (n_range,) float64, m, ranges of the pixels
-    geometry : where data and image stand
+    geometry : of data and image
     """
 
     center_wavenumber: float
@@ -89,26 +92,26 @@ class WavenumberBand:
 
     @property
     def away(self) -> F64:
-        """(n_range,) float64, m, range pixels less the reference range."""
+        """(n_range,) float64, m, range pixels minus the reference range."""
         return np.asarray(
             (np.arange(self.rho.size, dtype=np.float64) - self.rho.size // 2) * self.pixel_spacing
         )
 
 
 class RangeLaw(ABC):
-    """How one algorithm evaluates the sum over k, row by row of the spectrum."""
+    """Evaluation of the sum over k by one algorithm, row by row of the spectrum."""
 
     @abstractmethod
     def bulk(self, kx: F64, ky: F64, offset: F64) -> F64:
-        """Phase, rad, (rows, count), that the spectrum is multiplied by; ``kx`` is (rows, 1), ``offset`` (count,)."""
+        """Phase, rad, (rows, count), that multiplies the spectrum; ``kx`` is (rows, 1), ``offset`` (count,)."""
 
     @abstractmethod
     def lines(self, spectrum: C64, kx: F64, ky: F64) -> C64:
-        """Pixels (rows, n_range) of rows of the spectrum (rows, count), zero where there is nothing."""
+        """Pixels (rows, n_range) of rows of the spectrum (rows, count); zero without data."""
 
 
 def _no_room(sines: F64, extent: float) -> float:
-    """Free range that an algorithm needs which leaves echoes where they are."""
+    """Range margin, zero, of an algorithm that does not shift echoes."""
     return 0.0
 
 
@@ -125,7 +128,7 @@ def focus_rows(
     name : of the algorithm, for messages
     task : what to focus; a ground grid is interpolated from the slant grid of its ranges
     law : makes the algorithm's law from the band
-    room : range, m, that the algorithm needs free beside data of a range of sines and of an extent in m
+    room : range margin, m, that the algorithm needs for data of a range of sines and an extent in m
 
     Raises
     ------
@@ -138,7 +141,7 @@ def focus_rows(
     In spotlight mode the antenna pattern is compensated at each pixel but not used as a weight; in stripmap mode
     the weight is the pattern at the image's central range, over the pixels' own apertures where the radar states
     them. Where the aperture's and the image's Doppler band together pass the PRF the pulse rate is raised by deramping;
-    an image too wide even for that folds, with a warning.
+    a still wider image is aliased, with a warning.
     """
     raw, radar = task.raw, task.raw.radar
     if raw.domain != "compressed":
@@ -203,7 +206,7 @@ def focus_rows(
 def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> None:
     """Call ``work(start, stop)`` for all of ``count`` in blocks, on all cores."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        # taking the results raises what a thread raised
+        # reading the results raises exceptions of the threads
         list(pool.map(lambda start: work(start, min(start + block, count)), range(0, count, block)))
 
 
@@ -219,7 +222,7 @@ def _range_spectrum(
         part = slice(start, stop)
         line = plan.spectrum(data[part], workers=1)
         if n_fft > plan.n_fft:
-            # longer transforms weigh the band's edges otherwise: the profiles are those of every focuser first
+            # longer transforms weight the band's edges differently: first the profiles common to all focusers are made
             line = scipy.fft.ifft(line, axis=1, overwrite_x=True)[:, : data.shape[1]]
             line = scipy.fft.fft(line, n=n_fft, axis=1, overwrite_x=True)
         line = line[:, index]

@@ -1,4 +1,4 @@
-"""What a frequency-domain focuser states of itself before it runs: its error, and the processor time it takes."""
+"""Stated error and processor time of the frequency-domain focusers, predicted before the run."""
 
 from dataclasses import replace
 
@@ -23,27 +23,29 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# what all have, dB: ripple of the pulses' ends where the pulse rate is raised, stationary phase
+F64 = NDArray[np.float64]
+
+# common error, dB: ripple of the pulses' ends where the pulse rate is raised, stationary phase
 _FLOOR_DB = -58.0
 # of stationary phase in pixels' own apertures: this power at a time-bandwidth product of 1, falling with its power of
 # 2.5; benchmarks/suite/stated_errors.py holds it over random radars
 _OWN, _OWN_POWER = 0.32, -2.5
 # of the track's ends where they are the aperture's, likewise: ripple of the filter, which the pulse rate cuts off
 _TRACK_ENDS = 0.1
-# fewer pulses leave more than that
+# least number of pulses for a stated error
 _FEWEST_PULSES = 50
-# the Doppler band of the image that may pass that of the pulses, and fold, over the latter
+# allowed aliased share of the image's Doppler band over that of the pulses
 _FOLDED = 1.0
 # places in the aperture and, beyond its ends, as many again on either side, at which the tails are compared
 _TAIL_NODES = 2048
 
 
 def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> float:
-    """Bound of the error against backprojection, dB; NaN for few pulses, and images that fold over or leave the beam.
+    """Bound of the error against backprojection, dB; NaN for few pulses, and for images aliased or outside the beam.
 
-    The worst place of the image stands for all of it. Powers add up of what the algorithm's law leaves (nothing for the
-    exact one), of pulses weighed otherwise than backprojection weighs them, of stationary phase and the ends of
-    apertures away from the reference range where pixels have apertures of their own, and of a floor.
+    At the worst place of the image. Sum of the powers of the law's residual phase (zero for the exact one), of the
+    pulse weights' difference to backprojection's, of stationary phase and the ends of apertures away from the reference
+    range where pixels have their own apertures, and of a floor.
     """
     slant = slant_grid(radar, grid)
     geometry = track_geometry(radar, slant)
@@ -67,12 +69,12 @@ def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> flo
 
 
 def _product(radar: Radar, grid: ImageGrid, half: float) -> float:
-    """Time-bandwidth product of an aperture of twice so many sines, at the image's near edge."""
+    """Time-bandwidth product of an aperture of a given half width in sines, at the image's near edge."""
     return 8.0 * half**2 * float(grid.range[0]) / radar.waveform.wavelength
 
 
 def _tail_change(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> float:
-    """Power of the change of the aperture's ends from the reference range to the image's ends, over the echo's."""
+    """Relative power of the change of the aperture's end tails from the reference range to the image's edges."""
     middle = aperture_filter(radar, grid, geometry, parse_window("rectangular"), np.array([-1.0, 1.0]))
     assert middle is not None
     k = 4.0 * np.pi / radar.waveform.wavelength
@@ -89,7 +91,7 @@ def _tail_change(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> floa
 
 
 def spectrum_rows(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tuple[float, float]:
-    """Rows of the pulses' spectrum, and those that are mapped to pixels: more where apertures pass the pulse rate."""
+    """Rows of the pulses' spectrum, and rows mapped to pixels: more where apertures are wider than the pulse rate."""
     rows = track_period(radar, grid, geometry) / geometry.spacing
     kc = wavenumber(radar)
     return rows, rows * geometry.reach(kc) * kc * geometry.spacing / np.pi
@@ -98,7 +100,7 @@ def spectrum_rows(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tup
 def spectrum_work(radar: Radar, grid: ImageGrid) -> float:
     """Samples of the two-dimensional spectrum, before and after the transform to pixels over range.
 
-    Those that are weighed by the spectrum of their own apertures count twice before it.
+    Samples weighted by the spectrum of their own apertures count twice before it.
     """
     slant = slant_grid(radar, grid)
     geometry = track_geometry(radar, slant)

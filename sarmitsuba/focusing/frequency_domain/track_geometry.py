@@ -1,4 +1,4 @@
-"""Where the data and the image stand along a straight track, and what of the spectrum they need."""
+"""Geometry of data and image along a straight track, and the Doppler band that they need."""
 
 from dataclasses import dataclass, replace
 
@@ -16,11 +16,11 @@ _BAND_FILL = 0.6
 
 # change of the boresight's sine over the track up to which a beam counts as fixed to it: rounding
 _FIXED = 1e-9
-# two-way amplitude, over the strongest at the same pixel, from which a pulse counts for the image's Doppler band
+# two-way amplitude, over the strongest at the same pixel, above which a pulse counts for the image's Doppler band
 _LIT = 0.02
-# pulses looked at for that
+# pulses sampled for that
 _PULSES = 256
-# half the band that is processed for pixels' own apertures at least, over half of theirs: room for their ends' tails
+# least processed half band over half the pixels' own apertures: margin for the tails of their ends
 _TAILS = 2.0
 # largest sine that an aperture may reach: along the track no pixel has a range of its own
 _STEEPEST = 0.99
@@ -28,7 +28,7 @@ _STEEPEST = 0.99
 
 @dataclass(frozen=True, eq=False)
 class TrackGeometry:
-    """Where the data and the image stand along the track's line.
+    """Positions of data and image along a straight track, and the Doppler band.
 
     Parameters
     ----------
@@ -54,22 +54,22 @@ class TrackGeometry:
         return float(np.sqrt(max(1.0 - self.sin_squint**2, 0.0)))
 
     def reach(self, wavenumber: float) -> float:
-        """Half the band that is processed at a wavenumber, rad/m, in sines.
+        """Half the processed band at a wavenumber, rad/m, in sines.
 
-        It is that of the pulses; where pixels' own apertures, with the tails of their ends, take more, the pulses'
-        spectrum repeats itself over the rest.
+        It is that of the pulses; where pixels' own apertures with the tails of their ends are wider, the pulses'
+        spectrum is continued periodically.
         """
         pulses = np.pi / (self.spacing * wavenumber)
         return float(max(pulses, _TAILS * self.half_band) if np.isfinite(self.half_band) else pulses)
 
 
 def slant_grid(radar: Radar, grid: ImageGrid) -> ImageGrid:
-    """Where the focusing itself takes place."""
+    """Slant grid on which the data are focused."""
     return slant_below(radar, grid) if grid.kind == "ground" else grid
 
 
 def track_refusal(radar: Radar, grid: ImageGrid) -> str:
-    """What keeps a frequency-domain focuser from focusing a radar's data on a grid; empty when nothing does."""
+    """Reason why a frequency-domain focuser cannot focus a radar's data on a grid; empty when it can."""
     track = radar.track
     if track.n_pulses < 8:
         return f"{track.n_pulses} pulses are too few, at least 8 are needed"
@@ -95,17 +95,17 @@ def track_refusal(radar: Radar, grid: ImageGrid) -> str:
 
 
 def own_apertures(radar: Radar) -> bool:
-    """Whether every pixel has an aperture of its own, a band about the boresight's direction."""
+    """Whether every pixel has its own aperture, a band about the boresight's direction."""
     return bool(np.isfinite(radar.half_aperture))
 
 
 def lit_in_turn(radar: Radar) -> bool:
-    """Whether the beam, or the band of the pixels' own apertures, passes over the pixels in turn."""
+    """Whether the beam, or the band of the pixels' own apertures, passes over the pixels one after the other."""
     return own_apertures(radar) or (radar.antenna.pattern != "isotropic" and radar.mode_law.own_apertures)
 
 
 def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
-    """Where the data and the image stand along the track's line.
+    """Positions of data and image along a straight track, and the Doppler band.
 
     The middle of the Doppler band is the direction to the image's centre from the middle of the pulses that serve it:
     in spotlight those of the whole track. Pixels' own apertures lie about the boresight, wherever along the strip the
@@ -128,18 +128,18 @@ def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
 
 
 def _way_back(rho: ArrayLike, sine: float) -> F64:
-    """Way along the track, m, to a pixel at a range of closest approach from where it is seen at a sine."""
+    """Along-track distance, m, from the position that sees a pixel at a given sine to its closest approach."""
     return np.asarray(np.asarray(rho) * (sine / np.sqrt(1.0 - sine**2)), dtype=np.float64)
 
 
 def _middle_sine(radar: Radar, grid: ImageGrid) -> float:
-    """Middle of the sines at which the beam and the track together light the image's corners, edges and middle."""
+    """Middle of the sines at which the beam over the track illuminates the image's corners, edges and middle."""
     sine, lit = lit_sines(radar, grid)
     return 0.5 * float(sine[lit].min() + sine[lit].max()) if lit.any() else boresight_sine(radar)
 
 
 def lit_sines(radar: Radar, grid: ImageGrid) -> tuple[F64, NDArray[np.bool_]]:
-    """Sines at which some pulses see the image's corners, edges and middle, (3, 3, n), and which light it."""
+    """Sines at which sampled pulses see the image's corners, edges and middle, (3, 3, n), and which of them count."""
     rows, columns = (axis[[0, axis.size // 2, -1]] for axis in (grid.azimuth, grid.range))
     step = max(1, radar.track.n_pulses // _PULSES)
     look = look_directions(radar, replace(grid, azimuth=rows, range=columns).positions())[..., ::step, :]
@@ -148,8 +148,8 @@ def lit_sines(radar: Radar, grid: ImageGrid) -> tuple[F64, NDArray[np.bool_]]:
     return np.asarray(look @ grid.along), np.asarray(lit)
 
 
-def aperture_middle(radar: Radar, geometry: TrackGeometry, azimuth: F64, rho: F64) -> I64:
-    """Pulse in the middle of the aperture of pixels, the nearest that there is; arguments broadcast, m."""
+def aperture_middle(radar: Radar, geometry: TrackGeometry, azimuth: F64, rho: F64) -> NDArray[np.int64]:
+    """Nearest pulse to the middle of the pixels' apertures; arguments broadcast, m."""
     middle = 0.5 * (geometry.x[0] + geometry.x[-1])
     if lit_in_turn(radar):
         middle = azimuth - _way_back(rho, geometry.sin_squint)
@@ -158,16 +158,16 @@ def aperture_middle(radar: Radar, geometry: TrackGeometry, azimuth: F64, rho: F6
 
 
 def rate_factor(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tuple[int, float]:
-    """Whole factor on the pulse rate so that the whole image's Doppler band fits with room for its edges' ripple.
+    """Integer factor on the pulse rate with which the image's Doppler band fits, with margin for ripple at its edges.
 
     Raising the rate needs the echoes deramped to the image's centre first, which must itself fit the PRF: it does in
     spotlight geometry, where the aperture, not the image, makes the band.
 
     Returns
     -------
-    factor, and the band over the raised rate: past 1 the image folds over all the same
+    factor, and the band over the raised rate: above 1 the image is aliased nevertheless
     """
-    if own_apertures(radar):  # their band is processed as wide as it is, see TrackGeometry.reach
+    if own_apertures(radar):  # their whole band is processed, see TrackGeometry.reach
         return 1, min(radar.half_aperture / geometry.reach(wavenumber(radar)), 1.0)
     corners = (
         replace(grid, azimuth=grid.azimuth[[0, -1]], range=grid.range[[0, -1]]).positions().reshape(4, 3)
@@ -187,10 +187,11 @@ def rate_factor(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tuple
 
 
 def range_walk(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> int:
-    """Samples by which the echoes of one Doppler frequency move against the receive window over the aperture.
+    """Range walk of the echoes of one Doppler frequency against the receive window over the aperture, in samples.
 
-    A frequency belongs to a pulse, and its echoes move with the range to the image's centre; where pixels are lit in
-    turn it belongs to all pulses that serve the image, and they move with the receive window.
+    A frequency belongs to one pulse, and its echoes move with the range to the image's centre; where pixels are
+    illuminated one after the other it belongs to all pulses that serve the image, and the echoes move with the receive
+    window.
     """
     start = radar.window.start_range
     if lit_in_turn(radar):
@@ -217,24 +218,24 @@ def serving_pulses(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tu
 
 
 def track_period(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> float:
-    """Length of track, m, over which the azimuth transform must not repeat itself.
+    """Least period of the azimuth transform, m.
 
-    Data, image and the matched filter of the processed band, each with its own extent; the filter ties a pixel to the
-    pulses that see it within that band, or within its own aperture.
+    It contains data, image and the matched filter of the processed band; the filter connects a pixel with the pulses
+    that see it within that band, or within its own aperture.
     """
     half = min(geometry.reach(wavenumber(radar)), _TAILS * geometry.half_band)
     edge = np.clip(geometry.sin_squint + np.array([-half, half]), -0.999, 0.999)
     reach = grid.range[[0, -1], None] * np.tan(np.arcsin(edge))  # pixel minus pulse
     data = geometry.x[[0, -1]]
     pixels = grid.azimuth[[0, -1]]
-    # farthest that any pixel's filter reaches beyond the farther end of the data
+    # largest extent of a pixel's filter beyond the farther end of the data
     low = min(pixels[0] - reach.max(), data[0])
     high = max(pixels[-1] - reach.min(), data[1])
     return float(max(high - data[0], data[1] - low)) + 32.0 * geometry.spacing
 
 
 def boresight_sine(radar: Radar) -> float:
-    """Sine of the beam along the flight, the same for all pulses of a straight track's stripmap."""
+    """Sine of the boresight along the flight, the same for all pulses in stripmap on a straight track."""
     middle = radar.track.center_index
     return float(radar.pointing.boresight[middle] @ radar.track.along)
 

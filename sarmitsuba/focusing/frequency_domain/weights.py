@@ -1,4 +1,4 @@
-"""The weights of the pulses in a frequency-domain focuser's pixels, and what calibrates them."""
+"""Pulse weights and calibration of the frequency-domain focusers' pixels."""
 
 from dataclasses import replace
 
@@ -18,16 +18,18 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# rows and columns at which weights are summed, and rows where only the sampling of the aperture changes along them
+F64 = NDArray[np.float64]
+
+# rows and columns at which weights are summed, and rows where only the sampling of the aperture varies along azimuth
 _ROWS, _COLUMNS, _OWN_ROWS = 65, 33, 9
 NODES = _ROWS * _COLUMNS
-"""Places at which weights are summed, in images of as many rows and columns at least."""
-# sines over an aperture at which its weight is added up, and the least part within the track that is divided by
+"""Number of places at which weights are summed, in images of at least as many rows and columns."""
+# sines over an aperture at which its weight is summed, and the smallest part within the track used as divisor
 _SINES, _HELD = 4097, 0.02
 
 
 def normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window) -> F64:
-    """1 / (K sum w g g_filter) per pixel (n_azimuth, n_range); zero where the data hold nothing."""
+    """Calibration factor 1 / (K sum w g g_filter) per pixel (n_azimuth, n_range); zero without data."""
     if own_apertures(radar):
         total = _own_sums(radar, grid, geometry, window)
     elif radar.antenna.pattern == "isotropic":
@@ -46,8 +48,8 @@ def normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window
     return np.asarray(scale / radar.amplitude_constant)
 
 
-def _nodes(n: int, most: int) -> I64:
-    """At most so many of n places, both ends among them."""
+def _nodes(n: int, most: int) -> NDArray[np.int64]:
+    """At most a given number of n places, both ends included."""
     return np.unique(np.linspace(0, n - 1, most).astype(np.int64))
 
 
@@ -58,10 +60,10 @@ def _between(coarse: F64, rows: I64, columns: I64, shape: tuple[int, int]) -> F6
 
 
 def _own_sums(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window) -> F64:
-    """Sum w g g_filter of the pixels' own apertures, as far as the track holds them, (n_azimuth, n_range).
+    """Sum w g g_filter over the part of the pixels' own apertures within the track, (n_azimuth, n_range).
 
-    The part that the track holds bends sharply where apertures begin to leave it: it is worked out at every pixel, and
-    the rest, which hardly changes, summed at a few nodes.
+    The part within the track changes abruptly where apertures begin to leave it and is computed at every pixel; the
+    rest varies slowly and is summed at a few nodes.
     """
     rows, columns = _nodes(grid.azimuth.size, _OWN_ROWS), _nodes(grid.range.size, _COLUMNS)
     nodes = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[columns])
@@ -102,7 +104,7 @@ def pulse_weights(
 ) -> F64:
     """Weight w g g_filter of pulses in the pixel at points (..., 3), giving (..., n_pulses) float64.
 
-    Some of the pulses only where pixels have apertures of their own, which do not depend on how many there are.
+    A subset of the pulses where pixels have their own apertures, which do not depend on the number of pulses.
     """
     some = radar if pulses == slice(None) else radar.of_pulses(pulses)
     look = look_directions(some, point)
@@ -111,7 +113,7 @@ def pulse_weights(
 
 
 def filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
-    """Pattern used as matched weight: that at the image's central range if pixels have own apertures, else 1."""
+    """Antenna pattern as matched weight: that at the image's central range if pixels have own apertures, else 1."""
     if radar.antenna.pattern == "isotropic" or not lit_in_turn(radar):
         return np.ones_like(sin_angle)
     drop = float(grid.origin[2] - grid.height)

@@ -1,4 +1,4 @@
-"""Kaiser's window: nearly the most energy in a main lobe of a chosen width."""
+"""Kaiser window: nearly the largest energy in a main lobe of given width."""
 
 import numpy as np
 

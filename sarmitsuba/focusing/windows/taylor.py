@@ -1,4 +1,4 @@
-"""Taylor's window: nearly equal side lobes of a chosen level next to the main lobe."""
+"""Taylor window: nearly equal side lobes of a given level next to the main lobe."""
 
 import numpy as np
 

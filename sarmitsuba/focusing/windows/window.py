@@ -1,4 +1,4 @@
-"""What a window is, and how its text is read."""
+"""Window functions and their text form."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from sarmitsuba.registry import Registry
 
 @dataclass(frozen=True)
 class WindowParameter:
-    """A number that shapes a window.
+    """Parameter of a window.
 
     Parameters
     ----------
     name : for help and messages, one word
     default, low, high : value when none is given, and its bounds
-    doc : what it is, with its unit
-    whole : only whole numbers are allowed
+    doc : meaning and unit
+    whole : integers only
     """
 
     name: str
@@ -31,7 +31,7 @@ class WindowParameter:
     whole: bool = False
 
     def check(self, value: float) -> str:
-        """What is wrong with a value; empty when nothing is."""
+        """Error in a value; empty when it is valid."""
         if not self.low <= value <= self.high or (self.whole and value != int(value)):
             number = "a whole number" if self.whole else "a number"
             return f"{self.name} must be {number} within {self.low:g} .. {self.high:g}"
@@ -40,14 +40,14 @@ class WindowParameter:
 
 @dataclass(frozen=True)
 class WindowFamily:
-    """A kind of window, such as ``taylor``: the function and its parameters.
+    """Window family, such as ``taylor``: function and parameters.
 
     Parameters
     ----------
     name : first word of the window's text, lower case
-    doc : what it is good for, one line
-    function : ``function(u, *parameters)``, weight at ``|u| <= 1/2``; u is float64 of any shape. Any level will
-        do: images are calibrated with the weights' own sum
+    doc : purpose in one line
+    function : ``function(u, *parameters)``, weight at ``|u| <= 1/2``; u is float64 of any shape. The level is
+        arbitrary: images are calibrated with the sum of the weights
     parameters : in the order in which the text gives them
     """
 
@@ -58,7 +58,7 @@ class WindowFamily:
 
     @property
     def syntax(self) -> str:
-        """How the window is written, e.g. ``taylor[:N_BAR[:LEVEL_DB]]``."""
+        """Text form of the window, e.g. ``taylor[:N_BAR[:LEVEL_DB]]``."""
         names = [parameter.name.upper() for parameter in self.parameters]
         return self.name + "".join(f"[:{name}" for name in names) + "]" * len(names)
 
@@ -88,7 +88,7 @@ class Window:
         return np.where(np.abs(x) <= 0.5, weight, 0.0)
 
     def aperture(self, n: int) -> F64:
-        """Weights of ``n`` samples that fill the aperture, (n,): sample i stands at ``u = (i + 1/2) / n - 1/2``."""
+        """Weights of ``n`` samples that fill the aperture, (n,): sample i is at ``u = (i + 1/2) / n - 1/2``."""
         return self((np.arange(n) + 0.5) / n - 0.5)
 
     @property
@@ -104,7 +104,7 @@ class Window:
 def parse_window(text: str | Window) -> Window:
     """Read a window from its name and colon-separated parameters, such as ``taylor:4:-35``.
 
-    Parameters that are left out have their default; ``WINDOWS`` knows the names, and ``sarmitsuba focus --help``
+    Missing parameters have their default; ``WINDOWS`` has the names, and ``sarmitsuba focus --help``
     lists them with their parameters.
 
     Raises

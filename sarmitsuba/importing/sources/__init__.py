@@ -1,1 +1,1 @@
-"""One kind of source a file."""
+"""Formats of city sources, one per file."""

@@ -1,11 +1,11 @@
-r"""CPHD 1.1, the NGA's standard for compensated phase history data: raw data out and in; see docs/files.md.
+r"""CPHD 1.1, the NGA's standard for compensated phase history data: writing and reading of raw data; see docs/files.md.
 
 A file holds per channel one vector of frequency samples per pulse, referred to the scene reference point,
 
 .. math:: F_{kn} = \sum_p a_p e^{-j 2 \pi f_k (\tau_{pn} - \tau_n)}
 
-with the two-way delays of the scatterer and of the reference point, and per vector where the antenna was, Earth-fixed.
-Written are the echoes as they focus: the amplitude a_p of a point is the root of its radar cross section, in m.
+with the two-way delays of the scatterer and of the reference point, and per vector the Earth-fixed antenna position.
+The echoes are calibrated: the amplitude a_p of a point is the root of its radar cross section, in m.
 """
 
 from collections.abc import Mapping
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 # length of the transformed profile over the receive window: the standard wants 1.1 of what is said to be good, and
 # profiles end in the side lobes of points at their edge
 _PADDING = 1.2
-# m; a receiver nearer to the transmitter than an antenna moves between sending and receiving is the same antenna
+# m; a receiver within the distance that an antenna flies between transmission and reception is the same antenna
 _SAME_ANTENNA = 1e-3
-# share of the time from which one aperture serves all
+# share of the total time above which one aperture serves all pixels
 _WHOLE = 0.98
 
 
@@ -122,7 +122,7 @@ def _vectors(radar: Radar) -> NDArray[np.void]:
     fc, bandwidth = radar.waveform.center_frequency, radar.waveform.bandwidth
     vectors["FX1"], vectors["FX2"] = fc - 0.5 * bandwidth, fc + 0.5 * bandwidth
     start = radar.window.start_range - 0.5 * (there + back)
-    vectors["TOA1"] = 2.0 / SPEED_OF_LIGHT * start.max()  # what every vector holds
+    vectors["TOA1"] = 2.0 / SPEED_OF_LIGHT * start.max()  # common to all vectors
     vectors["TOA2"] = 2.0 / SPEED_OF_LIGHT * (start.min() + radar.window.extent)
     vectors["SIGNAL"] = 1
     return vectors
@@ -163,7 +163,7 @@ def _history(profiles: C64, radar: Radar, frequency: F64) -> C64:
 
 
 def _area(radar: Radar, request: ImageRequest | None) -> GroundArea:
-    """The image that is asked for; without one the swath, as far as the window reaches around the aim point."""
+    """Area of the requested image; without one the swath around the aim point within the window."""
     along = radar.track.along
     axes = np.array([along, [-along[1], along[0], 0.0]])
     if request is None:
@@ -177,7 +177,7 @@ def _area(radar: Radar, request: ImageRequest | None) -> GroundArea:
 
 
 def _dwell(radar: Radar) -> tuple[float, float, float]:
-    """Middle of the aperture of the aim point (s, when the waves are there), its slope along the flight, its length."""
+    """Centre time of the aim point's aperture (s, at the ground), its slope along the flight, and the dwell time."""
     signal = Signal.of(radar)
     whole = float(radar.track.time[-1] - radar.track.time[0])
     there = _slant_vectors(radar)[0]
@@ -255,7 +255,7 @@ def read_raw(path: Path) -> RawData:
 
 
 def _check_header(path: Path, header: Mapping[str, str]) -> None:
-    """Raise a DataError where a block that the header promises does not lie within the file."""
+    """Raise a DataError where a block stated in the header is not within the file."""
     size = path.stat().st_size
     for block in ("XML", "PVP", "SIGNAL"):
         first, length = (int(header[f"{block}_BLOCK_{what}"]) for what in ("BYTE_OFFSET", "SIZE"))
@@ -267,7 +267,7 @@ def _check_header(path: Path, header: Mapping[str, str]) -> None:
 
 
 def _check_size(path: Path, tree: "lxml.etree._ElementTree", vector_bytes: int) -> None:
-    """Raise a DataError where what the document promises, ``vector_bytes`` a vector included, does not fit the file."""
+    """Raise a DataError where the document's sizes, with ``vector_bytes`` per vector, do not match the file."""
     promised = 0
     for node in tree.findall("{*}Data/{*}Channel"):
         vectors, samples = (int(node.findtext(f"{{*}}Num{what}")) for what in ("Vectors", "Samples"))
@@ -281,7 +281,7 @@ def _check_size(path: Path, tree: "lxml.etree._ElementTree", vector_bytes: int) 
 
 
 def _lit_in_turn(radar: Radar, center: F64, length: F64) -> Radar:
-    """A stripmap where the file's dwell says so: times short of the whole, whose middle goes with the flight.
+    """The radar as stripmap where the file's dwell times are short and their centres move with the flight.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def _lit_in_turn(radar: Radar, center: F64, length: F64) -> Radar:
 
 
 def _request(raw: RawData, anchor: Anchor, corners: F64 | None) -> ImageRequest | None:
-    """The ground that the file's corner points (degrees) enclose, as far as the swath holds it."""
+    """Image request of the ground within the file's corner points (degrees) and the swath."""
     assert raw.request is not None
     if corners is None:
         return raw.request
@@ -366,7 +366,7 @@ def _complex(signal: NDArray[Any]) -> C64:
 FORMATS.register(
     FileFormat(
         name="cphd",
-        doc="CPHD 1.1: phase histories for other processors, and theirs (extra: formats)",
+        doc="CPHD 1.1: phase histories, to and from other processors (extra: formats)",
         suffixes=(".cphd",),
         write_raw=write_raw,
         read_raw=read_raw,

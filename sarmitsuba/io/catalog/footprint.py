@@ -1,4 +1,4 @@
-"""The outline of an image on the Earth, as GeoJSON and as KML; see docs/files.md."""
+"""Outline of an image on the Earth as GeoJSON and KML; see docs/files.md."""
 
 import json
 import xml.etree.ElementTree as ET

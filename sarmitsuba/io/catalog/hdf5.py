@@ -1,12 +1,12 @@
-"""HDF5 files of raw data and images, with every number needed to use them again; layout in docs/files.md.
+"""HDF5 files of raw data and images, with all metadata; layout in docs/files.md.
 
 HDF5 because it is a published standard that MATLAB, Julia, IDL, C and Python read without this package,
 stores its own structure and units, and reads a range of pulses without the rest (chunks). Complex numbers are
 the usual compound of ``r`` and ``i``.
 
-One dataset per channel is *the* image (``/image/VV``) or *the* echoes (``/echoes/VV``). What adds up to it stands
-elsewhere: bounce orders in ``/orders/VV/2``, ray subsets in ``/subsets/1``. ``/layers`` names the planes that an
-object in memory is made of; the sums are written beside them and not read back.
+One dataset per channel is *the* image (``/image/VV``) or *the* echoes (``/echoes/VV``). Its parts are stored
+separately: bounce orders in ``/orders/VV/2``, ray subsets in ``/subsets/1``. ``/layers`` names the planes of an object
+in memory; the sums are written in addition and not read.
 """
 
 import json
@@ -47,7 +47,7 @@ FORMAT_VERSION = 3
 CONVENTION = "time exp(+j w t); a point at slant range R has the phase exp(-j 4 pi center_frequency R / c)"
 FRAME = "the scene file's own: x east, y north, z up, metres; its origin on the Earth is in the group anchor"
 
-# fields of a radar that stand elsewhere
+# fields of a radar that are stored elsewhere
 _ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "delay", "anchor")
 _CHUNK_BYTES = 1 << 20  # HDF5's default chunk cache holds one such chunk
 _PATH = re.compile(r"/(?:subsets/([12])/)?(?:(?:image|echoes)/(\w+)|orders/(\w+)/([1-9]\d{0,5}))")
@@ -68,14 +68,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class _Kind:
-    """What the planes of a file are.
+    """Kind of a file's planes.
 
     Parameters
     ----------
     root : group of the channels
     axes : of a plane
     unit, description : of its numbers
-    scales : datasets that count along the axes; empty where there is none
+    scales : datasets with the axes' coordinates; empty where there is none
     """
 
     root: str
@@ -108,7 +108,7 @@ def write_image(path: Path | str, image: SarImage) -> None:
         for name in ("wavelength", "azimuth_resolution_cell", "range_resolution_cell", "incidence_angle"):
             groups.write_number(group, name, getattr(image, name))
         area = image.cell_area
-        # one line where it is the same in every row
+        # a single row where all rows are equal
         groups.write_number(group, "cell_area", area[0] if area.strides[0] == 0 else area.astype(np.float32))
         _write_planes(file, _IMAGE, image.data, image.layers)
         _write_metadata(file, image.metadata)
@@ -223,7 +223,7 @@ def read_raw(path: Path | str) -> RawData:
 
 
 def _write(path: Path | str, content: str, fill: Callable[[h5py.File], None]) -> None:
-    """The file appears whole or not at all."""
+    """Write a file atomically."""
     with atomic_path(path) as temporary, GuardedFile(temporary) as guarded:
         try:
             with h5py.File(guarded, "w") as file:
@@ -239,7 +239,7 @@ def _write(path: Path | str, content: str, fill: Callable[[h5py.File], None]) ->
 
 
 def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File, bool], T]) -> T:
-    """What ``load`` makes of the file, with its planes; without them, in a process apart, it comes first."""
+    """Result of ``load`` for the file with its planes; it is tried first without them in a separate process."""
     path = Path(path)
     if not os.path.isfile(path):
         raise DataError(f"{path}: no such file; give the {wanted} file that `sarmitsuba render` wrote")
@@ -256,7 +256,7 @@ def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File
             return load(file, planes)
 
     try:
-        with h5py_lock:  # no other thread holds it when the process forks
+        with h5py_lock:  # no other thread may hold it when the process forks
             survive(path, lambda: read(planes=False))
         return read(planes=True)
     except (
@@ -270,13 +270,13 @@ def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File
         RuntimeError,
         TypeError,
         ValueError,
-    ) as error:  # h5py and HDF5 report damage by any of them
+    ) as error:  # exceptions of h5py and HDF5 for damaged files
         reason = one_line(error, 300)
         raise DataError(f"{path}: cannot read {wanted}: {reason or type(error).__name__}") from error
 
 
-def _write_planes(file: h5py.File, kind: _Kind, data: C64, layers: Sequence[Layer]) -> None:
-    """Every layer, and the sums that are not layers themselves."""
+def _write_planes(file: h5py.File, kind: _Kind, data: NDArray[np.complex64], layers: Sequence[Layer]) -> None:
+    """Write every layer, and the sums that are not layers themselves."""
     paths = [_path_of(layer, kind.root) for layer in layers]
     sums: dict[str, tuple[str, int | None]] = {
         _path_of(Layer(name), kind.root): (name, None) for name in channels_of(layers)
@@ -330,7 +330,7 @@ def _make_scales(file: h5py.File, kind: _Kind) -> None:
 def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: C64) -> None:
     row_bytes = max(1, plane.shape[1] * plane.itemsize)
     rows = int(np.clip(_CHUNK_BYTES // row_bytes, 1, max(1, plane.shape[0])))
-    # not compressed: echoes and speckle are noise to a byte compressor
+    # not compressed: echoes and speckle are incompressible
     made = file.create_dataset(path, data=plane, chunks=(rows, plane.shape[1]) if plane.size else None)
     made.attrs["axes"], made.attrs["unit"] = ", ".join(kind.axes), kind.unit
     for i, (axis, scale) in enumerate(zip(kind.axes, kind.scales, strict=True)):
@@ -339,8 +339,10 @@ def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: C64) -> None:
             made.dims[i].attach_scale(file[scale])
 
 
-def _read_planes(file: h5py.File, kind: _Kind, planes_too: bool) -> tuple[C64, tuple[Layer, ...]]:
-    """The planes that ``/layers`` names; without it the channels. Unless they are wanted, zeros of no size."""
+def _read_planes(
+    file: h5py.File, kind: _Kind, planes_too: bool
+) -> tuple[NDArray[np.complex64], tuple[Layer, ...]]:
+    """Planes named in ``/layers``, or without it the channels; empty zeros unless wanted."""
     if groups.has(file, "layers"):
         names = groups.dataset(file, "layers").asstr()[()]
         paths = [str(name) for name in np.atleast_1d(names)]

@@ -147,7 +147,7 @@ def _fields(path: Path) -> dict[str, object]:
         ValueError,
         zlib.error,
         scipy.io.matlab.MatReadError,
-    ) as error:  # loadmat reports damage by any of them
+    ) as error:  # exceptions of loadmat for damaged files
         reason = one_line(error, 300)
         raise DataError(
             f"{path}: cannot be read as a MATLAB file, is it whole?: {reason or type(error).__name__}"
@@ -160,7 +160,7 @@ def _fields(path: Path) -> dict[str, object]:
 
 
 def _numbers(path: Path, name: str, value: object) -> NDArray[np.number]:
-    """An array of numbers; a cell of one element stands for what is in it."""
+    """An array of numbers; a cell of one element is replaced by its content."""
     array = np.asarray(value)
     while array.dtype == object and array.size == 1:
         array = np.asarray(array.reshape(-1)[0])
@@ -184,7 +184,7 @@ def _natural(path: Path) -> tuple[tuple[int, str], ...]:
 FORMATS.register(
     FileFormat(
         "matlab",
-        "phase histories from elsewhere, one MATLAB file or a folder of them; read only",
+        "external phase histories, one MATLAB file or a folder of them; read only",
         (".mat",),
         read_raw=read_raw,
         folders=True,

@@ -1,6 +1,6 @@
 """OpenEXR picture of a complex image, for image tools: float32 channels with names.
 
-Rows stand as viewers show them, and as the quick-look does: the flight direction up, range to the right. The first
+Rows are in display order, as in the quick-look: the flight direction up, range to the right. The first
 row is the last of the array; ``row_azimuth_m`` in the header counts them.
 """
 
@@ -49,7 +49,7 @@ def write(path: Path | str, image: SarImage) -> None:
 
 
 def _where(image: SarImage) -> dict[str, object]:
-    """Where the pixels stand, in the frame of the scene's file; vectors keep double precision in EXR, numbers do not.
+    """Header of the pixels' positions, frame of the scene's file; only vectors keep double precision in EXR.
 
     Notes
     -----

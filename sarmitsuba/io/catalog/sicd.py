@@ -1,8 +1,8 @@
-"""SICD 1.3, the NGA's standard for complex images (NITF): images out and in; see docs/files.md.
+"""SICD 1.3, the NGA's standard for complex images (NITF): writing and reading; see docs/files.md.
 
 One file holds one polarisation. Pixels are those of the image times ``exp(-j 2 pi K . x)`` with the centre K of their
-spatial frequencies (``KCtr``) and x counted from the scene centre point: the standard wants them at baseband, while
-pixels that were projected back stand at the carrier.
+spatial frequencies (``KCtr``) and x counted from the scene centre point: the standard needs them at baseband, while
+backprojected pixels are at the carrier.
 """
 
 from pathlib import Path
@@ -23,13 +23,13 @@ from sarmitsuba.radar.radar import Radar
 
 
 def write_image(path: Path, image: SarImage) -> None:
-    """Write an image: of several channels each into a file of its own, ``NAME_HH.nitf`` and so on.
+    """Write an image; several channels go into separate files, ``NAME_HH.nitf`` and so on.
 
     Raises
     ------
     DataError
-        The image does not say how it was flown, its slant-range pixels come from a track that is not straight and
-        level, or sarkit is missing.
+        The image has no flight metadata, its slant-range pixels are from a track that is not straight and level, or
+        sarkit is missing.
     """
     sarkit = formats_package("sarkit.sicd", f"{path}: SICD files need")
     flight = Collection.read(image.metadata.get("focus", {}), str(path))
@@ -56,7 +56,7 @@ def write_image(path: Path, image: SarImage) -> None:
 
 
 def objection(radar: Radar, kind: str) -> str:
-    """Why an image on such a grid cannot be written, before it is made; empty where it can."""
+    """Reason why an image on a kind of grid cannot be written, known before it is made; empty where it can."""
     return _without_grid(kind, Collection.read({**signal_facts(radar), **flight_facts(radar)}, "the radar"))
 
 
@@ -70,7 +70,7 @@ def _without_grid(kind: str, flight: Collection) -> str:
 
 
 def baseband(pixels: C64, axes: Axes) -> C64:
-    """Pixels (azimuth, range) as the file has them: (rows, columns), without the carrier."""
+    """Baseband pixels (rows, columns) of the file from (azimuth, range) pixels."""
     array = (pixels[::-1] if axes.turned else pixels).T
     rows, columns = axes.ramp(array.shape)
     return np.asarray(array * np.exp(-2j * np.pi * rows)[:, None] * np.exp(-2j * np.pi * columns)).astype(
@@ -79,7 +79,7 @@ def baseband(pixels: C64, axes: Axes) -> C64:
 
 
 def read_image(path: Path) -> SarImage:
-    """Read an image whose pixels stand on a uniform grid of the ground, or of a straight track's slant range.
+    """Read an image on a uniform grid of the ground, or of a straight track's slant range.
 
     Raises
     ------

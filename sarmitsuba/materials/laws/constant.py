@@ -1,4 +1,4 @@
-"""Sigma0 the same at every angle."""
+"""Diffuse law with constant sigma0."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from sarmitsuba.units import power_from_db
 
 
 class Constant(DiffuseLaw):
-    """An empirical level for hh and vv alike."""
+    """Constant sigma0, equal for hh and vv."""
 
     name = "constant"
     title = "sigma0 the same at every angle"

@@ -1,4 +1,4 @@
-"""Gamma the same at every angle: constant return for each unit of beam cross section."""
+"""Diffuse law with constant gamma: sigma0 proportional to the cosine of incidence."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ _MOST_GAMMA = 3.0
 
 
 class ConstantGamma(DiffuseLaw):
-    r""":math:`\sigma^0 = \gamma \cos\theta`, for hh and vv alike."""
+    r""":math:`\sigma^0 = \gamma \cos\theta`, equal for hh and vv."""
 
     name = "constant_gamma"
     title = "sigma0 = gamma cos(theta)"
@@ -24,8 +24,8 @@ class ConstantGamma(DiffuseLaw):
         notes = []
         if gamma > _MOST_GAMMA:
             notes.append(
-                f"diffuse_level_db = {surface.diffuse_level_db:g} dB returns more power than arrives; "
-                "give at most 4.77 dB"
+                f"diffuse_level_db = {surface.diffuse_level_db:g} dB returns more power than is incident; give at "
+                "most 4.77 dB"
             )
         return Sigma0(sigma, sigma, notes=tuple(notes))
 

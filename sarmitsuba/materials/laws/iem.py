@@ -18,7 +18,7 @@ from sarmitsuba.materials.fresnel import refracted_cosine
 from sarmitsuba.materials.laws.small_slope import small_slope_spectrum
 from sarmitsuba.materials.roughness_spectrum import Correlation, roughness_spectrum
 
-# Largest k s of the series; its length grows with (k s)^2 and its meaning ends near 3
+# largest k s of the series; its length grows with (k s)^2, and the model is valid up to about 3
 _LARGEST_ROUGHNESS = 100.0
 # Poisson weights further than this many standard deviations from the mean are below float64 rounding
 _SERIES_WIDTH = 10.0
@@ -145,10 +145,10 @@ class IntegralEquation(DiffuseLaw):
         self,
         surface: Surface,
         wavelength: float,
-        sine: F64,
-        cosine: F64,
-    ) -> F64:
-        """See `small_slope_spectrum`: it and this law meet for small heights and about the mirror direction."""
+        sine: NDArray[np.float64],
+        cosine: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """See `small_slope_spectrum`: it and this law agree for small heights and about the mirror direction."""
         k, s = 2.0 * np.pi / wavelength, surface.rms_height
         if k * s < 1e-12:
             return np.zeros((cosine.size, sine.size))
@@ -163,8 +163,8 @@ class IntegralEquation(DiffuseLaw):
         if k * s > _LARGEST_ROUGHNESS:
             raise SceneError(
                 f'material "{surface.name}": rms_height = {s:g} m is k s = {k * s:.3g}, above '
-                f"{_LARGEST_ROUGHNESS:g}, where the integral-equation model means nothing; "
-                "set diffuse_law to kirchhoff or lambert"
+                f"{_LARGEST_ROUGHNESS:g}, where the integral-equation model is invalid; set diffuse_law to kirchhoff "
+                "or lambert"
             )
         notes = []
         if k * s > 3.0:

@@ -1,4 +1,4 @@
-"""Kirchhoff model in the limit of geometrical optics: mirrors of random slope."""
+"""Kirchhoff model in the limit of geometrical optics: specular facets of random slope."""
 
 import numpy as np
 
@@ -6,7 +6,9 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface, correlation_length_of
 from sarmitsuba.materials.fresnel import fresnel
 
-# Rms slopes between which geometrical optics is evaluated: a mirror below, nothing comes back above
+F64 = NDArray[np.float64]
+
+# rms slopes between which geometrical optics is evaluated: below a mirror, above no return
 _SLOPES = (1e-6, 1e6)
 
 
@@ -27,8 +29,8 @@ def geometrical_optics_sigma0(theta: F64, normal_reflectivity: float, slope: flo
 class Kirchhoff(DiffuseLaw):
     """Tilted facets, Gaussian correlation ``exp(-r^2/l^2)``: very rough, gently sloping surfaces.
 
-    Between two directions ``|R(0)|^2`` gives way to the Fresnel coefficients of the facet that mirrors one into the
-    other, in that facet's own plane of incidence.
+    Between two directions ``|R(0)|^2`` is replaced by the Fresnel coefficients of the facet that mirrors one into the
+    other, in that facet's plane of incidence.
     """
 
     name = "kirchhoff"

@@ -1,4 +1,4 @@
-"""Lambert's law: a surface of equal brightness in all directions."""
+"""Lambert's law: diffuse scattering of equal radiance in all directions."""
 
 import numpy as np
 
@@ -8,10 +8,10 @@ from sarmitsuba.units import power_from_db
 
 
 class Lambert(DiffuseLaw):
-    r""":math:`\sigma^0 = 4 A \cos^2\theta` for an albedo ``A``, for hh and vv alike."""
+    r""":math:`\sigma^0 = 4 A \cos^2\theta` for an albedo ``A``, equal for hh and vv."""
 
     name = "lambert"
-    title = "sigma0 = 4 A cos^2(theta), equally bright in all directions"
+    title = "sigma0 = 4 A cos^2(theta), equal radiance in all directions"
     level = "sigma0 at normal incidence, 4 times the albedo"
 
     def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:

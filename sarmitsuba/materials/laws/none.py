@@ -1,11 +1,11 @@
-"""No diffuse return: the surface only reflects."""
+"""Law without diffuse return: the surface only reflects."""
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
 
 
 class NoDiffuse(DiffuseLaw):
-    """Nothing comes back incoherently."""
+    """No diffuse return."""
 
     name = "none"
     title = "no diffuse return"

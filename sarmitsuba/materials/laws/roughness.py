@@ -1,4 +1,4 @@
-"""Lambert-like scattering of exactly the power that the rms height takes from the coherent wave."""
+"""Energy-conserving diffuse law: Lambert-like scattering of the power lost by the coherent reflection."""
 
 import numpy as np
 from scipy.integrate import simpson
@@ -9,7 +9,7 @@ from sarmitsuba.materials.fresnel import fresnel
 
 
 def shared_energy_sigma0(theta: F64, reflectivity: F64, rms_phase: float) -> F64:
-    r"""Sigma0 of Lambert-like scattering of exactly the power that roughness takes from the coherent wave.
+    r"""Sigma0 of Lambert-like scattering of exactly the power that roughness removes from the coherent reflection.
 
     .. math::
         A(\theta) = |R(\theta)|^2 (1 - e^{-4 (k s \cos\theta)^2}), \quad
@@ -32,16 +32,16 @@ def shared_energy_sigma0(theta: F64, reflectivity: F64, rms_phase: float) -> F64
 
 
 class RoughnessLaw(DiffuseLaw):
-    """What the roughness factor takes from the mirror direction comes back as Lambert's law, hh and vv each.
+    """Lambert's law with the power that the roughness factor removes from the specular direction, hh and vv each.
 
     Notes
     -----
-    Energy over all angles and no more: hh is above vv as in the mirror wave, where measured surfaces have vv above
+    Conserves energy over all angles only: hh is above vv as in the specular wave, where measured surfaces have vv above
     hh, and there is no lobe about the mirror direction. `small_slope` has both.
     """
 
     name = "roughness"
-    title = "Lambert's law with the power that the coherent wave lost to rms_height; hh above vv"
+    title = "Lambert's law with the power lost by the coherent reflection from rms_height; hh above vv"
     blocks_as_vacuum = False
 
     def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:

@@ -10,13 +10,16 @@ from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface, 
 from sarmitsuba.materials.sea_spectrum import SeaState
 from sarmitsuba.parameters import Param
 
-# waves up to this share of the radar's wavenumber tilt the shorter ones; a third to a fifth is usual
+F64 = NDArray[np.float64]
+
+# cut-off of the two-scale model, share of the radar's wavenumber: longer waves tilt the shorter ones; a third to a
+# fifth is usual
 TILTING = 0.25
-# nodes over either slope, and how many of its standard deviations they reach to either side
+# nodes over either slope, and their range in standard deviations
 _SLOPES, _REACH = 32, 4.0
 # incidence angles of the integral, steps of a degree; tables are interpolated between them
 _ANGLES = 91
-# angle to the wind of the looks that the even harmonics are solved from
+# angles to the wind from which the even harmonics are computed
 _AZIMUTHS = (0.0, 0.25 * np.pi, 0.5 * np.pi)
 _SPECTRUM_NODES = 512
 
@@ -24,7 +27,7 @@ _SPECTRUM_NODES = 512
 def two_scale_sigma0(
     sea: SeaState, wavenumber: float, permittivity: complex, longest: float, theta: F64, azimuth: float
 ) -> tuple[F64, F64]:
-    r"""Backscatter (hh, vv) of short waves that longer ones tilt, and of the facets that mirror the radar.
+    r"""Two-scale backscatter (hh, vv): Bragg scattering by short waves tilted by longer ones, and specular facets.
 
     .. math::
         \sigma^0_{pp} = \int 16 \pi k^4 \cos^4\theta_l
@@ -41,7 +44,7 @@ def two_scale_sigma0(
     sea : spectrum
     wavenumber : k of the radar, rad/m
     permittivity : of the water
-    longest : rad/m, wavenumber from which waves tilt; longer ones are the tracer's
+    longest : rad/m, wavenumber from which waves tilt; longer ones are geometry of the tracer
     theta : (n,) rad
     azimuth : of the look to the wind, rad
 
@@ -84,7 +87,7 @@ def two_scale_sigma0(
 
 
 def _density(sea: SeaState, wavenumber: float, waves: F64, twice: F64) -> F64:
-    """Spectrum at the waves, interpolated: they are many."""
+    """Spectrum at the wave vectors, interpolated for speed."""
     grid = np.geomspace(TILTING * wavenumber, 2.0 * wavenumber, _SPECTRUM_NODES)
     at = np.log(np.maximum(waves, grid[0]))
     level, spread = sea.density(grid, 0.0), sea.spreading(grid)
@@ -97,7 +100,7 @@ def _density(sea: SeaState, wavenumber: float, waves: F64, twice: F64) -> F64:
 def _mirrored(
     slope_u: float, slope_c: float, short: float, k: float, permittivity: complex, theta: F64, azimuth: float
 ) -> F64:
-    """Return of the facets that mirror the radar."""
+    """Specular return of facets facing the radar."""
     if min(slope_u, slope_c) <= 0.0:
         return np.zeros_like(theta)
     root = np.sqrt(permittivity)
@@ -124,8 +127,8 @@ def _harmonics(sea: SeaState, wavenumber: float, permittivity: complex, longest:
 class Sea(DiffuseLaw):
     r"""Water under wind: the two-scale model with the spectrum of Elfouhaily et al., and its motion.
 
-    Waves longer than ``shortest_drawn_wave`` are a field of their own, drawn one by one: they tilt the surface, lift
-    the scatterers and carry them along. All shorter ones are in the level: see `two_scale_sigma0`.
+    Waves longer than ``shortest_drawn_wave`` are one realisation of single waves: they tilt the surface and displace
+    the scatterers. All shorter ones are in the level: see `two_scale_sigma0`.
 
     Notes
     -----
@@ -136,7 +139,7 @@ class Sea(DiffuseLaw):
 
     name = "sea"
     title = "water under wind: Bragg waves tilted by longer ones, mirroring facets; moving"
-    temporal_coherence = 0.0  # it is another sea within seconds
+    temporal_coherence = 0.0  # decorrelates within seconds
     parameters = (
         Param("wind_speed", "float", 5.0, "wind speed at 10 m", "m/s", 0.5, 40.0),
         Param(
@@ -152,7 +155,7 @@ class Sea(DiffuseLaw):
             "fetch",
             "float",
             1e7,
-            "water that the wind has blown over; long ones give a fully developed sea",
+            "fetch; a long one gives a fully developed sea",
             "m",
             10.0,
             1e7,
@@ -161,7 +164,7 @@ class Sea(DiffuseLaw):
             "shortest_drawn_wave",
             "float",
             4.0,
-            "waves longer than this are drawn one by one; shorter ones are in the level and the random velocities",
+            "waves longer than this are realised one by one; shorter ones are in the level and the random velocities",
             "m",
             0.5,
             1e4,
@@ -173,7 +176,7 @@ class Sea(DiffuseLaw):
         return SeaState(surface.law_parameter("wind_speed"), surface.law_parameter("fetch"))
 
     def implied_rms_height(self, surface: Surface) -> float:
-        """Of all waves: a mirror only where there is hardly any wind."""
+        """Rms height of all waves: nearly a mirror only in calm wind."""
         return float(np.sqrt(self.sea(surface).moments().height))
 
     def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
@@ -187,11 +190,13 @@ class Sea(DiffuseLaw):
                 "small_slope for calm water"
             )
         if speed > 25.0:
-            notes.append(f"wind_speed = {speed:g} m/s is above 25 m/s, where breaking waves rule; lower it")
+            notes.append(
+                f"wind_speed = {speed:g} m/s is above 25 m/s, where breaking waves dominate; lower it"
+            )
         return Sigma0(h, v, 0.0, np.radians(65.0), tuple(notes))
 
     def wind_waves(self, surface: Surface, wavelength: float, theta: F64, seed: int) -> WindWaves:
-        """Contrast over the azimuth, random velocities, and the drawn field of long waves."""
+        """Contrast over the azimuth, random velocities, and the realisation of long waves."""
         second, fourth = self._harmonics(surface, wavelength)[1:]
         sea, split = self.sea(surface), 2.0 * np.pi / surface.law_parameter("shortest_drawn_wave")
         # compass bearing of the wind's origin: it blows to the opposite side

@@ -1,4 +1,4 @@
-"""Small-slope approximation: Bragg scattering, and the lobe about the mirror direction where roughness grows."""
+"""Small-slope approximation: Bragg scattering, and the lobe about the specular direction."""
 
 import numpy as np
 from scipy.special import gammaln
@@ -25,15 +25,15 @@ _SERIES_WIDTH = 10.0
 def small_slope_spectrum(
     sine: F64, cosine: F64, wavenumber: float, rms_height: float, correlation_length: float
 ) -> F64:
-    r"""What a surface's heights make of a wave: sigma0 over the polarisation factor of first-order theory.
+    r"""Sigma0 over the polarisation factor of first-order theory, in the small-slope approximation.
 
     .. math::
         G = 8 k^4 \frac{e^{-Q^2 s^2}}{Q^2} \sum_{n \ge 1} \frac{(Q s)^{2n}}{n!} W^{(n)}(K), \quad
         K = |k_{s\perp} - k_{i\perp}|, \quad Q = k (\cos\theta_i + \cos\theta_s), \quad
         \sigma^0_{pq} = G |\cos\theta_i \cos\theta_s\, \alpha_{pq}|^2
 
-    With ``Q s`` small only n = 1 is left, first-order perturbation theory. A surface of long correlation sends what
-    the coherent wave loses, ``1 - exp(-(2 k s cos)^2)``, into the lobe about the mirror direction.
+    With ``Q s`` small only n = 1 is left, first-order perturbation theory. A surface of long correlation scatters the
+    power lost by the coherent wave, ``1 - exp(-(2 k s cos)^2)``, into the lobe about the specular direction.
 
     Parameters
     ----------
@@ -93,8 +93,8 @@ class SmallSlope(DiffuseLaw):
         if k * s > _LARGEST_ROUGHNESS:
             raise SceneError(
                 f'material "{surface.name}": rms_height = {s:g} m is k s = {k * s:.3g}, above '
-                f"{_LARGEST_ROUGHNESS:g}, where the small-slope series means nothing; "
-                "set diffuse_law to kirchhoff or lambert"
+                f"{_LARGEST_ROUGHNESS:g}, where the small-slope series is invalid; set diffuse_law to kirchhoff or "
+                "lambert"
             )
         return small_slope_spectrum(sine, cosine, k, s, length)
 

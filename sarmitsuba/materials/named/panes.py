@@ -1,4 +1,4 @@
-"""Panes of window glass."""
+"""Window glass slabs."""
 
 from dataclasses import dataclass
 
@@ -24,10 +24,12 @@ class GlassSlab(NamedMaterial):
         return MATERIALS["glass"].permittivity(frequency)
 
     def note(self, frequency: float) -> str:
-        """As of glass."""
+        """Note of glass."""
         return MATERIALS["glass"].note(frequency)
 
 
-MATERIALS.register(GlassSlab("window_glass", "one pane, 4 mm of ITU-R P.2040's glass", 0.004))
-# hard coats of tin oxide have some 15 ohm per square, soft ones of silver 2 to 6
-MATERIALS.register(GlassSlab("low_e_glass", "the same with a silver coat of 4 ohm per square", 0.004, 4.0))
+MATERIALS.register(GlassSlab("window_glass", "single glazing, 4 mm of ITU-R P.2040's glass", 0.004))
+# hard coatings of tin oxide have about 15 ohm per square, soft ones of silver 2 to 6
+MATERIALS.register(
+    GlassSlab("low_e_glass", "single glazing with a silver coating of 4 ohm per square", 0.004, 4.0)
+)

@@ -59,7 +59,7 @@ class Water(NamedMaterial):
 
     @property
     def parameters(self) -> tuple[Param, ...]:
-        """Temperature, and salinity of what is salt."""
+        """Temperature, and salinity of salt water."""
         return (_TEMPERATURE, _SALINITY) if self.salt else (_TEMPERATURE,)
 
     def at(self, values: Mapping[str, float]) -> "Water":
@@ -72,7 +72,7 @@ class Water(NamedMaterial):
         return klein_swift(frequency, self.temperature, self.salinity)
 
     def note(self, frequency: float) -> str:
-        """Beyond 30 GHz."""
+        """Warning beyond 30 GHz."""
         if frequency <= 30e9:
             return ""
         return (

@@ -1,1 +1,1 @@
-"""Volumes of vegetation: what plants are made of, how each piece scatters, the mean over a crown."""
+"""Vegetation volumes: permittivity of plants, scattering by single pieces, mean over a canopy."""

@@ -1,4 +1,4 @@
-"""A mix of leaves, needles and branches as one medium: the mean over sizes and orientations."""
+"""Canopy: scattering medium of leaves, needles and branches, averaged over sizes and orientations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,22 +13,24 @@ from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
 from sarmitsuba.materials.vegetation.plant_pieces import OverGround, Piece
 from sarmitsuba.registry import Registry
 
-# turns of an axis about the wave, and angles from it beside those that the lobes of long pieces need
+F64 = NDArray[np.float64]
+
+# azimuth nodes of an axis about the wave, and polar nodes in addition to those for the lobes of long pieces
 _LEAST_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 24, 96, 6.0
-# deg, below which the sums over orientations would miss axes
+# least spread, deg: below, the sums over orientations are too coarse
 LEAST_SPREAD = 2.0
 
 
 @dataclass(frozen=True)
 class Orientation:
-    r"""Where the axes of pieces point: about a tilt from the vertical, alike in azimuth.
+    r"""Orientation distribution of the axes of pieces: about a tilt from the vertical, uniform in azimuth.
 
     Per solid angle :math:`\exp(-\tfrac12 (\tau - \tau_0)^2 / s^2)` of the tilt :math:`\tau`, 0 to 90 degrees.
 
     Parameters
     ----------
-    tilt_deg : of a stick, or of a leaf's normal, where they are densest
-    spread_deg : standard deviation; inf: all directions alike
+    tilt_deg : most frequent tilt, of a stick or of a leaf's normal
+    spread_deg : standard deviation; inf: uniform over all directions
 
     Raises
     ------
@@ -42,7 +44,7 @@ class Orientation:
         if not self.spread_deg >= LEAST_SPREAD:
             raise SceneError(
                 f"orientation: spread_deg = {self.spread_deg:g} deg is below the bound {LEAST_SPREAD:g} deg; "
-                "give more, or none for all directions alike"
+                "give more, or none for uniform directions"
             )
 
     def density(self, cosine: F64) -> F64:
@@ -61,7 +63,7 @@ class Orientation:
 
 @dataclass(frozen=True)
 class Constituent:
-    """Pieces of one kind and size.
+    """Constituent of a canopy: pieces of one kind and size.
 
     Parameters
     ----------
@@ -79,12 +81,12 @@ class Constituent:
 
 @dataclass(frozen=True)
 class Canopy:
-    """A named mix that a scene file can ask for: ``<string name="preset" value="NAME"/>``.
+    """A named canopy for scene files: ``<string name="preset" value="NAME"/>``.
 
     Parameters
     ----------
     name : in the scene file
-    title : half a line for tables: what it is
+    title : half a line for tables
     constituents : all pieces in it
     """
 
@@ -93,7 +95,7 @@ class Canopy:
     constituents: tuple[Constituent, ...]
 
     def denser(self, factor: float) -> "Canopy":
-        """The same with so many times the number of all pieces."""
+        """The canopy with the density of all pieces multiplied by a factor."""
         return replace(
             self, constituents=tuple(replace(c, density=factor * c.density) for c in self.constituents)
         )
@@ -126,7 +128,7 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
     """
     wavelength = SPEED_OF_LIGHT / frequency
     permittivity = plant_permittivity(part.moisture, frequency)
-    # a long piece returns from within a lobe of lambda / (2 l) about broadside
+    # a long piece scatters back within a lobe of lambda / (2 l) about broadside
     lobes = 2.0 * part.piece.size / wavelength
     steps = int(_LEAST_ANGLES + _ANGLES_PER_LOBE * lobes)
     cosine = (np.arange(steps) + 0.5) / steps
@@ -146,7 +148,7 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
     extinction, power = np.zeros((NODES, 2)), np.zeros((NODES, 3))
     mean = np.zeros(NODES, dtype=np.complex128)
     for i, along in enumerate(node_cosines()):
-        if i and not np.isfinite(part.orientation.spread_deg):  # alike in every direction
+        if i and not np.isfinite(part.orientation.spread_deg):  # uniform over all directions
             extinction[i], power[i], mean[i] = extinction[0], power[0], mean[0]
             continue
         # cosine between axis and vertical; v is in the plane of the wave and the vertical
@@ -162,15 +164,15 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
 def _mean_over_ground(
     part: Constituent, wavelength: float, permittivity: complex, cosine: F64, turn: F64, cell: float
 ) -> Covariance:
-    """Mean return of one piece over level ground, m^2; axes by their angle from the level line across the radar's view.
+    """Mean ground-bounce return of one piece, m^2; axes by their angle from the horizontal cross-range line.
 
-    That line is what both directions differ along: a long piece returns from within a lobe about square to it.
+    Both directions differ along that line: a long piece scatters within a lobe about the perpendicular plane.
     """
     sine = np.sqrt(1.0 - cosine**2)[:, None]
     x, y, z = np.broadcast_arrays(cosine[:, None], sine * np.cos(turn), sine * np.sin(turn))
     weight = part.orientation.density(z) * cell
     nodes = node_cosines()
-    # of every second node; at nadir and at the horizon ways over the ground mean nothing
+    # of every second node; at nadir and at the horizon there is no ground bounce
     picked = nodes[::2]
     power, product = np.zeros((picked.size, 3)), np.zeros(picked.size, dtype=np.complex128)
     for i, along in enumerate(np.clip(picked, 0.02, 0.999)):
@@ -185,7 +187,7 @@ def _mean_over_ground(
 
 
 def _summed(density: Sequence[float], parts: Sequence[Covariance]) -> Covariance:
-    """Sum of the returns of pieces, so many of each."""
+    """Sum of the returns of pieces, weighted by their densities."""
     power, product = np.zeros((NODES, 3)), np.zeros(NODES, dtype=np.complex128)
     for number, part in zip(density, parts, strict=True):
         power += number * part.power

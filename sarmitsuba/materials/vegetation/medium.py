@@ -1,4 +1,4 @@
-"""What a volume does to waves: extinction and backscatter per metre, by polarisation and angle."""
+"""Volume scattering medium: extinction and backscatter per metre, by polarisation and angle."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ NODES = 17
 
 
 def node_cosines() -> F64:
-    """(NODES,) cosines between the wave and the vertical at which the tables stand."""
+    """Cosines between the wave and the vertical at the nodes of the tables, (NODES,)."""
     return np.linspace(0.0, 1.0, NODES)
 
 
@@ -31,7 +31,7 @@ class Covariance:
 
     @property
     def factors(self) -> tuple[F64, F64, C128, F64]:
-        r"""(NODES,) each: roots that make amplitudes of independent Gaussians :math:`g_i`.
+        r"""Cholesky factors, (NODES,) each, of the amplitudes from independent Gaussians :math:`g_i`.
 
         .. math:: HH = l_{11} g_1, \quad VV = l_{21} g_1 + l_{22} g_2, \quad HV = l_{33} g_3
         """
@@ -50,15 +50,15 @@ class VolumeMedium:
     ----------
     name : unique in a scene
     extinction : (NODES, 2) 1/m, of the power of H and of V
-    back : of what goes back the way it came
-    over_ground : of what comes straight and goes over level ground, or the other way round
+    back : of direct backscatter
+    over_ground : of the ground bounce: incident directly and scattered over level ground, or reciprocal
     temporal_coherence : of the return between two passes long apart, 0 ... 1; 1: nothing changes
     decorrelation_days : time constant of its decay to that; 0: at once
 
     Notes
     -----
-    Ignores delay (plants slow a wave by less than 1e-3), which way the azimuth is (leaves and branches have none), and
-    multiple scattering. H and V do not mix on the way.
+    Ignores delay (plants slow a wave by less than 1e-3), azimuth dependence (leaves and branches have none), and
+    multiple scattering. H and V do not couple in propagation.
     """
 
     name: str
@@ -69,7 +69,7 @@ class VolumeMedium:
     decorrelation_days: float = 0.0
 
     def coherence_after(self, days: float) -> float:
-        """Coherence of the return between passes so many days apart."""
+        """Coherence of the return between two passes, ``days`` apart."""
         return coherence_after(days, self.temporal_coherence, self.decorrelation_days)
 
     def at(self, cosine: float) -> tuple[F64, F64]:
@@ -87,7 +87,7 @@ def water_cloud(
     extinction: tuple[float, float],
     cross_ratio: float,
 ) -> VolumeMedium:
-    r"""Medium that is the same in every direction, over the ground as backwards: a cloud with given figures.
+    r"""Water cloud: isotropic medium of given coefficients, equal for backscatter and ground bounce.
 
     H and V are correlated as in a cloud of scatterers turned at random about the line of sight,
     :math:`\langle HH \, VV^* \rangle = \sqrt{\sigma_H \sigma_V} (1 - 2 x)`.

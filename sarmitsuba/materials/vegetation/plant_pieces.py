@@ -1,4 +1,4 @@
-r"""How one leaf, needle or branch scatters and takes from a wave, by the angle between the wave and its axis.
+r"""Scattering and extinction of one leaf, needle or branch, by the angle between the wave and its axis.
 
 A piece is a body of revolution. In the plane of its axis and the wave the field is *parallel*, else *across*; forwards
 and backwards neither turns into the other. Amplitudes S are square roots of radar cross sections (m, with phase), in
@@ -22,12 +22,12 @@ from sarmitsuba.materials.vegetation.thin_cylinder import LONGEST, ThinRod, thin
 
 Pair = tuple[C128, C128]
 
-# k a |sqrt(eps)| from which on a cylinder returns over the ground by its series, and k a up to which the field within a
-# leaf is the static one
+# k a |sqrt(eps)| above which a cylinder's ground bounce uses its series, and k a up to which the field within a leaf is
+# the static one
 THIN, SMALL_LEAF = 0.2, 0.5
-# an endless cylinder along the wave has no field of its own: its series is taken no nearer than this, rad
+# an infinite cylinder along the wave has no solution: its series is evaluated no nearer than this, rad
 _END_ON = 0.02
-# directions of scattered waves that the power which small pieces scatter is summed over
+# directions of scattered waves over which the power scattered by small pieces is summed
 _TILTS, _TURNS = 24, 48
 # angles from the axis at which the series is summed
 _NODES = 96
@@ -35,11 +35,11 @@ _NODES = 96
 
 @dataclass(frozen=True, eq=False)
 class OverGround:
-    """A wave that comes straight and goes by way of level ground, or the other way round, past axes (...,).
+    """Ground-bounce geometry: incident directly and scattered over level ground, or reciprocal, for axes (...,).
 
     Parameters
     ----------
-    cosine : between the wave and the vertical; it comes downwards along i and goes downwards along s, turned about
+    cosine : between the wave and the vertical; incident downwards along i and scattered downwards along s, turned about
     x, y, z : components of the axes' unit vectors: x in the plane of both legs, z upwards
     """
 
@@ -50,7 +50,7 @@ class OverGround:
 
     @property
     def sine(self) -> float:
-        """Between the wave and the vertical."""
+        """Sine between the wave and the vertical."""
         return float(np.sqrt(1.0 - self.cosine**2))
 
     @property
@@ -84,7 +84,7 @@ Channels = tuple[C128, C128, C128, C128]
 
 
 class Piece(ABC):
-    """A scatterer with an axis.
+    """Axially symmetric scatterer.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Piece(ABC):
 
     @abstractmethod
     def over_ground(self, view: OverGround, wavelength: float, permittivity: complex) -> Channels:
-        """S of a return over the ground: HH, VV, and from V to H and from H to V, each (...,) complex, m."""
+        """Ground-bounce amplitudes S: HH, VV, V to H and H to V, each (...,) complex, m."""
 
     @abstractmethod
     def extinction(self, angle: F64, wavelength: float, permittivity: complex) -> tuple[F64, F64]:
@@ -328,7 +328,7 @@ class Stick(Piece):
         return gain * along, gain * across
 
     def _ends(self, k: float, permittivity: complex, incident: F64, scattered: F64) -> Pair:
-        """What the ends change of it."""
+        """End correction of the amplitude."""
         endless, gain = self._cut(k, permittivity, incident, scattered), self._gain(k, permittivity)
         share = float(np.clip(3.0 - 3.0 * k * self.length / LONGEST, 0.0, 1.0))
         if gain == 0.0 or share == 0.0:
@@ -346,7 +346,7 @@ def _disc_form(size: float, change: F64) -> F64:
 def _scattered(
     angle: F64, k: float, across: complex, along: complex, form: Callable[[F64], F64]
 ) -> tuple[F64, F64]:
-    """Power that a small piece scatters in all directions: cross sections (n,) m^2, parallel and across.
+    """Scattering cross sections of a small piece, (n,) m^2, parallel and across.
 
     Parameters
     ----------
@@ -426,7 +426,7 @@ def cylinder_coefficients(angle: F64, size: float, permittivity: complex) -> Pai
 
 
 def _series(angle: F64, size: float, permittivity: complex, turn: float | F64) -> Pair:
-    """`cylinder_series` at angles (...,) and as many turns, between nodes: it bends slowly, unlike a piece's lobes."""
+    """`cylinder_series` at angles (...,) and as many turns, between nodes: it varies slowly, unlike a piece's lobes."""
     folded = np.minimum(angle, np.pi - angle)
     weight = np.cos(np.multiply.outer(turn, np.arange(_orders(size))))
     first, second = (np.sum(spline(folded) * weight, axis=-1) for spline in _splines(size, permittivity))
@@ -435,7 +435,7 @@ def _series(angle: F64, size: float, permittivity: complex, turn: float | F64) -
 
 @lru_cache(maxsize=16)
 def _splines(size: float, permittivity: complex) -> tuple[CubicSpline, CubicSpline]:
-    """Coefficients between nodes: a pure function that every angle of a piece asks for."""
+    """Spline coefficients of the series, cached for all angles of a piece."""
     nodes = np.linspace(0.0, 0.5 * np.pi, _NODES)
     first, second = (CubicSpline(nodes, table) for table in cylinder_coefficients(nodes, size, permittivity))
     return first, second

@@ -34,7 +34,7 @@ class ThinRod:
     Parameters
     ----------
     half : k l / 2
-    along, across : (orders, orders) what the moments of the incident field become
+    along, across : (orders, orders) matrices from moments of the incident field to the response
     endless : radius (m), wavenumber (rad/m) and permittivity
     """
 
@@ -44,7 +44,7 @@ class ThinRod:
     endless: tuple[float, float, complex]
 
     def response(self, incident: F64, scattered: F64) -> tuple[C128, C128]:
-        """Along and across, (...,) complex, of waves that come and go at these cosines between direction and axis."""
+        """Response along and across, (...,) complex, at cosines of the incident and scattered wave to the axis."""
         if not self.along.size:
             return self.of_endless(incident, scattered)
         incident, scattered = np.broadcast_arrays(incident, scattered)
@@ -61,7 +61,7 @@ class ThinRod:
         return along, across
 
     def of_endless(self, incident: F64, scattered: F64) -> tuple[C128, C128]:
-        """The same with the field of an endless rod, cut to the length."""
+        """Response with the field of an infinite rod, cut to the length."""
         radius, k, permittivity = self.endless
         form = np.sinc(self.half * (incident - scattered) / np.pi)
         along, across = symbols(k * incident, k, radius)
@@ -101,7 +101,7 @@ class ThinRod:
 
 @lru_cache(maxsize=32)
 def thin_rod(radius: float, length: float, wavenumber: float, permittivity: complex) -> ThinRod:
-    """Solve the integral equation of a rod, for waves from all directions.
+    """Solution of the integral equation of a thin rod, for waves from all directions.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Circular: the antenna flies a level circle about the aim point and looks at it from all sides."""
+"""Circular mode: the antenna flies a level circle about the aim point and looks at it from all sides."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class CirclePath(FlightPath):
         out = (self.center - self.axis) * np.array([1.0, 1.0, 0.0])
         radius, speed = float(np.linalg.norm(out)), float(np.linalg.norm(self.flight))
         angle = speed / radius * time[:, None]
-        ahead = self.flight * (radius / speed)  # a quarter of the circle on
+        ahead = self.flight * (radius / speed)  # a quarter of the circle later
         middle = np.array([self.axis[0], self.axis[1], self.center[2]])
         position = middle + np.cos(angle) * out + np.sin(angle) * ahead
         velocity = speed / radius * (np.cos(angle) * ahead - np.sin(angle) * out)
@@ -40,7 +40,7 @@ class CirclePath(FlightPath):
 
 
 class Circular(RadarMode):
-    r"""Beam held on the aim point from a level circle about it, or an arc of that.
+    r"""Circular SAR: beam steered to the aim point from a level circle about it, or an arc of it.
 
     An arc of :math:`\varphi` samples the spectrum of the ground over an annulus of that angle, of the radius
     :math:`(4 \pi / \lambda) \sin\theta`, theta the look angle. Its noise-equivalent azimuth cell is
@@ -54,7 +54,7 @@ class Circular(RadarMode):
     """
 
     name = "circular"
-    doc = "beam held on the aim point from a circle about it"
+    doc = "beam steered to the aim point from a circle about it"
     parameters = (Param("arc_deg", "float", 360.0, "angle of the circle that is flown", "deg", 0.01, 360.0),)
     instantaneous_doppler = True
     squints = False

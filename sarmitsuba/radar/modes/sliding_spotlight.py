@@ -1,4 +1,4 @@
-"""Sliding spotlight: the beam turns about a point beyond the scene, so that its footprint creeps along the track."""
+"""Sliding spotlight: the beam rotates about a point beyond the scene, so that its footprint moves slowly."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ from sarmitsuba.radar.track import Track
 
 
 class SlidingSpotlight(RadarMode):
-    r"""Beam held on a point beyond the aim point, on its line of sight from mid-aperture.
+    r"""Beam steered to a rotation point beyond the aim point, on its line of sight from mid-aperture.
 
     .. math:: R_{rot} = R / (1 - A)
 
@@ -28,7 +28,7 @@ class SlidingSpotlight(RadarMode):
     """
 
     name = "sliding_spotlight"
-    doc = "beam turned about a point beyond the aim point"
+    doc = "beam rotated about a point beyond the aim point"
     parameters = (
         Param(
             "sliding_factor",
@@ -47,7 +47,7 @@ class SlidingSpotlight(RadarMode):
     def boresight(
         self, track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value]
     ) -> F64:
-        """Return the unit vectors from every position to the point that the beam turns about."""
+        """Return the unit vectors from every position to the rotation point."""
         factor = float(values["sliding_factor"])
         # times 1 - A: stripmap's fixed direction is the limit of a point at infinity
         line = (1.0 - factor) * (geometry.center - track.position)

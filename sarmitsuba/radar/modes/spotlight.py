@@ -9,10 +9,10 @@ from sarmitsuba.radar.track import Track
 
 
 class Spotlight(RadarMode):
-    """Beam held on the aim point, which lights one patch of ground during the whole aperture."""
+    """Beam steered to the aim point, which illuminates one patch of ground during the whole aperture."""
 
     name = "spotlight"
-    doc = "beam held on the aim point"
+    doc = "beam steered to the aim point"
     instantaneous_doppler = True
 
     def boresight(

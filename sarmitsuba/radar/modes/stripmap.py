@@ -11,7 +11,7 @@ from sarmitsuba.radar.track import Track
 
 
 class Stripmap(RadarMode):
-    """Beam held at a fixed direction in the antenna's own axes, the one that meets the aim point at mid-aperture."""
+    """Beam of fixed direction in the antenna's axes, through the aim point at mid-aperture."""
 
     name = "stripmap"
     doc = "beam fixed to the track"
@@ -20,7 +20,7 @@ class Stripmap(RadarMode):
     def boresight(
         self, track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value]
     ) -> F64:
-        """Return the line of sight of mid-aperture, turned with the antenna."""
+        """Return the line of sight at mid-aperture, rotated with the antenna."""
         middle = track.center_index
         parts = [
             float(geometry.line_of_sight @ axis[middle]) for axis in (axes.forward, axes.right, axes.over)

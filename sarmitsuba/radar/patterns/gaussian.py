@@ -1,4 +1,4 @@
-"""A beam whose gain in dB falls with the square of the sine off boresight."""
+"""Gaussian beam: gain in dB falls with the square of the sine off boresight."""
 
 from collections.abc import Sequence
 from types import ModuleType

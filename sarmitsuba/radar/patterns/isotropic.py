@@ -1,4 +1,4 @@
-"""The same gain in all directions."""
+"""Isotropic antenna: equal gain in all directions."""
 
 from collections.abc import Sequence
 from types import ModuleType
@@ -10,7 +10,7 @@ from sarmitsuba.samples import Samples
 
 
 class Isotropic(Pattern):
-    """No beam at all; whatever asks for a beam leaves it out."""
+    """Isotropic pattern; beam effects are skipped."""
 
     name = "isotropic"
     doc = "the same gain in all directions"

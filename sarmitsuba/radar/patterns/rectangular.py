@@ -1,4 +1,4 @@
-"""The beam of a uniformly lit rectangular aperture."""
+"""Beam of a uniformly illuminated rectangular aperture."""
 
 from collections.abc import Sequence
 from types import ModuleType
@@ -13,7 +13,7 @@ class Rectangular(Pattern):
     """Square of a sinc in azimuth and elevation, with its side lobes of -13 dB."""
 
     name = "rectangular"
-    doc = "uniformly lit rectangle, with the side lobes of its sinc"
+    doc = "uniformly illuminated rectangle, with the side lobes of its sinc"
 
     def gain(
         self,

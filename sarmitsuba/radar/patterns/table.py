@@ -1,4 +1,4 @@
-"""A beam measured in azimuth and elevation."""
+"""Beam from measured cuts in azimuth and elevation."""
 
 from collections.abc import Sequence
 from types import ModuleType

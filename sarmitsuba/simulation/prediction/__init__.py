@@ -1,1 +1,1 @@
-"""What a run will take before it is made: a model of speed, a prediction, an explanation."""
+"""Time and memory of a run before it starts: a model of speed, a prediction, an explanation of the plan."""

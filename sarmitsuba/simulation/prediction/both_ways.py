@@ -1,8 +1,8 @@
-"""What an effect changes and takes in one scene: pulses are traced and focused with the effect and without it.
+"""Measured influence and cost of an effect in one scene: pulses are traced and focused with it and without it.
 
-Changes are those of the focused image, inside its grid: echoes hold what lies beside the image as well, and what the
-focusing weighs otherwise. All blocks of pulses are traced where that takes little; else some, spread over the aperture,
-and how much they differ says what the others may hold.
+Changes are those of the focused image, inside its grid (raw data also hold echoes from outside the image). All blocks
+of pulses are traced if that is cheap; else some of them, distributed over the aperture, and their scatter gives a bound
+for the others.
 """
 
 import time
@@ -31,32 +31,34 @@ from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.timing import Clock
 
-# blocks spread over the aperture that are traced both ways at least, most of them, and most pulses of one where
-# every pulse is traced
+C64 = NDArray[np.complex64]
+F64 = NDArray[np.float64]
+
+# least and largest number of blocks that are traced both ways, and most pulses of one where every pulse is traced
 PLACES, MOST_PLACES, LONGEST = 5, 48, 256
-# rays of what is traced both ways, all effects together, up to which all blocks are, and effects are tried
+# bounds on the rays traced both ways, all effects together: for all blocks to be used, and for effects to be tried
 MOST_RAYS = 100_000_000
-# pixels times pulses that one image may take; the grid is made coarser for more
+# bound on pixels times pulses of one image; above it the grid is made coarser
 MOST_PIXEL_PULSES = 5e8
 # rounds of the timing with an effect and without it, in turn; the least of each counts. More where they are short:
 # until so many seconds were timed
 ROUNDS, MOST_ROUNDS, LONG_ENOUGH = 2, 3, 0.4
 # blocks in the middle that are timed
 TIMED = 2
-# a change that blocks tell no better than this is stated as a bound, dB
+# a change of larger uncertainty than this is stated as a bound, dB
 WELL_KNOWN_DB = 2.0
-# energy of a change over that of the image that is rounding
+# relative energy of a change that is rounding
 NOTHING = 1e-9
 # one-sided confidence of such a bound
 CONFIDENCE = 0.99
 
 
 class _BlockPulses:
-    """Pulses of a run, traced block by block.
+    """Blocks of pulses of a run with one setting of the effects, traced and focused.
 
     Parameters
     ----------
-    run : made ready
+    run : prepared run
     loaded : its scene, as loaded
     blocks : first pulse of each, and the one after its last
     together : whether the pulses of a block share one tracing
@@ -78,7 +80,7 @@ class _BlockPulses:
         return launched * (1 if self.together else stop - first)
 
     def echoes(self, places: Sequence[int]) -> C64:
-        """Echoes (channels, pulses, samples) of all pulses; 0 beside the blocks with these numbers."""
+        """Echoes (channels, pulses, samples) of all pulses; 0 outside the blocks with these numbers."""
         run, n = self.run, self.run.scene.radar.track.n_pulses
         channels, radar = run.layers.channels, run.scene.radar
         out = np.zeros((len(channels), n, radar.window.n_samples), dtype=np.complex64)
@@ -112,11 +114,11 @@ class _BlockPulses:
         flown = radar.track if radar.recorded is not None else None
         raw = RawData(data, self._labels, "compressed", radar.as_recorded(), request=scene.image, flown=flown)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SarmitsubaWarning)  # the run itself says them
+            warnings.simplefilter("ignore", SarmitsubaWarning)  # the run itself issues them
             return focus(raw, grid).data
 
     def seconds(self, clock: Clock) -> float:
-        """Of laying out, tracing and synthesising the whole run, from its blocks in the middle."""
+        """Seconds for lattices, tracing and synthesis of the whole run, extrapolated from its blocks in the middle."""
         start = clock()
         run = Run(self.loaded, plan=self.run.plan, clock=clock, geometry=self.run.trace_scene)
         batches, subsets = _batches(run)
@@ -135,7 +137,7 @@ class _BlockPulses:
 
 
 def _batches(run: Run) -> tuple[BatchTracer, tuple[float, ...]]:
-    """Where blocks of a run are traced, and the share of each ray subset."""
+    """Tracer of the blocks of a run, and the share of each ray subset."""
     assert run.sampling is not None
     rays, tracer = run.rays(run.sampling, 0), run.tracer(run.sampling)
     subsets = tuple(SUBSET_SHARES[subset] for subset in run.layers.subsets)
@@ -143,7 +145,7 @@ def _batches(run: Run) -> tuple[BatchTracer, tuple[float, ...]]:
 
 
 def _traced(batches: BatchTracer, subset: int, start: int, stop: int, n: int, together: bool) -> C64:
-    """Profiles (layers of the subset, pulses, samples) of a block, up to the first pulse of the next as in a run."""
+    """Profiles (layers of the subset, pulses, samples) of a block, including the first pulse of the next block."""
     return batches.trace(Batch(subset, start, stop + int(together and stop < n), together)).profiles
 
 
@@ -155,23 +157,24 @@ def measured_both_ways(
     clock: Clock | None = time.process_time,
     most_places: int = MOST_PLACES,
 ) -> EffectsPlan:
-    """The plan with what effects change and take, as far as pulses traced both ways can tell.
+    """Plan with the measured influence and cost of its effects, from pulses traced with and without each.
 
     Parameters
     ----------
-    run : made ready, its plan decided by itself
+    run : prepared run with the automatic plan
     loaded : its scene, as loaded
     interval : pulses that share one tracing in the whole run
-    clock : what the cost is counted in; processor seconds of all threads, which other programs disturb least. None
-        leaves the cost out
-    most_places : blocks that are traced at most
+    clock : for the cost; processor seconds of all threads are least disturbed by other programs. None leaves the cost
+        out
+    most_places : largest number of blocks that are traced
 
     Notes
     -----
-    Both ways have the same blocks of pulses. Where not all blocks are traced, the change is measured only if they agree
-    about it within ``WELL_KNOWN_DB``, else an upper bound is stated; what only pulses between them see is missed. What
-    is proven to change nothing is not tried. What changes the focusing (:attr:`Effect.at_key_pulses`) is focused both
-    ways by its own radar. Cost: of laying out, tracing and synthesis, without reading, planning and ideal points.
+    The same blocks of pulses are traced with and without the effect. Where not all blocks are traced, the change counts
+    as measured only if they agree within ``WELL_KNOWN_DB``, else an upper bound is stated; changes visible only at
+    pulses between the blocks are missed. Effects proven to change nothing are not tried. Effects that change the
+    focusing (:attr:`Effect.at_key_pulses`) are focused with the corresponding radar. The cost covers lattices, tracing
+    and synthesis, without reading, planning and ideal points.
     """
     plan = run.plan
     if run.context is None or run.sampling is None or loaded.settings.method == "raster":
@@ -199,7 +202,7 @@ def measured_both_ways(
         if found is None:
             continue
         left -= len(places) * found.way.rays
-        # most runs follow more bounces than there are: what the last one changes is that of the last that returns
+        # most runs trace more bounces than have an echo: the change is that of the last bounce with an echo
         if whole and effect.name == "max_depth" and decision.on and found.ratio <= NOTHING:
             found = _last_that_returns(base, decision, data, image, grid, places) or found
         way, deepest = found.way, found.deepest
@@ -213,14 +216,14 @@ def measured_both_ways(
             cost = share_of(decision.on, more + here, more + there)
         if measured or error_db > -np.inf:
             plan = plan.with_measured(effect.name, error_db, cost, measured=measured, deepest=deepest)
-        else:  # the blocks that were traced show nothing, and there are others
+        else:  # no change in the traced blocks, but there are others
             plan = plan.with_measured(effect.name, decision.error_db, cost, measured=False)
     return plan
 
 
 @dataclass(frozen=True, eq=False)
 class _SwitchedRun:
-    """A run the other way: its echoes, what it changes of the image (energy), and ``Decision.deepest``."""
+    """Result of a run with an effect switched: echoes, change of the image (energy), and ``Decision.deepest``."""
 
     way: _BlockPulses
     echoes: C64
@@ -231,7 +234,7 @@ class _SwitchedRun:
 def _other_way(
     base: _BlockPulses, decision: Decision, data: C64, image: C64, grid: ImageGrid, places: Sequence[int]
 ) -> _SwitchedRun | None:
-    """A run with an effect the other way, traced where ``base`` was; None where nothing would be left that returns."""
+    """Run with an effect switched, traced at the blocks of ``base``; None where no echo would remain."""
     run = base.run
     try:
         scene = switched(base.loaded, decision)
@@ -252,8 +255,8 @@ def _other_way(
 def _last_that_returns(
     base: _BlockPulses, decision: Decision, data: C64, image: C64, grid: ImageGrid, places: Sequence[int]
 ) -> _SwitchedRun | None:
-    """The run without the last bounce that returns anything, found by halving; the second, where none does."""
-    low, high = 1, (decision.value or 2) - 1  # bounces beyond ``high`` return nothing
+    """Run without the last bounce that has an echo, found by bisection; without the second, where none has."""
+    low, high = 1, (decision.value or 2) - 1  # bounces beyond ``high`` have no echo
     best = None
     while low < high:
         middle = (low + high) // 2
@@ -270,7 +273,7 @@ def _last_that_returns(
 
 
 def _besides(base: _BlockPulses, clock: Clock) -> float:
-    """Seconds that a short run takes besides laying out and tracing: geometry on the device, checks, metadata."""
+    """Seconds of a short run apart from lattices and tracing: geometry on the device, checks, metadata."""
     settings = base.loaded.settings
     length = 0 if settings.method == "raw" else max(stop - start for start, stop in base.blocks)
     scene = replace(base.loaded, settings=replace(settings, key_pulse_interval=length))
@@ -285,7 +288,7 @@ def _besides(base: _BlockPulses, clock: Clock) -> float:
 
 
 def _least(base: _BlockPulses, way: _BlockPulses, clock: Clock) -> tuple[float, float]:
-    """Seconds of both ways: least of a few rounds in turn, what disturbs them only makes them longer."""
+    """Seconds of both runs: the least of a few alternating rounds, since disturbances only lengthen them."""
     here, there, total = np.inf, np.inf, 0.0
     for i in range(MOST_ROUNDS):
         if i >= ROUNDS and total >= LONG_ENOUGH:
@@ -296,13 +299,13 @@ def _least(base: _BlockPulses, way: _BlockPulses, clock: Clock) -> tuple[float, 
 
 
 def _spread(n: int, wanted: int) -> list[int]:
-    """Numbers of so many of ``n`` blocks, spread over the aperture; all of them where they are few."""
+    """Indices of ``wanted`` of ``n`` blocks, distributed over the aperture; all where they are few."""
     number = min(n, wanted)
     return [int((i + 0.5) * n / number) for i in range(number)]
 
 
 def _grid(run: Run) -> ImageGrid:
-    """The grid of the image; coarser, at every few of its pixels, where focusing would take long."""
+    """Grid of the image, thinned out where focusing would take long."""
     radar, request = run.scene.radar.as_recorded(), run.scene.image
     grid = default_grid(radar, request)
     much = prod(grid.shape) * radar.track.n_pulses / MOST_PIXEL_PULSES
@@ -320,7 +323,7 @@ def _grid(run: Run) -> ImageGrid:
 
 
 def _worth_trying(effect: Effect, plan: EffectsPlan) -> bool:
-    """Whether tracing both ways can tell anything of an effect."""
+    """Whether tracing with and without an effect gives any information about it."""
     decision = plan.decision(effect.name)
     if decision is None or decision.error_db == -np.inf or effect.name == "noise":
         return False
@@ -328,7 +331,7 @@ def _worth_trying(effect: Effect, plan: EffectsPlan) -> bool:
 
 
 def switched(loaded: Scene, decision: Decision) -> Scene:
-    """The scene with an effect the other way; bounces: without the last (that returns anything), or with the second."""
+    """Scene with an effect switched; max_depth: without the last bounce (with an echo), or with the second."""
     settings = loaded.settings
     if decision.name == "max_depth":
         depth = decision.deepest or decision.value or 1
@@ -339,17 +342,17 @@ def switched(loaded: Scene, decision: Decision) -> Scene:
 
 
 def _energy(planes: C64) -> F64:
-    """Of each channel."""
+    """Energy of each channel."""
     return np.asarray(np.square(np.abs(planes)).sum(axis=(1, 2), dtype=np.float64))
 
 
 def _ratio(change: C64, image: C64) -> float:
-    """Energy of the change over that of the image, worst channel."""
+    """Energy of the change relative to the image, worst channel."""
     return float(np.max(_energy(change) / np.maximum(_energy(image), 1e-300)))
 
 
 def _spread_of(change: C64, data: C64, blocks: Sequence[tuple[int, int]], n: int) -> float:
-    """Relative upper margin of the ratio of the energies, from ``blocks`` of ``n`` in all, worst channel.
+    """Relative upper confidence margin of the ratio of the energies, from ``blocks`` of ``n`` in all, worst channel.
 
     Standard error of a ratio of sums (W. G. Cochran, Sampling Techniques, 1977, 6.13) times Student's t.
     """
@@ -359,16 +362,16 @@ def _spread_of(change: C64, data: C64, blocks: Sequence[tuple[int, int]], n: int
 
 
 def ratio_margin(above: F64, below: F64, n: int) -> float:
-    """Relative margin by which the ratio of two sums over ``n`` parts may exceed that over some of them.
+    """Relative margin by which the ratio of two sums over ``n`` parts may exceed that over a sample of them.
 
     Parameters
     ----------
-    above, below : (k,) float64, of the parts that are known
+    above, below : (k,) float64, numerator and denominator of the known parts
     n : number of all parts
 
     Returns
     -------
-    margin : of the ratio, at ``CONFIDENCE``; 0 where all parts are known or nothing is above
+    margin : of the ratio, at ``CONFIDENCE``; 0 where all parts are known or the numerator is zero
     """
     k = len(above)
     if k >= n or not above.any():
@@ -381,7 +384,7 @@ def ratio_margin(above: F64, below: F64, n: int) -> float:
 
 
 def _stated(ratio: float, margin: float | None) -> tuple[float, bool]:
-    """What is stated of a change, dB, and whether it is measured; else it is a bound."""
+    """Stated value of a change, dB, and whether it is measured or an upper bound."""
     if ratio == 0.0:
         return -np.inf, margin is None
     upper = 1.0 + (margin or 0.0)
@@ -391,12 +394,12 @@ def _stated(ratio: float, margin: float | None) -> tuple[float, bool]:
 
 
 def share_of(on: bool, here: float, there: float) -> float:
-    """Share of the simulation that an effect takes (on), or would take (off).
+    """Share of the simulation's time that an effect takes (on), or would take (off).
 
     Parameters
     ----------
-    on : whether the plan has it
-    here, there : seconds as planned, and the other way
+    on : whether the plan has the effect on
+    here, there : seconds as planned, and with the effect switched
     """
     with_it, without = (here, there) if on else (there, here)
     return max(0.0, 1.0 - without / with_it)

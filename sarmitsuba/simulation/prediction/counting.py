@@ -1,4 +1,4 @@
-"""Counts what a run needs, from its sampling alone, before any of it is allocated."""
+"""Counts of the rays, bytes and seconds of a run, from its sampling plan, before anything is allocated."""
 
 import time
 from dataclasses import dataclass
@@ -28,27 +28,27 @@ from sarmitsuba.trace.accumulators import grid_numbers
 from sarmitsuba.trace.launch import Purpose
 from sarmitsuba.trace.scene_tables import TraceScene
 
-# bytes of one ray: coordinates; and while its lattice is sorted, those twice, a key and a place in the order
+# bytes of one ray: coordinates; and while its lattice is sorted, twice these, a key and an index
 RAY, SORTED_RAY = 8, 28
 # bytes of one lane of a launch: coordinates, level, counts and powers lost, and their sums' float64 copies
 LANE = 52
-# bytes of a node of the square about the window that a lattice is cut from, and of the slabs of it, at most
+# bytes of a node of the square about the window from which a lattice is cut, and of its strips, at most
 NODE, SLAB_NODES = 40, 4_000_000
 # bytes that compiled kernels, transforms and the pages of libraries take at first use
 FIRST_USE = 8_000_000
-# a launch of a source over one of a lattice, in time: each has a kernel of its own to record
+# time of a launch of a source relative to one of a lattice: each has its own kernel to record
 SOURCE_LAUNCHES = 2.0
 # bytes of a raster's pixel: its blur, and each channel's planes and transforms
 RASTER_PIXEL, RASTER_PLANE = 16, 60
-# a raster's sample over a ray in time, and seconds of a pixel that is formed by transforms
+# time of a raster's sample relative to a ray, and seconds of a pixel that is formed by transforms
 RASTER_SHARE, FORMED_PIXEL = 0.1, 2.1e-7
-# seconds of a run whatever its size: lattices, sources, the first transforms; and of an ideal point's pulse
+# seconds of a run of any size: lattices, sources, the first transforms; and of an ideal point's pulse
 SETUP, FIRST_FOCUS, POINT_PULSE = 0.07, 0.04, 1e-7
 # seconds of a sample's noise, and of its range upsampled for focusing
 NOISE_SAMPLE, UPSAMPLED = 8e-8, 1.5e-7
 # seconds of the first finer lattice of a process over those of the next
 FIRST_LAID = 0.2
-# seconds of tabulating what a rough material returns at another frequency
+# seconds for the scattering table of a rough material at another frequency
 TABLES = 0.04
 
 
@@ -61,21 +61,21 @@ def needs_of(
     sub_bands: int = 1,
     pairs: PairLevel | None = None,
 ) -> Needs:
-    """Needs of a run.
+    """Rays, bytes and seconds that a run needs.
 
     Parameters
     ----------
-    scene, sampling : as the effects plan leaves them; no sampling where there is no mesh
-    layers : what is kept apart
-    grid : pixels; default: those that the scene asks for; one pulse makes no image
-    trace_scene : what is traced; None: finer lattices over its small parts, and pairs, are left out
+    scene, sampling : with the effects plan applied; no sampling without a mesh
+    layers : channels, orders and subsets kept separately
+    grid : pixels; default: those of the scene; one pulse gives no image
+    trace_scene : traced geometry; None: finer lattices over its small parts, and pairs, are left out
     sub_bands : number of frequencies that the band is traced at
     pairs : level of pairs of diffuse scatterers, where it is known
 
     Notes
     -----
     Ignores passes beyond the first (:attr:`Needs.of_passes` adds their data), copies of the raw data in other domains,
-    compilation of kernels (once per machine), and blocks of pulses that turn out too long while they are traced.
+    compilation of kernels (once per machine), and blocks of pulses that have to be shortened during tracing.
     """
     tracing = None
     if sampling is not None:
@@ -91,14 +91,14 @@ def needs_of(
 
 @dataclass(frozen=True)
 class _TracingCost:
-    """What tracing takes, of any method.
+    """Rays, bytes and seconds of the tracing, for any method.
 
     Parameters
     ----------
     sampling, layers : of the run
-    rays, finer : of every lattice of one key pulse; those of them over small parts
-    laying : s of a usual core, in which the lattices are laid out
-    sources : beside the rays
+    rays, finer : number of rays of every lattice of one key pulse; of these, rays over small parts
+    laying : s of a reference core, for laying out the lattices
+    sources : scatterers at known positions
     sub_bands : number of frequencies that the band is traced at
     """
 
@@ -118,7 +118,7 @@ class _TracingCost:
         sub_bands: int,
         pairs: PairLevel | None,
     ) -> "_TracingCost":
-        """Count rays and sources; the finer lattices take about as long as sparse ones do here, and their nodes."""
+        """Count rays and sources; the time of finer lattices is estimated from sparse ones laid out here."""
         plain, before = lattice_rays(sampling, layers), time.process_time()
         finer = finer_rays(sampling, layers, trace_scene)
         sparse = (time.process_time() - before) / Machine.here().slowness - FIRST_LAID if any(finer) else 0.0
@@ -136,7 +136,7 @@ class _TracingCost:
 
     @property
     def making(self) -> float:
-        """Bytes while lattices and sources are laid out, most at a time, beside the rays that are kept."""
+        """Peak bytes while lattices and sources are laid out, in addition to the rays that are kept."""
         window = self.sampling.window
         reach = 2.0 * float(np.hypot(window.half_x + window.taper, window.half_y + window.taper))
         nodes = max(reach / spacing for _, spacing in _purposes(self.sampling, self.layers)) ** 2
@@ -145,11 +145,11 @@ class _TracingCost:
 
     @property
     def source_bytes(self) -> int:
-        """Of the sources: the device keeps what it took to lay them out."""
+        """Bytes of the sources; the device keeps the memory used to lay them out."""
         return int(sum(source.bytes for source in self.sources))
 
     def seconds(self, keys: int, launches: int) -> dict[str, float]:
-        """Seconds by stage for so many key pulses, in so many launches of each lattice and source."""
+        """Seconds by stage for ``keys`` key pulses, in ``launches`` launches of each lattice and source."""
         subsets, flags = len(self.layers.subsets), self.sampling.flags
         rays, traced = float(sum(self.rays)), subsets * self.sub_bands * keys
         kinds = len({purpose for purpose, _ in _purposes(self.sampling, self.layers)}) + len(self.sources)
@@ -167,10 +167,10 @@ class _TracingCost:
         trace += self.sub_bands * keys * (USUAL_CORE.finer_ray * sum(self.finer) + more * rays)
         trace *= deep_tree(self.sampling.scene.geometry.n_faces)
         trace += traced * sum(source.scatterers * source.each for source in self.sources)
-        if flags.motion:  # finer lattices over what moves are laid out for every key pulse
+        if flags.motion:  # finer lattices over moving shapes are laid out for every key pulse
             trace += keys * self.laying * any(self.finer)
         laying = SETUP + self.laying + sum(source.making for source in self.sources)
-        if self.sub_bands > 1:  # what rough surfaces return at each frequency
+        if self.sub_bands > 1:  # scattering tables of rough surfaces at each frequency
             rough = sum(material.scatters for material in with_parts(self.sampling.scene.materials))
             laying += self.sub_bands * rough * TABLES
         return {"launch grid": laying, "trace": trace}
@@ -317,18 +317,18 @@ def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid:
 
 
 def _purposes(sampling: SamplingPlan, layers: LayerPlan) -> list[tuple[Purpose, float]]:
-    """What each lattice of a key pulse is for, and the distance between its rays, m; all subsets."""
+    """Kind of return and ray spacing, m, of each lattice of a key pulse; all subsets."""
     return [each for subset in layers.subsets for each in sampling.purposes(subset)]
 
 
 def lattice_rays(sampling: SamplingPlan, layers: LayerPlan) -> tuple[int, ...]:
-    """Rays of every plain lattice of one key pulse, all subsets."""
+    """Number of rays of every plain lattice of one key pulse, all subsets."""
     area = sampling.window.area
     return tuple(int(area / spacing**2) + 1 for _, spacing in _purposes(sampling, layers))
 
 
 def finer_rays(sampling: SamplingPlan, layers: LayerPlan, trace_scene: TraceScene | None) -> tuple[int, ...]:
-    """Rays that the finer lattices over small parts of a scene add to each of :func:`lattice_rays`."""
+    """Number of rays that finer lattices over small parts add to each lattice of :func:`lattice_rays`."""
     wanted = _purposes(sampling, layers)
     if trace_scene is None:
         return (0,) * len(wanted)
@@ -337,7 +337,7 @@ def finer_rays(sampling: SamplingPlan, layers: LayerPlan, trace_scene: TraceScen
 
 
 def check_rays(name: str, sampling: SamplingPlan, layers: LayerPlan) -> None:
-    """Refuse lattices that do not fit, where nothing else of a run is held.
+    """Raise an error if the lattices alone do not fit into memory.
 
     Raises
     ------
@@ -346,19 +346,19 @@ def check_rays(name: str, sampling: SamplingPlan, layers: LayerPlan) -> None:
     """
     rays, spacing = lattice_rays(sampling, layers), sampling.spacings.coherent
     remedy = (
-        f"{sum(rays):.3g} rays, {spacing:.3g} m apart, take the most: check that the model is in metres (to_world), "
+        f"{sum(rays):.3g} rays, {spacing:.3g} m apart, need the most: check that the model is in metres (to_world), "
         "make the image smaller, or set ray_spacing"
     )
     check_fits(name, _ray_bytes(rays, max(rays)), remedy)
 
 
 def copies() -> int:
-    """Copies of an accumulator's grid: one for each thread that adds to it, and one for the caller's."""
+    """Number of copies of an accumulator's grid: one for each thread that adds to it, and one for the caller."""
     return int(dr.thread_count()) + 1
 
 
 def _device_bytes(lanes: int, numbers: int) -> int:
-    """Bytes of a launch, which Dr.Jit keeps for the next one."""
+    """Bytes of a launch; Dr.Jit keeps them for the next one."""
     return LANE * lanes + _grid_bytes(numbers)
 
 
@@ -368,12 +368,12 @@ def _grid_bytes(numbers: int) -> int:
 
 
 def _ray_bytes(rays: tuple[int, ...], lanes: int) -> int:
-    """Most bytes of lattices and lanes."""
+    """Peak bytes of lattices and lanes."""
     return RAY * sum(rays) + max(SORTED_RAY * max(rays), LANE * lanes)
 
 
 def _synthesis(sampling: SamplingPlan, layers: LayerPlan, most_rays: int) -> tuple[int, int, int]:
-    """Numbers of the accumulator's grid, lanes of a launch, and bytes that synthesis adds."""
+    """Numbers in the accumulator's grid, lanes of a launch, and additional bytes of the synthesis."""
     radar, width = sampling.scene.radar, sampling.scene.settings.gridding_width
     n, slots, channels = sampling.key_pulse_interval, len(layers.orders), len(layers.channels)
     row = layers.per_subset * 2 * radar.window.n_samples * 2 * 16

@@ -1,4 +1,4 @@
-"""What a scene will be simulated with and why, and what the run will take, before it is made."""
+"""Explanation of a run before it starts: effects with their reasons, time and memory."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from sarmitsuba.simulation.prediction.prediction import Prediction, predict
 
 # weaker changes of the image are rounding, dB
 NOTHING_DB = 10.0 * float(np.log10(NOTHING))
-# smaller shares of the processor time are within the scatter of timing
+# shares of the processor time below this are within the scatter of timing
 LEAST_TOLD = 0.1
 
 
@@ -28,7 +28,7 @@ class Explanation:
     ----------
     scene : as loaded
     plan : decided effects
-    prediction : time and memory; None where none was asked for
+    prediction : time and memory; None if not requested
     """
 
     scene: Scene
@@ -75,7 +75,7 @@ class Explanation:
         rows = [("effect", "", "if not", "cost", "why")]
         for d in plan.decisions:
             state = str(d.value) if d.value is not None else "on" if d.on else "off"
-            last = "" if d.deepest is None else f"; bounce {d.deepest} is the last that returns anything"
+            last = "" if d.deepest is None else f"; bounce {d.deepest} is the last with an echo"
             rows.append((d.name, state, _error(d), _cost(d.cost), d.why + last))
         widths = [max(len(row[i]) for row in rows) for i in range(4)]
         lines = [
@@ -87,8 +87,8 @@ class Explanation:
             0, f"{self.scene.name}: {self.scene.settings.method}, channels {', '.join(plan.flags.channels)}"
         )
         lines.append(
-            "if not: change of the image were the effect switched the other way (max_depth: without the last bounce "
-            "that returns anything), energy over that of the image; <= a bound, ? no bound is known, others measured"
+            "if not: change of the image if the effect were switched the other way (max_depth: without the last bounce "
+            "with an echo), energy relative to the image; <= upper bound, ? not known, others measured"
         )
         if not all(np.isnan(d.cost) for d in plan.decisions):
             lines.append(
@@ -102,8 +102,8 @@ class Explanation:
         ]
         if idle:
             lines.append(
-                f"on, and nothing of it in this image (with their cost): {', '.join(idle)}; the plan is decided before "
-                "anything is traced, and a proof would take longer than the effect"
+                f"on, but without any change of this image (with their cost): {', '.join(idle)}; the plan is decided "
+                "before tracing, and a proof would cost more than the effect"
             )
         if plan.pilot:
             p = plan.pilot
@@ -119,12 +119,12 @@ class Explanation:
 
 @exclusive
 def explain(scene: Scene, *, predicted: bool = True) -> Explanation:
-    """Decide the effects of a scene and predict what simulating and focusing it will take.
+    """Explanation of a scene's effects plan, with the predicted time and memory of simulation and focusing.
 
     Parameters
     ----------
     scene : as loaded
-    predicted : off saves the prediction, which traces a part of the run
+    predicted : whether to make the prediction, which traces a part of the run
     """
     if predicted:
         return Explanation(scene, *predict(scene, both_ways=True))

@@ -1,4 +1,4 @@
-"""What a run will take before it is made: time by stage and memory, from one batch of the run itself."""
+"""Predicted time by stage and memory of a run, from tracing one batch of it."""
 
 import gc
 import time
@@ -25,29 +25,29 @@ from sarmitsuba.simulation.sampling.piece import middle_pulses
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import Clock, StageTimer
 
-# most bytes that a run adds to the process up to which a part of a run is made to see how long it takes
+# bytes that a run may add to the process for a part of it to be traced for the prediction
 MEASURED_MEMORY = 1_000_000_000
-# part of the pulses that the focuser is timed on, and the least number
+# share of the pulses on which the focuser is timed, and the least number
 FOCUS_SHARE, FOCUS_PULSES = 16, 32
-# shorter times are taken again, at most so often, and the least counts: what disturbs them only makes them longer
+# shorter measurements are repeated, at most this often, and the least counts: disturbances only lengthen them
 STEADY, TRIES = 0.2, 4
-# rays of blocks that are traced for their error alone: all blocks of a run of seconds
+# bound on the rays traced only for the error of blocks: all blocks of a run of seconds
 BOUNDARY_RAYS = 20_000_000
-# most that loading compiled kernels and making transforms ready takes at the first batch, s; more was compilation
+# longest time for loading compiled kernels and planning transforms at the first batch, s; a longer one is compilation
 FIRST_USE = 0.06
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Time and memory of a run, start-up and compilation of kernels (once per machine) left out.
+    """Predicted time and memory of a run, without start-up and compilation of kernels (once per machine).
 
     Parameters
     ----------
     seconds : by stage, in the order of the run
-    measured : whether a part of the run was made to find them; else by a model of speed
-    memory : bytes, most that the process will hold at a time, interpreter and libraries included
-    refusal : why the run does not fit, and what to change; empty where it fits
-    rays, key_pulses, contributions : of the whole run
+    measured : whether they are measured on a part of the run; else from a model of speed
+    memory : bytes, peak memory of the process, interpreter and libraries included
+    refusal : why the run does not fit into memory, and what to change; empty where it fits
+    rays, key_pulses, contributions : numbers in the whole run
     pixels : of the image, all layers
     key_pulse_interval : pulses that share one tracing; 0 where nothing is traced
     rays_per_second, pixel_pulses_per_second : measured rates
@@ -69,7 +69,7 @@ class Prediction:
 
     @staticmethod
     def of(needs: Needs, *, processor: bool = False) -> "Prediction":
-        """From what a run needs alone, elapsed or processor seconds; nothing is traced: contributions are not known."""
+        """Prediction from the needs of a run, elapsed or processor seconds, without tracing (no contributions)."""
         seconds = needs.processor if processor else needs.elapsed
         trace, focus = seconds.get("trace", 0.0), seconds.get("focus", 0.0)
         return Prediction(
@@ -89,21 +89,21 @@ class Prediction:
 
     @property
     def total(self) -> float:
-        """Seconds of all stages."""
+        """Total seconds of all stages."""
         return float(sum(self.seconds.values()))
 
 
 @dataclass(frozen=True)
 class _TracingForecast:
-    """What tracing and synthesis of the whole run take.
+    """Predicted tracing and synthesis of the whole run.
 
     Parameters
     ----------
     seconds : by stage
     statistics : of the whole run
     interval : pulses that share one tracing
-    error_db : that this makes against tracing every pulse
-    boundaries : places where blocks meet that it was measured at, and all there are
+    error_db : error of blocks against tracing every pulse
+    seams : number of block boundaries at which it was measured, and of all boundaries
     """
 
     seconds: Mapping[str, float]
@@ -120,24 +120,24 @@ def predict(
     both_ways: bool = False,
     clock: Clock = time.perf_counter,
 ) -> tuple[EffectsPlan, Prediction]:
-    """Plan a scene and predict what simulating and focusing it takes.
+    """Predicted time and memory for simulating and focusing a scene.
 
-    What the run needs (:mod:`sarmitsuba.simulation.prediction.needs`) is worked out first. Raw data that need up to
-    ``MEASURED_MEMORY`` are then tried: the two blocks of pulses in the middle of the real run are traced, which
-    compiles its kernels, so that the run then finds them compiled; one of them again, others for the error of blocks,
-    and a sixteenth of the pulses is focused onto the whole image. Otherwise the seconds are those of a model of speed.
+    First the needs of the run are counted (:mod:`sarmitsuba.simulation.prediction.needs`). For raw data of up to
+    ``MEASURED_MEMORY`` the two blocks of pulses in the middle of the run are traced (which also compiles its kernels),
+    one of them a second time, further ones for the error of blocks, and a sixteenth of the pulses is focused onto the
+    whole image. Otherwise the seconds are those of a model of speed.
 
     Parameters
     ----------
     scene : as loaded
     plan : overrides the automatic effects plan
-    both_ways : also measure what every effect changes and takes
-    clock : what seconds are; ``time.process_time`` predicts processor seconds of all threads
+    both_ways : whether to measure the influence and cost of every effect as well
+    clock : measure of time; ``time.process_time`` predicts processor seconds of all threads
 
     Notes
     -----
-    Takes every batch to cost what the first costs. Ignores reading the scene, writing the results, and passes of
-    rays beyond the first.
+    Assumes that all batches cost the same. Ignores reading the scene, writing the results, and passes of rays beyond
+    the first.
     """
     run = Run(scene, plan=plan, clock=clock)
     seconds, planned, needs = dict(run.timer.seconds), run.plan, run.needs()
@@ -188,15 +188,15 @@ def predict(
     return planned, prediction
 
 
-def _tracing(run: Run, sampling: SamplingPlan, data: C64, clock: Clock) -> _TracingForecast:
-    """Settle the blocks of pulses as the run does, trace one of them again, and take all others to be like it."""
+def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _TracingForecast:
+    """Determine the block length as the run does, trace one block again, and extrapolate to all others."""
     run.timer = StageTimer(clock)
     rays = run.rays(sampling, 0)
     lattices = rays.at(run.scene.radar.track.center_index)
     seconds = dict(run.timer.seconds)
 
     def choosing() -> Mapping[str, float]:
-        again = replace(sampling)  # works the interval out anew
+        again = replace(sampling)  # computes the interval again
         start = clock()
         _ = again.key_pulse_interval
         return {"plan": clock() - start}
@@ -204,7 +204,7 @@ def _tracing(run: Run, sampling: SamplingPlan, data: C64, clock: Clock) -> _Trac
     seconds["plan"] = _steady(choosing)["plan"]
     start = clock()
     tracer = run.tracer(sampling)
-    seconds["launch grid"] = seconds.get("launch grid", 0.0) + clock() - start  # what sources draw
+    seconds["launch grid"] = seconds.get("launch grid", 0.0) + clock() - start  # lattices of sources
     _ = sampling.key_pulse_interval  # kept from here on
     blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order)
     start = clock()
@@ -233,7 +233,7 @@ def _tracing(run: Run, sampling: SamplingPlan, data: C64, clock: Clock) -> _Trac
 
 
 def _points_seconds(run: Run, clock: Clock) -> float:
-    """Seconds that ideal points take, from a sixteenth of the pulses."""
+    """Seconds for ideal points, from a sixteenth of the pulses."""
     scene, layers = run.scene, run.layers.layers
     radar = scene.radar
     few = middle_pulses(radar, 1 + radar.track.n_pulses // FOCUS_SHARE)
@@ -246,7 +246,7 @@ def _points_seconds(run: Run, clock: Clock) -> float:
 def _focus_seconds(
     scene: Scene, layers: tuple[Layer, ...], data: C64, clock: Clock
 ) -> tuple[float, int, float]:
-    """Seconds to focus all pulses, from two numbers of pulses onto the whole grid; pixels; what the first time adds."""
+    """Seconds to focus all pulses, from two numbers of pulses on the whole grid; pixels; extra seconds at first use."""
     radar = scene.radar
     n = radar.track.n_pulses
     few = min(n, max(FOCUS_PULSES, n // FOCUS_SHARE))
@@ -279,7 +279,7 @@ def _focus_seconds(
 
 
 def _steady(measure: Callable[[], Mapping[str, float]]) -> dict[str, float]:
-    """Least of a few measurements (by their sum), one only where it takes long."""
+    """Least of a few measurements (by their sum); only one where it takes long."""
     best = dict(measure())
     for _ in range(TRIES - 1):
         if sum(best.values()) >= STEADY:

@@ -1,4 +1,4 @@
-"""One model of speed: seconds of a run from what there is to do, with usual rates or with measured ones."""
+"""Model of speed: seconds of a run from its work, with reference rates or with measured ones."""
 
 import time
 from collections.abc import Mapping
@@ -13,17 +13,17 @@ from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
 @dataclass(frozen=True)
 class Work:
-    """What takes the time of a run.
+    """Work of a run, by kind.
 
     Parameters
     ----------
-    rays : of all pulses traced
-    launches : of kernels that trace
+    rays : number over all traced pulses
+    launches : of tracing kernels
     kernels : different ones among them
-    scatterers : diffuse ones met at first bounces, of all pulses traced
-    path_pulses : contributions times the pulses they go to
+    scatterers : diffuse ones hit at first bounces, over all traced pulses
+    path_pulses : contributions times the pulses to which they are added
     samples : range-compressed samples that are synthesised, all layers
-    syntheses : times that a grid becomes pulses
+    syntheses : of pulses from a grid
     pixel_pulses : pixels of the image times pulses, all layers
     """
 
@@ -44,11 +44,11 @@ class SpeedModel:
     Parameters
     ----------
     ray, launch, scatterer, path_pulse, sample, pixel_pulse : s for each
-    kernel : s for recording a kernel for the first time and loading what was compiled
+    kernel : s for recording a kernel for the first time and loading the compiled code
     synthesis, counted_sample : s for a synthesis and for a sample, where syntheses are counted
-    finer_ray : s more for a ray over small parts: it hits, and bounces among what is slender or round
-    slab_ray, water_ray, wide_ray : s more for a ray of a scene whose slabs let waves through, whose water moves, or
-        whose band is traced at several frequencies: facets keep more of their sides apart
+    finer_ray : additional s for a ray over small parts, which has more bounces
+    slab_ray, water_ray, wide_ray : additional s for a ray of a scene with slabs that transmit, with moving water, or
+        with a band traced at several frequencies (more terms of tube sides are computed)
     plain_node, node : s for laying out a ray of a plain lattice, and one over small parts, once for all pulses
     """
 
@@ -70,7 +70,7 @@ class SpeedModel:
 
     @staticmethod
     def measured(work: Work, seconds: Mapping[str, float]) -> "SpeedModel":
-        """From a part of a run: its work, and its seconds by stage; tracing goes by rays alone."""
+        """Model from a part of a run: its work, and its seconds by stage; tracing time is proportional to rays."""
         rates = {
             "ray": ("trace", work.rays),
             "sample": ("synthesise", work.samples),
@@ -97,9 +97,9 @@ class SpeedModel:
         return float(sum(self.stages(work).values()))
 
 
-# processor seconds of a core of 2.5 GHz or so: 5 million rays per second with all that a hit does, as many diffuse
-# scatterers with those of later bounces, 2 million samples, 400 million pixel-pulses. The launch is what recording,
-# laying out a block and reading its grid back take; adding to the grid is in the rays and scatterers
+# processor seconds of a core of about 2.5 GHz: 5 million rays per second including their hits, as many diffuse
+# scatterers including those of later bounces, 2 million samples, 400 million pixel-pulses. A launch includes recording,
+# setting up a block and reading its grid back; adding to the grid is included in rays and scatterers
 USUAL_CORE = SpeedModel(
     ray=1 / 5e6,
     launch=9e-3,
@@ -117,14 +117,14 @@ USUAL_CORE = SpeedModel(
     synthesis=8e-3,
     counted_sample=2.5e-7,
 )
-# faces whose tree and tables a core's caches hold, and what a ray takes more for each doubling beyond
+# number of faces whose tree and tables fit into the caches, and relative increase of a ray's time per doubling beyond
 CACHED_FACES, PER_DOUBLING = 8192, 0.12
-# stages that all threads share, and about the part of them that one thread does alone
+# stages that use all threads, and their approximate serial share
 SHARED, ALONE = frozenset({"trace", "synthesise", "focus", "raster"}), 0.2
-# numbers of the job that a core is timed by, and processor seconds that it takes the usual core
+# size of the job by which a core is timed, and processor seconds that the reference core needs for it
 JOB, JOB_SECONDS = 1 << 14, 0.9e-3
-# rounds of it at a time, and times that a process does them: neighbours that share a core's units slow it by a third
-# for tenths of a second, so that one time would tell of them
+# rounds of it at a time, and times that a process does them: programs on the same core slow it by a third for tenths
+# of a second, which a single measurement would include
 ROUNDS, GLANCES = 6, 4
 # cores that are timed at a time, at most
 CORES = 4
@@ -132,12 +132,12 @@ CORES = 4
 
 @dataclass(frozen=True)
 class Machine:
-    """What turns processor seconds of the usual core into seconds here.
+    """Speed of this machine relative to the reference core.
 
     Parameters
     ----------
-    slowness : seconds of a core here over those of the usual one
-    threads : that trace and focus
+    slowness : seconds of a core here over those of the reference core
+    threads : number that trace and focus
     """
 
     slowness: float
@@ -145,31 +145,31 @@ class Machine:
 
     @staticmethod
     def here() -> "Machine":
-        """Machine that runs this: NumPy sorts numbers and turns phases, the least of what was timed so far counts."""
+        """Speed of this machine, timed by a NumPy job (sorting, phase factors); the least time so far counts."""
         if not _glanced:
             glance()
         return Machine(min(_glanced) / JOB_SECONDS, max(1, int(dr.thread_count())))
 
     def processor(self, seconds: Mapping[str, float]) -> dict[str, float]:
-        """Processor seconds here, of all threads, of stages that take the usual core so long."""
+        """Processor seconds on this machine, of all threads, from seconds of the reference core."""
         return {stage: self.slowness * s for stage, s in seconds.items()}
 
     def elapsed(self, seconds: Mapping[str, float]) -> dict[str, float]:
-        """Seconds by the clock on the wall, where no other program wants the cores."""
+        """Elapsed seconds on this machine without other load."""
         share = ALONE + (1.0 - ALONE) / self.threads
         return {
             stage: s * (share if stage in SHARED else 1.0) for stage, s in self.processor(seconds).items()
         }
 
 
-# least processor seconds of the job, each time that it was done
+# least processor seconds of the job, for each time it was run
 _glanced: list[float] = []
 
 
 def glance() -> None:
-    """Time the cores, for some milliseconds; what a run that is being prepared does at several moments of it.
+    """Time the cores for some milliseconds; called several times while a run is prepared.
 
-    After ``GLANCES`` times in a process it does nothing. Several threads at once time more often, no harm.
+    After ``GLANCES`` calls in a process it does nothing. Concurrent threads may time more often.
     """
     if len(_glanced) >= GLANCES:
         return
@@ -195,11 +195,11 @@ def deep_tree(n_faces: int) -> float:
 
 
 def expected_work(sampling: SamplingPlan) -> Work:
-    """About what simulating and focusing a scene takes, one ray subset and all bounce orders in one layer.
+    """Estimated work of simulating and focusing a scene, with one ray subset and all bounce orders in one layer.
 
     Notes
     -----
-    Ignores the finer lattices over small parts, which the geometry on the device decides; their rays are bounded.
+    Ignores the finer lattices over small parts, which depend on the geometry on the device; their rays are bounded.
     """
     radar, image = sampling.scene.radar, sampling.scene.image
     n, channels = radar.track.n_pulses, len(radar.channels)
@@ -215,20 +215,22 @@ def expected_work(sampling: SamplingPlan) -> Work:
 
 
 def scatterers_met(sampling: SamplingPlan) -> float:
-    """About as many diffuse scatterers as the rays of one pulse meet at first bounces."""
+    """Estimated number of diffuse scatterers hit by the rays of one pulse at first bounces."""
     if not sampling.flags.diffuse:
         return 0.0
-    surface = sampling.window.area / max(float(np.cos(sampling.window.incidence)), 0.2)  # seen, were it level
+    surface = sampling.window.area / max(
+        float(np.cos(sampling.window.incidence)), 0.2
+    )  # visible area for level ground
     return surface / sampling.scatterer_cell**2
 
 
 def run_seconds(sampling: SamplingPlan) -> float:
-    """About what simulating and focusing takes the usual core, s; what decisions go by on any machine."""
+    """Estimated seconds of the reference core for simulating and focusing; basis of decisions on any machine."""
     return USUAL_CORE.seconds(expected_work(sampling))
 
 
 def split_trace(full: Mapping[str, float], sparse: Mapping[str, float], fewer: float) -> dict[str, float]:
-    """Seconds by stage, tracing split into what goes by launches and what goes by rays.
+    """Seconds by stage, with tracing split into a part proportional to launches and one proportional to rays.
 
     Parameters
     ----------

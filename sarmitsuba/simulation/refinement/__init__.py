@@ -1,1 +1,1 @@
-"""How good an image is, and passes of rays until it is good enough."""
+"""Error bars of an image, and passes of rays until a target error is reached."""

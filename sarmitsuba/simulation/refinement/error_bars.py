@@ -1,4 +1,4 @@
-"""Error bars: from two independent sets of a run's rays, at no extra tracing, or from passes of more and more rays."""
+"""Error bars of ray sampling: from two independent subsets of a run's rays, or from several passes of rays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,30 +22,30 @@ PASSES: Source = "ray sampling, from passes"
 SHARED_DB = 2.5
 # rms difference of estimate and truth over all runs of that benchmark, dB
 SHARED_SCATTER_DB = 2.3
-# the same constant for passes: error of their weighted mean over what the last one, were its error independent of the
-# others', would say; median of drawn scenes (benchmarks/suite/error_bars.py)
+# the same constant for passes: error of their weighted mean relative to the estimate from the last one for independent
+# errors; median of random scenes (benchmarks/error_bars.py)
 PASSES_SHARED_DB = 4.0
-# what that constant is off by from scene to scene, dB
+# scatter of that constant from scene to scene, dB
 PASSES_SCATTER_DB = 0.8
-# pixels that err together: the chance of the realisation is that of so many fewer
+# number of pixels with a common error: reduces the number of independent ones
 PIXELS_TOGETHER = 16.0
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorBars:
-    """Sampling error of an image (or of raw data).
+    """Estimated error by ray sampling of an image (or of raw data).
 
     Parameters
     ----------
     channels : polarisation channels
     error_db : of each channel, energy of the error over energy of the image, dB
-    noise_db : what was measured, dB: half the difference of two subsets, or what the last pass differed by from the
-        mean of those before it, which is more than the true error in 19 of 20 runs
-    per_pixel : (n_channels, ...) float32, rms error in the data's own unit, from the half difference averaged over
-        the square of ``window`` pixels about each one; of subsets only
-    confidence_db : standard deviation of ``error_db``, dB: the number of independent pixels that carry it, and the
-        scatter of the part that subsets share
-    source : what it was estimated from
+    noise_db : measured quantity, dB: half the difference of two subsets, or the difference of the last pass from the
+        mean of those before it, which is larger than the true error in 19 of 20 runs
+    per_pixel : (n_channels, ...) float32, rms error in the unit of the data, from the half difference averaged over
+        the square of ``window`` pixels about each one; from subsets only
+    confidence_db : standard deviation of ``error_db``, dB: by the number of independent pixels, and by the scatter of
+        the error common to both subsets
+    source : of the estimate (subsets or passes)
     """
 
     channels: tuple[str, ...]
@@ -71,8 +71,10 @@ class ErrorBars:
         }
 
 
-def subset_planes(data: C64, layers: Sequence[Layer], channel: str) -> tuple[C64, C64]:
-    """Estimate of a channel (sum of its subsets) and half the difference of the subsets' own estimates, orders summed.
+def subset_planes(
+    data: NDArray[np.complex64], layers: Sequence[Layer], channel: str
+) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
+    """Estimate of a channel (sum of its subsets) and half the difference of the subsets' estimates, orders summed.
 
     Raises
     ------
@@ -99,21 +101,21 @@ def estimate_error(data: C64, layers: Sequence[Layer], *, window: int = 5, pixel
 
     .. math:: \epsilon^2 = s \sum |x_1 - x_2|^2 / 4 / \sum |d_1 + d_2|^2, \quad d_i = w_i x_i
 
-    with s (``SHARED_DB``) measured. Independent errors alone would make it 1 dB for sets of equal error and -3 dB where
-    the sparser one's is 8 dB larger; what both sets blur alike makes it more.
+    with s (``SHARED_DB``) measured. For independent errors it would be 1 dB for sets of equal error and -3 dB where
+    that of the sparser set is 8 dB larger; an error common to both sets increases it.
 
     Parameters
     ----------
-    data : (n_layers, n, m) complex64, subsets kept apart
+    data : (n_layers, n, m) complex64, subsets kept separately
     layers : labels of ``data``
-    window : pixels along each axis that ``per_pixel`` is averaged over
-    pixels : off leaves ``per_pixel`` empty
+    window : pixels along each axis over which ``per_pixel`` is averaged
+    pixels : whether to compute ``per_pixel``
 
     Notes
     -----
-    Sampling with rays only: too few bounces, the blocks of pulses (whose error is measured apart, see
-    :mod:`sarmitsuba.simulation.blocks`), gridding and physical optics itself are not in it. What lattices of both
-    densities blur alike is in it only as the constant s.
+    Error of ray sampling only: truncation of bounces, blocks of pulses (whose error is measured separately, see
+    :mod:`sarmitsuba.simulation.blocks`), gridding and the physical-optics model are not included. Errors common to
+    lattices of both densities are included only by the constant s.
     """
     channels = tuple(dict.fromkeys(layer.channel for layer in layers))
     totals, spreads, maps = [], [], []
@@ -137,15 +139,18 @@ def estimate_error(data: C64, layers: Sequence[Layer], *, window: int = 5, pixel
     )
 
 
-def estimate_pass_error(change: C64, mean: C64, channels: tuple[str, ...], share: float) -> ErrorBars:
-    r"""Sampling error of the weighted mean of passes from what the last of them changed.
+def estimate_pass_error(
+    change: NDArray[np.complex64], mean: NDArray[np.complex64], channels: tuple[str, ...], share: float
+) -> ErrorBars:
+    r"""Sampling error of the weighted mean of passes, from the change by the last of them.
 
-    Passes are weighted by their rays, so were their errors independent and as the rays, the mean's would be
+    Passes are weighted by their number of rays. For independent errors with variance inversely proportional to it, the
+    error of the mean would be
 
     .. math:: \epsilon^2 = s \, a (1 - a) \sum |x - m|^2 / \sum |d|^2
 
-    with x the last pass, m the mean of those before it, d that of all, a the weight of the last. What lattices of
-    all densities blur alike makes it more: s (``PASSES_SHARED_DB``), measured.
+    with x the last pass, m the mean of those before it, d that of all, a the weight of the last. Errors common to
+    lattices of all densities increase it: s (``PASSES_SHARED_DB``), measured.
 
     Parameters
     ----------
@@ -156,8 +161,8 @@ def estimate_pass_error(change: C64, mean: C64, channels: tuple[str, ...], share
 
     Notes
     -----
-    Sampling with rays only, as for :func:`estimate_error`. Which rays the last pass drew is known from no difference:
-    where few pixels carry the error its true size scatters, and ``confidence_db`` is large.
+    Error of ray sampling only, as for :func:`estimate_error`. The estimate depends on the random lattice of the last
+    pass: where few pixels carry the error it scatters, and ``confidence_db`` is large.
     """
     less = 10.0 * float(np.log10(max(share * (1.0 - share), 1e-60))) + PASSES_SHARED_DB
     totals, spreads = [], []
@@ -178,14 +183,14 @@ def estimate_pass_error(change: C64, mean: C64, channels: tuple[str, ...], share
 
 
 def _chance_db(power: F32) -> float:
-    """Standard deviation of a sum over as many independent pixels as would share its energy evenly, dB."""
+    """Standard deviation, dB, of the energy, from the effective number of independent pixels."""
     total = float(power.sum(dtype=np.float64))
     effective = total**2 / max(float(np.sum(power.astype(np.float64) ** 2)), 1e-60)
     return float(10.0 / np.log(10.0) / np.sqrt(max(effective, 1.0)))
 
 
 def error_bars(image: SarImage, *, window: int = 5) -> ErrorBars:
-    """Sampling error of an image with subsets; see :func:`estimate_error`."""
+    """Error bars of an image with ray subsets; see :func:`estimate_error`."""
     return estimate_error(image.data, image.layers, window=window)
 
 
@@ -197,7 +202,7 @@ def has_subsets(layers: Sequence[Layer]) -> bool:
 def with_error_bars(image: SarImage) -> SarImage:
     """The image with ``sampling_error`` in its metadata (by channel, dB).
 
-    What passes said about it stands. Unchanged where there were none and subsets were not kept.
+    An estimate from passes is kept. Unchanged where there is none and subsets were not kept.
     """
     passes = image.metadata.get("refinement", {}).get("sampling_error")
     if passes:

@@ -1,4 +1,4 @@
-"""Passes of rays until the image is as good as asked for; nothing is thrown away, interrupted runs go on."""
+"""Passes of rays until the image reaches a target error; all passes are averaged, interrupted runs continue."""
 
 import time
 from dataclasses import dataclass, field, replace
@@ -33,7 +33,7 @@ from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 
 STATE_FILE = "passes.npz"
-# error energy falls as the rays to this power: 2.5 dB where they double (benchmarks/suite/error_bars.py)
+# error energy falls with this power of the number of rays: 2.5 dB per doubling (benchmarks/error_bars.py)
 ORDER = 0.83
 # most rays of one lattice; denser passes are repeated instead
 MAX_RAYS = 16_000_000
@@ -41,13 +41,13 @@ MAX_RAYS = 16_000_000
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """What :func:`refine` came to.
+    """Result of :func:`refine`.
 
     Parameters
     ----------
-    raw : mean over all passes, subsets apart
+    raw : mean over all passes, subsets kept separately
     image : focused from it, with ``sampling_error`` in its metadata
-    passes : done, over all runs
+    passes : number, over all runs
     error_db : estimated sampling error of the image (worst channel), dB
     met : whether the target was reached
     history : after every pass: seconds so far, error (dB)
@@ -77,26 +77,26 @@ def refine(
     clock: Clock = time.perf_counter,
     workers: Workers | None = None,
 ) -> Refinement:
-    """Add passes of rays until the estimated sampling error meets the target or the time is up.
+    """Raw data and image from several passes of rays, until the sampling error or the time reaches its limit.
 
-    Every pass traces the scene anew with lattices of its own, shifted and turned at random, and twice the rays of the
-    pass before as far as memory and the time left allow: what all lattices of a density blur alike only denser ones
-    undo. The result is the mean of all passes, weighted by their rays. The error of the image is estimated from what
-    the last pass changed, so that a target takes two passes at least; after one pass it is that of the two ray subsets.
+    Every pass traces the scene with new lattices, shifted and rotated at random, and with twice the rays of the
+    previous pass as far as memory and time allow: errors common to all lattices of one density fall only with denser
+    ones. The result is the mean of all passes, weighted by their rays. The error of the image is estimated from the
+    change by the last pass, so that a target needs at least two passes; after one pass it is that of the two subsets.
 
     Parameters
     ----------
     scene : method ``hybrid`` or ``raw``
     target_error_db : energy of the error over that of the image; default the scene's; 0 = no target
     time_limit : s, of this run; default the scene's; 0 = no limit. At least one pass is made
-    state : file that holds the passes between runs; the finished blocks of the pass in work stand beside it, in a
-        file that ends in ``.blocks``. None keeps nothing
-    grid : of the image; default what the scene asks for
+    state : file that holds the passes between runs; the finished blocks of the current pass are in a second file that
+        ends in ``.blocks``. None: no file
+    grid : of the image; default that of the scene
     range_window, azimuth_window : of the image
     max_passes : bound on all passes
     progress : called after every pass with the error and, where there is one, the limit
-    ready : called once the first pass is planned and fits, before it is traced
-    clock : that ``time_limit`` is measured with
+    ready : called once the first pass is planned and fits into memory, before it is traced
+    clock : for ``time_limit``
     workers : workers that share the tracing of every pass
 
     Returns
@@ -110,7 +110,7 @@ def refine(
 
     Notes
     -----
-    The passes reduce the error of ray sampling and no other; see
+    The passes reduce only the error of ray sampling; see
     :func:`sarmitsuba.simulation.refinement.error_bars.estimate_pass_error`.
     """
     target = scene.settings.target_error_db if target_error_db is None else target_error_db
@@ -121,7 +121,7 @@ def refine(
         )
     if not scene.traced:
         raise DataError(
-            f"{scene.name}: ideal points alone take no rays, and their echoes are exact; leave out target_error_db and "
+            f"{scene.name}: ideal points alone need no rays, and their echoes are exact; leave out target_error_db and "
             "time_limit"
         )
     noisy = scene.settings.effects.get("noise", "auto") != "off" and scene.radar.noise_temperature > 0.0
@@ -173,13 +173,13 @@ def refine(
         passes.history.append((passes.seconds, float("nan")))
         if file:
             passes.save(file)
-            blocks_of(file).unlink()  # they are in the pass now
+            blocks_of(file).unlink()  # now contained in the pass
     return _finished(focuser, goal, noisy)
 
 
 @dataclass(frozen=True)
 class _Goal:
-    """What ends the passes: the error wanted (dB; 0: none), a time limit (s; 0: none), the most passes."""
+    """Stopping criteria: target error (dB; 0: none), time limit (s; 0: none), largest number of passes."""
 
     target: float
     limit: float
@@ -201,25 +201,25 @@ class _Goal:
         return self.target < 0.0 and error <= self.target
 
     def reached(self, error: float, passes: Passes) -> bool:
-        # the subsets of one pass are too uncertain to end it
+        # the error from the subsets of one pass is too uncertain to stop
         return (self.met(error) and passes.count > 1) or passes.count >= self.max_passes
 
     def share(self, error: float, elapsed: float) -> tuple[float, float]:
-        """Progress in per cent: by the passes that the target still needs, or by the time, whichever is further on."""
+        """Progress in per cent: by the passes still needed for the target, or by the time, whichever is larger."""
         by_error = 10.0 ** ((self.target - error) / (10.0 * ORDER)) if self.target < 0.0 else 0.0
         by_time = elapsed / self.limit if self.limit > 0.0 else 0.0
         return 100.0 * min(1.0, max(by_error, by_time)), 100.0
 
 
 class _PassImage:
-    """Image of the passes so far, and its error; focused only when it matters, else the raw data's error stands in."""
+    """Image of the passes so far, and its error; focused only when needed, else the error of the raw data is used."""
 
     def __init__(
         self, scene: Scene, passes: Passes, grid: ImageGrid, range_window: str, azimuth_window: str
     ) -> None:
         self.scene, self.passes, self.grid = scene, passes, grid
         self.range_window, self.azimuth_window = range_window, azimuth_window
-        self.image: SarImage | None = None  # of the passes so far, where it was focused
+        self.image: SarImage | None = None  # image of the passes so far, if focused
 
     def raw(self) -> RawData:
         passes = self.passes
@@ -237,7 +237,7 @@ class _PassImage:
         return focus(raw, self.grid, range_window=self.range_window, azimuth_window=self.azimuth_window)
 
     def bars(self, image: SarImage) -> ErrorBars:
-        """Of the image of all passes."""
+        """Error bars of the image of all passes."""
         change = self.passes.change
         if change is None:
             return estimate_error(image.data, image.layers, pixels=False)
@@ -247,7 +247,7 @@ class _PassImage:
         return estimate_pass_error(changed.data, mean, channels, self.passes.share)
 
     def _raw_error_db(self) -> float:
-        """Of the raw data, worst channel."""
+        """Error of the raw data, worst channel, dB."""
         passes = self.passes
         assert passes.data is not None
         if passes.change is None:
@@ -257,11 +257,11 @@ class _PassImage:
         return max(estimate_pass_error(passes.change, mean, channels, passes.share).error_db)
 
     def error_db(self, goal: _Goal) -> float:
-        """Of the image, worst channel."""
+        """Error of the image, worst channel, dB."""
         self.image = None
         raw_error, passes = self._raw_error_db(), self.passes
         source: Source = SUBSETS if passes.change is None else PASSES
-        if source != passes.source:  # another estimate, another ratio
+        if source != passes.source:  # the ratio depends on the kind of estimate
             passes.ratio_db, passes.source = None, source
         error = raw_error + (passes.ratio_db or 0.0)
         if passes.ratio_db is None or (goal.target < 0.0 and error <= goal.target + 0.3):
@@ -272,12 +272,12 @@ class _PassImage:
 
 
 def blocks_of(state: Path) -> Path:
-    """File beside the state file that keeps the finished blocks of the pass in work."""
+    """Path of the file of finished blocks of the current pass, next to the state file."""
     return state.with_suffix(".blocks")
 
 
 def _finished(focuser: _PassImage, goal: _Goal, noisy: bool) -> Refinement:
-    """Raw data and image of all passes, with their record; receiver noise last."""
+    """Raw data and image of all passes, with receiver noise added last."""
     passes, raw = focuser.passes, focuser.raw()
     image = focuser.image or focuser.focus(raw)
     bars = focuser.bars(image)
@@ -304,7 +304,7 @@ def _finished(focuser: _PassImage, goal: _Goal, noisy: bool) -> Refinement:
 
 
 def _next_level(passes: Passes, took: float, left: float) -> int | None:
-    """Density of the next pass: twice the rays if that fits time and memory, else as before, None when time is up."""
+    """Density level of the next pass: twice the rays if time and memory allow, else unchanged; None when time is up."""
     if not passes.levels:
         return 0
     level = max(passes.levels)

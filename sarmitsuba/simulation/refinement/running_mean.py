@@ -1,4 +1,4 @@
-"""Running mean of the passes of a run, and the file that keeps it between runs."""
+"""Running mean of the passes of a run, and the file that stores it between runs."""
 
 import dataclasses
 import json
@@ -28,7 +28,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.refinement.error_bars import PASSES, SUBSETS, Source
 
 G = TypeVar("G", bound=np.generic)
-# how NumPy, zip and JSON report a damaged file
+# exceptions of NumPy, zip and JSON for a damaged file
 _DAMAGE = (
     ArithmeticError,
     DataError,
@@ -41,19 +41,19 @@ _DAMAGE = (
     TypeError,
     ValueError,
     struct.error,
-    tokenize.TokenError,  # NumPy's, of a header
+    tokenize.TokenError,  # of NumPy, for a header
     zipfile.BadZipFile,
     zlib.error,
 )
 # of the file, and bytes of its record at most
 _ARRAYS, _RECORD = ("data", "change", "record"), 1 << 24
-# amplitude of an echo over that of the pulse sent: nothing passive returns more; tenfold for the spikes of few rays
+# bound on the amplitude of an echo relative to the transmitted pulse: that of a passive scene, ten times for spikes
 _MOST_RETURNED = 10.0
 
 
 @dataclass(frozen=True)
 class PassLayout:
-    """What the state file of a run must hold.
+    """Required contents of the state file of a run.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class PassLayout:
 
     @staticmethod
     def of(scene: Scene, layers: tuple[Layer, ...]) -> "PassLayout":
-        """Of the raw data of a scene."""
+        """Layout for the raw data of a scene."""
         radar = scene.radar
         nearest = max(float(np.min(radar.window.start_range)), 1.0)
         points = sum(math.sqrt(point.rcs) for point in scene.points) * radar.amplitude_constant / nearest**2
@@ -77,12 +77,12 @@ class PassLayout:
         return PassLayout(layers, radar.track.n_pulses, radar.window.n_samples, most)
 
     def shape(self, n_layers: int) -> tuple[int, int, int]:
-        """Of an array of so many layers."""
+        """Shape of an array of ``n_layers`` layers."""
         return n_layers, self.n_pulses, self.n_samples
 
     @property
     def n_bytes(self) -> int:
-        """Of the largest state file."""
+        """Bytes of the largest state file."""
         layers = len(self.layers) + len(channels_of(self.layers))
         return 8 * math.prod(self.shape(layers)) + 2 * _RECORD
 
@@ -93,19 +93,19 @@ class Passes:
 
     Parameters
     ----------
-    fingerprint : of the scene and settings that the passes belong to
+    fingerprint : run hash of the scene and settings
     count : passes done
     seconds : spent on them, over all runs
-    data : (n_layers, n_pulses, n_samples) complex64, mean over the passes weighted by their rays, subsets apart
+    data : (n_layers, n_pulses, n_samples) complex64, mean over the passes weighted by their rays, subsets separately
     layers : labels
     history : after every pass: seconds so far, error (dB)
     metadata : of the last pass's raw data
-    levels : of every pass, how often its rays were doubled
-    weight : of all passes together
+    levels : of every pass, number of doublings of its rays
+    weight : total of all passes
     rays : of one key pulse of the last pass
-    ratio_db : error of the image less that of the raw data, as it was measured last; None where it was not
-    source : of the error that ``ratio_db`` was measured of
-    change : (n_channels, n_pulses, n_samples) complex64, the last pass less the mean of those before it; None of one
+    ratio_db : error of the image minus that of the raw data, dB, as last measured; None if not measured
+    source : of the error estimate from which ``ratio_db`` was measured
+    change : (n_channels, n_pulses, n_samples) complex64, the last pass minus the mean of those before it; None for one
     share : weight of the last pass in the mean
     """
 
@@ -125,7 +125,7 @@ class Passes:
     source: Source = SUBSETS
 
     def add(self, raw: RawData, level: int) -> None:
-        """Take in one more pass, weighted by its rays."""
+        """Add one more pass to the mean, weighted by its rays."""
         own = 2.0**level
         self.weight += own
         self.share = own / self.weight
@@ -142,7 +142,7 @@ class Passes:
             self.data += step
 
     def save(self, path: Path) -> None:
-        """Write all of it; the file appears whole or not at all."""
+        """Write the state file atomically."""
         record = {
             "fingerprint": self.fingerprint,
             "count": self.count,
@@ -168,23 +168,23 @@ class Passes:
 
     @staticmethod
     def load(path: Path, fingerprint: str, layout: PassLayout) -> "Passes":
-        """Read what an earlier run left; start afresh where there is none.
+        """Passes of an earlier run from the state file; empty where there is none.
 
         Parameters
         ----------
         path : of the file
-        fingerprint : of the scene and settings that are run now
+        fingerprint : run hash of the present scene and settings
         layout : of the run's raw data
 
         Raises
         ------
         DataError
-            The file belongs to another scene or other settings, cannot be read, or holds what no run writes.
+            The file belongs to another scene or other settings, cannot be read, or is inconsistent.
         """
         if not os.path.exists(path):
             return Passes(fingerprint)
         try:
-            # opened here: of a damaged file NumPy leaves its own open
+            # opened here: NumPy does not close a damaged file that it opened itself
             with (
                 os.fdopen(open_regular(path, layout.n_bytes), "rb") as opened,
                 zipfile.ZipFile(opened) as file,
@@ -210,7 +210,7 @@ class Passes:
 
 
 def _array(file: zipfile.ZipFile, name: str, kind: type[G], shape: tuple[int | None, ...]) -> NDArray[G]:
-    """An array of a type and shape (None: of any length up to that of a record), its header first."""
+    """Array of a given type and shape (None: any length up to that of a record); the header is checked first."""
     with file.open(f"{name}.npy") as member:
         version = npy.read_magic(member)
         read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
@@ -226,30 +226,30 @@ def _array(file: zipfile.ZipFile, name: str, kind: type[G], shape: tuple[int | N
 
 
 def _recorded(text: bytes, fingerprint: str, layout: PassLayout) -> Passes:
-    """Passes without their data; what no run writes is refused."""
+    """Passes without their data, from the file's record; an inconsistent record is refused."""
     record = json_value(text)
     if str(record["fingerprint"]) != fingerprint:
         raise DataError("they are of another scene or of other settings")
     count, levels, history = record["count"], record["levels"], record["history"]
     rays, seconds, metadata = record["rays"], record["seconds"], record["metadata"]
     if not (_whole(count, 1, 10**6) and isinstance(levels, list) and isinstance(history, list)):
-        raise DataError("count, levels or history is none")
+        raise DataError("count, levels or history is not valid")
     if len(levels) != count or len(history) != count or not all(_whole(level, 0, 60) for level in levels):
         raise DataError(f"{count} passes of {len(levels)} levels and {len(history)} errors")
     times = [float(row[0]) for row in history if len(row) == 2]
     if not (_whole(rays, 0, 2**62) and len(times) == count and isinstance(metadata, dict)):
-        raise DataError("rays, history or metadata is none")
+        raise DataError("rays, history or metadata is not valid")
     if times != sorted(times) or not all(map(math.isfinite, times)) or times[0] < 0.0:
         raise DataError("the seconds of its history do not follow each other")
     weight, share = float(record["weight"]), float(record["share"])
     whole = sum(2.0**level for level in levels)
     if weight != whole or share != 2.0 ** levels[-1] / whole:
-        raise DataError(f"weight {weight:g} and share {share:g} are not those of its levels")
+        raise DataError(f"weight {weight:g} and share {share:g} do not agree with its levels")
     layers = [dataclasses.astuple(layer) for layer in layout.layers]
     if [tuple(row) for row in record["layers"]] != layers:
         raise DataError("its layers are not those of this run")
     if record["source"] not in (PASSES, SUBSETS) or not 0.0 <= float(seconds) < math.inf:
-        raise DataError("source or seconds is none")
+        raise DataError("source or seconds is not valid")
     ratio = None if record["ratio_db"] is None else float(record["ratio_db"])
     return Passes(
         fingerprint=str(record["fingerprint"]),
@@ -262,7 +262,7 @@ def _recorded(text: bytes, fingerprint: str, layout: PassLayout) -> Passes:
         weight=weight,
         rays=int(rays),
         share=share,
-        ratio_db=ratio if ratio is not None and math.isfinite(ratio) else None,  # else measured anew
+        ratio_db=ratio if ratio is not None and math.isfinite(ratio) else None,  # else measured again
         source=PASSES if record["source"] == PASSES else SUBSETS,
     )
 
@@ -271,8 +271,8 @@ def _whole(value: object, least: int, most: int) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
 
 
-def _check_values(data: C64, most: float) -> None:
-    """Raise a DataError where echoes are not numbers, or stronger than any can be."""
+def _check_values(data: NDArray[np.complex64], most: float) -> None:
+    """Raise a DataError where echoes are not finite, or stronger than physically possible."""
     check_pulses(data)
     largest = max(float(np.abs(plane).max(initial=0.0)) for plane in data)
     if largest > most:

@@ -1,1 +1,1 @@
-"""How densely a run samples its scene: launch window, cells, lattices, pieces of a scene."""
+"""Sampling of a scene: launch window, resolution cells, ray lattices, pieces of a scene."""

@@ -1,4 +1,4 @@
-"""What stands beside the mesh in the lit part of a scene: wires."""
+"""Wires in the lit part of a scene, clipped to a box."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from sarmitsuba.arrays import F64
 
 
 def clipped(segments: F64, low: F64, high: F64) -> F64:
-    """Ends (m, 3) of what lies within a box of segments (n, 2, 3), by Liang and Barsky's method."""
+    """End points (m, 3) of segments (n, 2, 3) clipped to a box, by Liang and Barsky's method."""
     start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = (low - start) / step, (high - start) / step

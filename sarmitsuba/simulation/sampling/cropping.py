@@ -1,4 +1,4 @@
-"""What an image that is smaller than its scene leaves of scatterers whose places are known, as it does of surfaces."""
+"""Taper of scatterers at known positions beyond the border of an image that is smaller than its scene."""
 
 from dataclasses import replace
 
@@ -17,29 +17,29 @@ _NOTHING = 1e-6
 
 
 def shares(scene: Scene, points: F64) -> F64:
-    r"""Amplitude (n,) that scatterers at points (n, 3), m, scene frame, keep: 1 in the image, 0 far beside it.
+    r"""Amplitude factor (n,) of scatterers at points (n, 3), m, scene frame: 1 in the image, tapered to 0 beyond it.
 
     .. math:: a = \tfrac12 (1 + \cos(\pi \min(d / t, 1)))
 
-    with the distance d from the image to the nearer of the place and of where its height shows it, over a fade-out of
-    the width t (:meth:`sarmitsuba.radar.image_request.ImageRequest.fade_out`).
+    with the distance d from the image to the nearer of the scatterer and its layover position, and a taper of the width
+    t (:meth:`sarmitsuba.radar.image_request.ImageRequest.fade_out`).
 
     Notes
     -----
-    Rays fade out over a width of their own, in the launch plane (:class:`LaunchWindow`).
+    Rays have a separate taper, in the launch plane (:class:`LaunchWindow`).
     """
     return _faded(scene, _beside(scene, points[None]))
 
 
 def lit_points(scene: Scene) -> tuple[tuple[PointTarget, ...], str]:
-    """Ideal points that an image can show, faded out beyond it, and what to say of those left out; empty if none.
+    """Ideal points that an image can show, tapered beyond it, and a note on those left out (empty if none).
 
-    One that moves is judged by all places where it is during the aperture, and where its range rate shows it.
+    A moving point counts with all its positions during the aperture, and with those displaced by its range rate.
 
     Raises
     ------
     RadarError
-        The image shows none of them, and there is nothing else.
+        The image shows none of them, and the scene has nothing else.
     """
     if not scene.points:
         return (), ""
@@ -56,19 +56,19 @@ def lit_points(scene: Scene) -> tuple[tuple[PointTarget, ...], str]:
     if not kept and not scene.traced:
         raise RadarError(
             f"{scene.name}: the image ({scene.image.extent_azimuth:g} m x {scene.image.extent_range:g} m) shows none "
-            f"of the {gone.size} ideal points, the nearest {beside.min():.4g} m beside it; move or enlarge it"
+            f"of the {gone.size} ideal points, the nearest {beside.min():.4g} m outside it; move or enlarge it"
         )
     first = scene.points[int(gone[0])]
     place = ", ".join(f"{v:.6g}" for v in first.position + scene.offset)
     others = f" and {gone.size - 1} more" if gone.size > 1 else ""
     return kept, (
         f'{scene.name}: point_scatterer "{first.name}" at ({place}) m{others} lies {beside[gone[0]]:.4g} m beyond the '
-        "image and is left out, as surfaces there are; enlarge or move the image to have it"
+        "image and is left out, as surfaces there are; enlarge or move the image to include it"
     )
 
 
 def _places(scene: Scene, point: PointTarget) -> F64:
-    """Where a point is and shows, (k, 1, 3) m."""
+    """Positions of a point and its positions in the image, (k, 1, 3) m."""
     if point.motion.still:
         return point.position[None, None]
     radar = scene.radar
@@ -82,9 +82,9 @@ def _places(scene: Scene, point: PointTarget) -> F64:
 
 
 def _beside(scene: Scene, places: F64) -> F64:
-    """How far (n,) the boxes about the places (k, n, 3) of n scatterers are beside the image, m; 0 within it.
+    """Distance (n,), m, of the boxes about the positions (k, n, 3) of n scatterers from the image; 0 within it.
 
-    A box also holds where heights show the places: at the slant range that they have.
+    A box also holds the layover positions, at the same slant range in the image plane.
     """
     image, track = scene.image, scene.radar.track
     middle = np.array([image.center_x, image.center_y, image.height])

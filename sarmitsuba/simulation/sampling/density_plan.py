@@ -1,4 +1,4 @@
-"""The sampling plan: how densely a run samples its scene, worked out once and handed to every stage."""
+"""Sampling plan of a run: ray spacings, launch windows, scatterer cells and block length."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,39 +21,41 @@ from sarmitsuba.trace.edges import edges_of
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, Purpose, lattice
 from sarmitsuba.trace.scene_tables import TraceScene
 
-# rays per wavelength that curved and small parts want (a sphere of ka = 60 is then within 0.1 dB of physical optics)
+F64 = NDArray[np.float64]
+
+# rays per wavelength needed by curved and small parts (a sphere of ka = 60 is then within 0.1 dB of physical optics)
 RAYS_PER_WAVELENGTH = 4.5
 # rays of one pass up to which the whole window gets RAYS_PER_WAVELENGTH; beyond, tubes of several wavelengths serve
 FINE_RAYS = 2_000_000
-# footprint of a diffuse ray over the finer ground resolution: what hides and what is seen is told apart so finely
+# footprint of a diffuse ray relative to the finer ground resolution: accuracy of shadow boundaries
 FOOTPRINT_PER_RESOLUTION = 1.0 / 1.05
-# diffuse scatterers per resolution cell and axis: no lattice of theirs then shows in mean clutter at any heading, nor
-# storeys on walls of any incidence
+# diffuse scatterers per resolution cell and axis: their lattice is then not visible in mean clutter at any heading, nor
+# on walls at any incidence
 CELLS_PER_RESOLUTION = 1.4
-# rad; apertures that turn by more resolve less than half a wavelength, where there is no rough surface to tell apart:
-# scatterers get no denser
+# rad; wider apertures resolve less than half a wavelength, finer than the roughness of surfaces: the density of
+# scatterers does not increase beyond
 WIDEST = 1.0
-# automatic distance between the coherent rays of one look, in that of raw data: a third of the rays, for an error
-# (-25.3 dB instead of -26.0 in Munich) that what changes over the aperture makes anyway
+# automatic coherent ray spacing of one look relative to raw data: a third of the rays, for a small increase of the
+# error (-25.3 dB instead of -26.0 in Munich)
 LOOK_SPACING = 2.0**0.75
-# rad; half of what the phase over a tube changes by over the pulses that share a tracing. Amplitudes are those of the
-# middle pulse, and an edge's return goes with one over that phase
+# rad; half the change of the phase over a tube within a block. Amplitudes are those of the middle pulse, and the return
+# of an edge is inversely proportional to that phase
 TUBE_PHASE_CHANGE = 0.4
-# pulses that may share a tracing: the grids of more are no cheaper per pulse
+# most pulses of a block: larger grids are no cheaper per pulse
 LONGEST_BLOCK = 128
-# triangles up to which the lattice is turned off their edges
+# most triangles of a scene for which the lattice is rotated away from their edges
 MOST_FACES = 2000
-# key pulses share about this many pulses when nothing else is known
+# pulses per key pulse assumed in estimates
 USUAL_INTERVAL = 100
 
 
 @dataclass(frozen=True)
 class RaySpacings:
-    """Distances between neighbouring rays, all subsets together.
+    """Ray spacings: distances between neighbouring rays, all subsets together.
 
     Parameters
     ----------
-    coherent : m, of the rays for coherent returns, or of all rays where nothing returns coherently
+    coherent : m, of the rays for coherent returns, or of all rays without coherent returns
     diffuse : m, of the rays for diffuse returns; 0 where nothing scatters diffusely
     """
 
@@ -61,25 +63,24 @@ class RaySpacings:
     diffuse: float
 
     def at(self, factor: float) -> dict[str, float]:
-        """Settings that ask for this many times the distances."""
+        """Settings for ray spacings multiplied by ``factor``."""
         out = {"ray_spacing": factor * self.coherent}
         return out | ({"diffuse_ray_spacing": factor * self.diffuse} if self.diffuse else {})
 
 
 @dataclass(frozen=True, eq=False)
 class SamplingPlan:
-    """How a run samples its scene.
+    """Sampling plan of a scene.
 
     Parameters
     ----------
-    scene : as the effects plan leaves it
-    flags : of the trace kernel; they say which kinds of return there are
+    scene : with the effects plan applied
+    flags : of the trace kernel, with the kinds of return
     windows : lit part of the scene from every sector of the track, in turn
     azimuth_cell : m, azimuth resolution of the whole aperture at the image's centre
-    scatterer_cell : m, edge of the cells that carry one persistent diffuse scatterer; the scene's own, whatever the
-        look
-    footprint_spacing : m, distance between rays whose footprints are as large as a resolution cell
-    spacings : distances between rays, as asked for or automatic
+    scatterer_cell : m, edge of the cells with one persistent diffuse scatterer; independent of the look
+    footprint_spacing : m, ray spacing for footprints as large as a resolution cell
+    spacings : ray spacings, as set or automatic
     """
 
     scene: Scene
@@ -92,12 +93,12 @@ class SamplingPlan:
 
     @staticmethod
     def of(scene: Scene, flags: KernelFlags | None = None) -> "SamplingPlan":
-        """Work the plan out.
+        """Sampling plan for a scene and its kinds of return.
 
         Parameters
         ----------
         scene : with a mesh
-        flags : kinds of return there are; None: coherent ones, and diffuse ones where a material has a diffuse law
+        flags : kinds of return; None: coherent ones, and diffuse ones where a material has a diffuse law
 
         Raises
         ------
@@ -128,22 +129,22 @@ class SamplingPlan:
 
     @cached_property
     def box(self) -> F64:
-        """Bounds of what any sector lights, (2, 3) m, scene frame."""
+        """Bounds of the lit part over all sectors, (2, 3) m, scene frame."""
         boxes = np.array([window.box for window in self.windows])
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
     def obeying(self, scene: Scene, flags: KernelFlags) -> "SamplingPlan":
-        """The plan of the same scene under decided effects; one whose track or shapes they change starts anew."""
+        """Plan of the same scene with decided effects; computed again where they change the track or shapes."""
         if scene.radar.track is not self.scene.radar.track or not scene.same_shapes(self.scene):
             return SamplingPlan.of(scene, flags)
         spacings = _spacings(scene, flags, self.window, self.azimuth_cell, self.footprint_spacing)
         return replace(self, scene=scene, flags=flags, spacings=spacings)
 
     def of_one_look(self) -> "SamplingPlan":
-        """The plan with wider coherent rays, where the scene does not set their distance: enough for one look.
+        """Plan for one look (method ``image``), with wider automatic spacing of coherent rays.
 
-        Scenes small enough for several rays per wavelength keep them, and diffuse rays are as for raw data: wider ones
-        would blur the rims of shadows.
+        Scenes small enough for several rays per wavelength keep them, and diffuse rays are as for raw data: wider
+        spacings would blur the edges of shadows.
         """
         if self.scene.settings.ray_spacing > 0.0 or not self.flags.coherent:
             return self
@@ -159,17 +160,17 @@ class SamplingPlan:
 
     @property
     def half_cell(self) -> float:
-        """Half of the finer resolution, m: the most that coherent rays may lie apart."""
+        """Half of the finer resolution, m: the largest spacing of coherent rays."""
         return 0.5 * min(self.azimuth_cell, self.range_cell)
 
     @property
     def fine_spacing(self) -> float:
-        """Distance between rays that curved and small parts want, m."""
+        """Ray spacing needed by curved and small parts, m."""
         return self.scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH
 
     @property
     def rays_per_pulse(self) -> int:
-        """About as many rays as all lattices of one pulse have; diffuse rays only where they are automatic."""
+        """Estimated number of rays of all lattices of one pulse; diffuse rays only where their spacing is automatic."""
         rays = self.window.area / self.spacings.coherent**2
         both = self.flags.diffuse and self.flags.coherent
         if both and self.scene.settings.diffuse_ray_spacing == 0:
@@ -178,21 +179,21 @@ class SamplingPlan:
 
     @property
     def expected_key_pulses(self) -> int:
-        """About as many pulses as will be traced; :attr:`key_pulse_interval` knows, but takes time."""
+        """Estimated number of traced pulses (:attr:`key_pulse_interval` is exact, but slow)."""
         n, settings = self.scene.radar.track.n_pulses, self.scene.settings
         by_method = {"raw": 1, "image": n, "raster": n}
         return -(-n // by_method.get(settings.method, settings.key_pulse_interval or USUAL_INTERVAL))
 
     @cached_property
     def key_pulse_interval(self) -> int:
-        """Pulses that share one tracing: as asked, or as many as the error of a block allows."""
+        """Pulses that share one tracing: as set, or as many as the error of a block allows."""
         settings = self.scene.settings
         if settings.method == "raw":
             return 1
         return settings.key_pulse_interval or self.block_length(LONGEST_BLOCK)
 
     def block_length(self, longest: int) -> int:
-        """Most pulses, up to so many, that can share one tracing by the geometry of the track; 1 where none can."""
+        """Largest block length up to ``longest`` that the geometry of the track allows; 1 where none does."""
         settings = self.scene.settings
         length = choose_block_length(
             self.scene.radar,
@@ -212,16 +213,16 @@ class SamplingPlan:
 
     @cached_property
     def azimuth_later(self) -> bool:
-        """Whether the range rate of a return tells where in the azimuth beam it is, at each pulse of a block."""
+        """Whether the azimuth pattern can be applied in the synthesis, from the range rate of an echo."""
         if self.flags.motion:
             return False
         return not self.flags.water_motion or water.beam_tells(self.scene, self.window.center)
 
     @property
     def _steady_pulses(self) -> float:
-        r"""Pulses over which tubes of coherent returns keep their amplitudes.
+        r"""Number of pulses over which coherent tubes keep their amplitudes.
 
-        The line of sight turns by :math:`\lambda / 2 \delta_a` over the pulses of the azimuth resolution
+        The line of sight rotates by :math:`\lambda / 2 \delta_a` over the pulses of the azimuth resolution
         :math:`\delta_a`, and the phase over a tube of width d by :math:`4 \pi d / \lambda` times that.
         """
         if not self.flags.coherent:
@@ -243,9 +244,9 @@ class SamplingPlan:
 
     @cached_property
     def phase_box(self) -> F64:
-        """Bounds of the phase centres whose Doppler is kept, (2, 3) m.
+        """Bounds of the phase centres whose Doppler frequencies the grid represents, (2, 3) m.
 
-        The lit box, beside it a quarter for mirror images, and at least what the rays' fade-out lights on level ground.
+        The lit box, a quarter more for mirror images, and at least the area lit by the rays' taper on level ground.
         """
         low, high = self.box
         fade = max(window.taper / max(float(np.cos(window.incidence)), 0.2) for window in self.windows)
@@ -254,7 +255,7 @@ class SamplingPlan:
 
     @cached_property
     def extra_slant_range(self) -> float:
-        """What multiple reflections may add to a slant range and still be inside the receive window, m."""
+        """Largest additional slant range by multiple reflections within the receive window, m."""
         window = self.scene.radar.window
         end = float(window.start_range.max()) + window.extent
         far = float(box_slant_range(self.phase_box, self.scene.radar, slice(None))[1].min())
@@ -262,12 +263,12 @@ class SamplingPlan:
 
     @cached_property
     def extra_range_rate(self) -> float:
-        """What the motion of shapes and water may add to a range rate or take off, m/s."""
+        """Largest change of a range rate by the motion of shapes and water, m/s."""
         fastest = movers.fastest(self.scene)
         return fastest + water.fastest(self.scene) if self.flags.water_motion else fastest
 
     def for_effects(self) -> SamplingFacts:
-        """What the effects may know of the sampling."""
+        """Quantities of the sampling used in the decisions on effects."""
         ground = self.range_cell / max(float(np.sin(self.window.incidence)), 0.05)
         return SamplingFacts(
             ray_spacing=self.spacings.coherent,
@@ -278,16 +279,16 @@ class SamplingPlan:
         )
 
     def lattices(self, *, realisation: int = 0, subset: int = 0) -> tuple[LaunchGrid, ...]:
-        """Lattices that together sample every pulse, for each sector of the track.
+        """Ray lattices for each sector of the track.
 
-        They are one for all returns, or a coarser one of its own for the diffuse: diffuse returns depend on their cells
+        One lattice for all returns, or a separate coarser one for diffuse returns: these depend on the scatterer cells
         and hardly on the rays, so they need far fewer rays than coherent tubes.
 
         Parameters
         ----------
         realisation : number of the independent lattice (ray subsets, passes)
-        subset : 1 and 2 share out the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because
-            footprints wider than a cell would blur the rims of shadows
+        subset : 1 and 2 divide the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because footprints
+            wider than a cell would blur the edges of shadows
         """
         return tuple(
             grid
@@ -296,7 +297,7 @@ class SamplingPlan:
         )
 
     def purposes(self, subset: int = 0) -> tuple[tuple[Purpose, float], ...]:
-        """What the lattices of a ray subset are for, and the distance between the rays of each, m."""
+        """Kind of return and ray spacing, m, of each lattice of a ray subset."""
         sparser = float(1.0 / np.sqrt(SUBSET_SHARES[subset]))
         settings = self.scene.settings
         if self.flags.diffuse and not self.flags.coherent:
@@ -311,7 +312,7 @@ class SamplingPlan:
         return (("coherent", coherent), ("diffuse", diffuse))
 
     def finer_rays(self, scene: TraceScene, spacing: float, purpose: Purpose) -> int:
-        """About as many rays as finer lattices over small parts add to a plain one, see `with_small_parts`."""
+        """Estimated number of rays that finer lattices over small parts add to a plain one, see `with_small_parts`."""
         window, none = self.window, np.zeros(0, dtype=np.float32)
         grid = LaunchGrid(
             none, none, spacing, LATTICE_TURN, window.half_x, window.half_y, window.taper, purpose
@@ -340,7 +341,7 @@ class SamplingPlan:
         )
 
     def _edges(self, window: LaunchWindow) -> F64 | None:
-        """Edges of a small scene's triangles in a launch plane, (n, 2) m; None where they run every way anyway."""
+        """Edges of the triangles in a launch plane, (n, 2) m; None in large scenes with edges in all directions."""
         geometry = self.scene.geometry
         if geometry.n_faces > MOST_FACES:
             return None
@@ -353,7 +354,7 @@ class SamplingPlan:
 def azimuth_cell(scene: Scene) -> float:
     """Azimuth resolution cell lambda / (2 theta) of a pixel's aperture at the image centre, m.
 
-    theta is what the line of sight turns by from the middle to both sides, up to ``WIDEST``.
+    theta: rotation of the line of sight from the middle to both sides, up to ``WIDEST``.
     """
     track = scene.radar.track
     if np.isfinite(scene.radar.half_aperture):
@@ -363,7 +364,7 @@ def azimuth_cell(scene: Scene) -> float:
     reach = np.linalg.norm(line, axis=1, keepdims=True)
     line = line / np.maximum(reach, 1e-300)
     center = track.center_index
-    # small angles lose all digits in the cosine: take the sine there
+    # the cosine is inaccurate for small angles: use the sine
     sine = np.linalg.norm(np.cross(line, line[center]), axis=1)
     turn = np.arctan2(sine, line @ line[center])
     angle = min(float(turn[: center + 1].max() + turn[center:].max()), WIDEST)
@@ -377,12 +378,12 @@ def _window_at(windows: tuple[LaunchWindow, ...], pulse: int) -> LaunchWindow:
 
 
 def _rounded_down(cell: float) -> float:
-    """The largest power of the square root of two up to ``cell``: looks that differ a little share their scatterers."""
+    """Largest power of the square root of two up to ``cell``: similar looks then have the same scatterers."""
     return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(cell))))
 
 
 def _footprint_spacing(scene: Scene, window: LaunchWindow, footprint: float) -> float:
-    """Distance between rays of so long footprints, m.
+    """Ray spacing for a given length of the footprint, m.
 
     The footprint is longest on level ground (over the cosine of the incidence angle) or, where the scene has any,
     on walls (over its sine).
@@ -400,9 +401,9 @@ def _footprint_spacing(scene: Scene, window: LaunchWindow, footprint: float) -> 
 def _spacings(
     scene: Scene, flags: KernelFlags, window: LaunchWindow, azimuth: float, footprint: float
 ) -> RaySpacings:
-    """Distances as asked for, or what the returns that there are need.
+    """Ray spacings as set, or as the kinds of return need.
 
-    Coherent tubes want ``RAYS_PER_WAVELENGTH`` where that is affordable (``FINE_RAYS``), else half a resolution cell.
+    Coherent tubes have ``RAYS_PER_WAVELENGTH`` up to ``FINE_RAYS`` rays, else a spacing of half a resolution cell.
     """
     settings = scene.settings
     diffuse = settings.diffuse_ray_spacing or footprint

@@ -1,4 +1,4 @@
-"""Warnings about sources whose echoes the pulse rate folds into the image, with the place and level of the ghost."""
+"""Warnings about azimuth ambiguities folded into the image, with position and level of the ghost."""
 
 import warnings
 from dataclasses import dataclass
@@ -16,26 +16,28 @@ from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
 from sarmitsuba.units import db_from_power
 
-# ghosts of a point that are named: those above this part of its own power
+F64 = NDArray[np.float64]
+
+# ghosts of a point are reported above this part of its own power
 _LEAST = 1e-4
-# points whose ghosts are looked for, the brightest first; and their orders
+# number of points examined for ghosts, brightest first; and the ambiguity orders
 _MOST_POINTS, _ORDERS = 16, 3
-# numbers of the search for a ghost's peak at once; bounds memory and time
+# size of one step of the search for a ghost's peak; bounds memory and time
 _MOST_TERMS = 4_000_000
-# resolution cells that a ghost's peak is looked for about its predicted place, azimuth and range
+# resolution cells searched for a ghost's peak about its predicted position, azimuth and range
 _SEARCH = (6.0, 3.0)
-# azimuth cells beside the image within which the main lobe of a ghost, however weighted, reaches into it
+# azimuth cells outside the image within which the main lobe of a ghost, with any window, reaches into it
 _MAIN_LOBE = 2.0
 
 
 @dataclass(frozen=True)
 class _Ghost:
-    """A point's azimuth ambiguity in the image.
+    """Azimuth ambiguity (ghost) of a point in the image.
 
     Parameters
     ----------
-    power : m^2, about, at its peak
-    apart : m, along the track from where the point shows itself
+    power : m^2, estimated, at its peak
+    apart : m, along the track from the point's own position in the image
     """
 
     power: float
@@ -43,16 +45,16 @@ class _Ghost:
 
 
 def check_folding(scene: Scene, windows: tuple[LaunchWindow, ...] = ()) -> list[str]:
-    """Warn of what the pulse rate folds into the image from where else it is lit; the warnings' texts.
+    """Warn of azimuth ambiguities of lit points and surfaces in the image; returns the warnings' texts.
 
     Parameters
     ----------
-    scene : whose points are those that the image can show
-    windows : lit part of the scene, of the rays
+    scene : with the points that the image can show
+    windows : launch windows of the rays
 
     Notes
     -----
-    Of straight tracks; what a scene spread evenly leaves is said when the radar is built.
+    For straight tracks. The ambiguity level of a uniform scene is reported when the radar is built.
     """
     radar, track = scene.radar, scene.radar.track
     if track.n_pulses < 3 or radar.all_round or not track.is_straight or radar.receiver is not None:
@@ -72,7 +74,7 @@ def check_folding(scene: Scene, windows: tuple[LaunchWindow, ...] = ()) -> list[
 
 
 def _of_points(scene: Scene, speed: float) -> list[str]:
-    """The brightest ghost of each bright point, if the image holds any."""
+    """Warnings about the brightest ghost of each bright point in the image."""
     radar, found = scene.radar, []
     bright = sorted(scene.points, key=lambda point: -point.rcs)[:_MOST_POINTS]
     for point in bright:
@@ -102,7 +104,7 @@ def _of_points(scene: Scene, speed: float) -> list[str]:
 def _ghost(
     scene: Scene, point: PointTarget, history: tuple[F64, F64], order: int, speed: float
 ) -> list[_Ghost]:
-    """The ghost of an order whose main lobe the image holds, whole or in part.
+    """Ghost of one ambiguity order whose main lobe lies at least partly in the image.
 
     ``history`` is the point's slant range (m) and its rate.
     """
@@ -128,12 +130,12 @@ def _ghost(
 
 
 def _level(scene: Scene, point: PointTarget, distance: F64, place: F64) -> float:
-    r"""Power of a point's echoes focused about another place, over its own: the greatest nearby.
+    r"""Largest power of a point's echoes when focused near another position, relative to its own peak.
 
     .. math:: \left| \frac{\sum_t g_t \,\mathrm{sinc}((r_t - R_t) / \delta_r) e^{j 4 \pi (r_t - R_t) / \lambda}}
               {\sum_t g_t} \right|^2
 
-    over the pulses of the place's own aperture, r_t its slant range and R_t the point's; in the image only.
+    over the pulses of that position's aperture, r_t its slant range and R_t the point's; in the image only.
     """
     radar, track = scene.radar, scene.radar.track
     wavelength, cell = radar.waveform.wavelength, radar.waveform.range_cell
@@ -164,7 +166,7 @@ def _level(scene: Scene, point: PointTarget, distance: F64, place: F64) -> float
 
 
 def _of_windows(scene: Scene, windows: tuple[LaunchWindow, ...], apart: float, beam: float) -> list[str]:
-    """Surfaces lit beside the image, for what moves into it, that fold into it."""
+    """Warnings about surfaces lit outside the image because of moving shapes, which fold into it."""
     track, image = scene.radar.track, scene.image
     half = 0.5 * image.extent_azimuth
     if not windows or apart < 2.0 * half or track.prf >= beam:
@@ -179,14 +181,14 @@ def _of_windows(scene: Scene, windows: tuple[LaunchWindow, ...], apart: float, b
     ]
     needed = track.prf * (farthest + half) / apart
     return [
-        f'{scene.name}: to show what moves ("{names[0]}"), surfaces are lit up to {farthest - half:.4g} m beyond the '
+        f'{scene.name}: to show motion ("{names[0]}"), surfaces are lit up to {farthest - half:.4g} m beyond the '
         f"image, and those farther than {apart - 2.0 * half:.4g} m fold into it at their full level at prf = "
         f"{track.prf:.6g} Hz; raise prf to {min(needed, beam):.4g} Hz, or enlarge the image"
     ]
 
 
 def _beside(scene: Scene, places: F64) -> F64:
-    """How far places (..., 3) of the image plane lie beyond its edges along and across the track, (..., 2) m."""
+    """Distances (..., 2), m, of points (..., 3) of the image plane beyond the image's edges along and across track."""
     axes = np.stack([scene.radar.track.along, scene.radar.across], axis=1)
     half = 0.5 * np.array([scene.image.extent_azimuth, scene.image.extent_range])
     return np.asarray(np.abs((places - _middle(scene)) @ axes) - half)

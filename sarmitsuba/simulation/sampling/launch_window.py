@@ -1,4 +1,4 @@
-"""Which part of the scene is lit by rays, for each sector of the track."""
+"""Launch window: the part of the scene that is lit by rays, for each sector of the track."""
 
 from dataclasses import dataclass
 
@@ -13,14 +13,16 @@ from sarmitsuba.simulation.sampling.beside_mesh import clipped
 from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
 
-# rad that the line of sight to the scene's middle turns over the pulses of one launch plane. A plane seen 10 degrees
-# off its normal has tubes wider by 1.5 per cent; one seen edge-on lights nothing
+F64 = NDArray[np.float64]
+
+# rad, rotation of the line of sight to the scene's middle over the pulses of one launch plane. Seen 10 degrees off the
+# plane's normal, tubes are wider by 1.5 per cent; an edge-on plane would light nothing
 SECTOR = float(np.radians(20.0))
 
 
 @dataclass(frozen=True, eq=False)
 class SectorFootprint:
-    """What can reach the image from a sector of the track: a box along and across it.
+    """Box, along and across the track, of all objects that can appear in the image from a sector of the track.
 
     Parameters
     ----------
@@ -32,10 +34,10 @@ class SectorFootprint:
 
     @staticmethod
     def of(image: ImageRequest, away: F64, incidence: float, local: F64) -> "SectorFootprint":
-        """Footprint of what stands at places ``local`` (n, 3), m, along the axes about the image's middle.
+        """SectorFootprint for objects at points ``local`` (n, 3), m, along the axes about the image's middle.
 
-        What is tall lays over towards the radar, so the box reaches farther out, ``away``, by its height over the
-        tangent of the incidence angle, and nearer by the depth of what lies below.
+        Layover moves tall objects towards the radar, so the box extends farther away from it (``away``), by the height
+        over the tangent of the incidence angle, and towards the radar by the same for depths.
         """
         low, high = float(local[:, 2].min()), float(local[:, 2].max())
         slope = max(np.tan(incidence), 0.1)
@@ -58,9 +60,9 @@ class LaunchWindow:
     center : (3,) float64, m, scene frame; the launch plane's centre
     frame : launch plane of the line of sight from the sector's middle
     half_x, half_y : m, half extents of the window in the plane
-    taper : m, fade-out beyond; 0 where the scene ends within the window
+    taper : m, width of the taper beyond; 0 where the scene ends within the window
     incidence : rad, on level ground at the centre
-    reach : m, how far along the track from the image's middle surfaces are lit at full weight
+    reach : m, largest distance along the track from the image's middle at which surfaces are lit at full weight
     """
 
     pulses: tuple[int, int]
@@ -75,12 +77,12 @@ class LaunchWindow:
 
     @property
     def area(self) -> float:
-        """Area of the window with its fade-out, m^2."""
+        """Area of the window with its taper, m^2."""
         return 4.0 * (self.half_x + self.taper) * (self.half_y + self.taper)
 
 
 def launch_windows(scene: Scene) -> tuple[LaunchWindow, ...]:
-    """Launch windows of the track's sectors in turn; a usual aperture is one sector.
+    """Launch windows of the track's sectors in turn; most apertures have one sector.
 
     Raises
     ------
@@ -91,7 +93,7 @@ def launch_windows(scene: Scene) -> tuple[LaunchWindow, ...]:
 
 
 def sectors(scene: Scene) -> list[tuple[int, int]]:
-    """First pulse and the one after the last of every sector: the line of sight turns by up to ``SECTOR`` within."""
+    """First pulse and the one after the last of every sector, within which the line of sight rotates by ``SECTOR``."""
     image, n = scene.image, scene.radar.track.n_pulses
     line = np.array([image.center_x, image.center_y, image.height]) - scene.radar.track.position
     line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300)
@@ -106,9 +108,9 @@ def sectors(scene: Scene) -> list[tuple[int, int]]:
 
 
 def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
-    """Find the window that lights all geometry which can reach the requested image in a sector of the track.
+    """Launch window that lights all geometry which can appear in the requested image, for a sector of the track.
 
-    The rays' window holds the mesh that can; the box also what stands beside the mesh, which needs no rays.
+    The window covers the mesh; the box also covers scatterers that are not part of the mesh and need no rays.
 
     Raises
     ------
@@ -158,7 +160,7 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     center = center + frame.axis_x[0] * shift[0] + frame.axis_y[0] * shift[1]
     half = 0.5 * (hi - lo)
     frame = LaunchFrame(center[None], frame.axis_x, frame.axis_y)
-    # five per cent of the window, at least ten resolution cells, keeps the frame's edge lobe below the clutter
+    # five per cent of the window, at least ten resolution cells, keeps the edge lobe of the window below the clutter
     taper = max(0.05 * float(half.max()), 10.0 * radar.waveform.range_cell) if cut else 0.0
     every = np.concatenate([corners, found @ axes + middle])
     box = np.stack([every.min(axis=0), every.max(axis=0)])
@@ -168,7 +170,7 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
 def _lit_mesh(
     scene: Scene, pulses: tuple[int, int], axes: F64, away: F64, incidence: float
 ) -> tuple[F64 | None, bool]:
-    """Bounds (2, 3) of the mesh that can reach the image, along the axes about its middle; and whether more is there.
+    """Bounds (2, 3) of the mesh that can appear in the image, about its middle, and whether the mesh extends beyond.
 
     None where no mesh can.
     """
@@ -184,7 +186,7 @@ def _lit_mesh(
     g_low, g_high = local.min(axis=0), local.max(axis=0)
     b_low, b_high = np.maximum(i_low, g_low), np.minimum(i_high, g_high)
     shown = lit(scene, pulses, i_low, i_high, middle, axes)
-    if shown.size:  # on their way out of the image, or into it
+    if shown.size:  # moving out of the image, or into it
         whole = np.concatenate([shown, np.stack([b_low, b_high])] if (b_low <= b_high).all() else [shown])
         b_low, b_high = whole.min(axis=0), whole.max(axis=0)
     cut = bool((g_low[:2] < i_low[:2] - 1e-6).any() or (g_high[:2] > i_high[:2] + 1e-6).any())
@@ -196,7 +198,7 @@ def _lit_mesh(
 
 
 def _nothing_there(scene: Scene, where: str = "") -> str:
-    """Message about an image beside everything that there is to see."""
+    """Message about an image that contains no geometry."""
     image = scene.image
     cloud = scene.geometry.bounds if scene.geometry.n_faces else scene.segments.reshape(-1, 3)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
@@ -209,9 +211,9 @@ def _nothing_there(scene: Scene, where: str = "") -> str:
 
 
 def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
-    """What a cropped image leaves out: walls beyond all launch windows that send rays into them; empty without any.
+    """Note on walls outside all launch windows that could reflect rays into a cropped image; empty without any.
 
-    A ray that leaves a wall at the height z above the image's plane comes down within z tan(incidence) of it.
+    A ray reflected by a wall at the height z above the image's plane reaches the plane within z tan(incidence).
     """
     image, geometry = scene.image, scene.geometry
     corner = geometry.vertices[geometry.faces]
@@ -232,7 +234,7 @@ def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
         return ""
     return (
         f"{scene.name}: {area:.3g} m^2 of walls beyond the image could mirror rays into it and are not lit; their "
-        "returns in the image are missing: enlarge the image by the height of the buildings there to have them"
+        "returns in the image are missing: enlarge the image by the height of the buildings there to include them"
     )
 
 

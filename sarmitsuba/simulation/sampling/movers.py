@@ -1,4 +1,4 @@
-"""What shapes that move ask of the sampling: light where they go, room for their range rates, short blocks."""
+"""Sampling requirements of moving shapes: lit area, range rates, block length."""
 
 from dataclasses import replace
 
@@ -10,18 +10,20 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 
-# times of a sector at which what moves is looked at
+F64 = NDArray[np.float64]
+
+# times of a sector at which positions of moving shapes are evaluated
 TIMES = 9
-# rad rms over a block, of what a block leaves out of the phase of a shape that moves: -26 dB of its own echo
+# rad, allowed rms phase error of a moving shape over a block: -26 dB of its own echo
 MOTION_PHASE = 0.05
-# share of the beam's peak gain that may change from a block's middle to its end where something moves
+# allowed change of the gain from a block's middle to its end where something moves, relative to the peak gain
 BEAM_CHANGE = 0.03
 # shortest blocks, see `sarmitsuba.simulation.blocks.SHORTEST`
 SHORTEST = 8
 
 
 def swept(scene: Scene, pulses: tuple[int, int]) -> list[F64]:
-    """Where each moving mesh goes during a sector of the track: corners (TIMES, 8, 3) of its box, m, scene frame."""
+    """Boxes swept by each moving mesh in a sector of the track: corners (TIMES, 8, 3), m, scene frame."""
     geometry, time = scene.geometry, scene.radar.track.time
     times = np.linspace(time[pulses[0]], time[pulses[1] - 1], TIMES)
     out = []
@@ -36,10 +38,10 @@ def swept(scene: Scene, pulses: tuple[int, int]) -> list[F64]:
 
 
 def lit(scene: Scene, pulses: tuple[int, int], low: F64, high: F64, middle: F64, axes: F64) -> F64:
-    """What must be lit beside what stands in a box: boxes of the meshes that show in it.
+    """Boxes to be lit for moving meshes that appear in a given box of the image.
 
-    A mesh shows where it is or where its range rate puts it, :math:`-R v_r / v` along the track from there, so that a
-    train beside the image may be in it.
+    A mesh appears at its position or displaced by its range rate, :math:`-R v_r / v` along the track, so that a train
+    outside the image may appear in it.
 
     Parameters
     ----------
@@ -56,7 +58,10 @@ def lit(scene: Scene, pulses: tuple[int, int], low: F64, high: F64, middle: F64,
     for corners, (motion, _) in zip(swept(scene, pulses), scene.geometry.moving_meshes(), strict=True):
         local = (corners - middle) @ axes.T
         velocity, places = motion.velocity_at(times)[:, None], [local]
-        for kept in (np.ones(3), np.array([1.0, 1.0, 0.0])):  # by way of the ground a climb does not count
+        for kept in (
+            np.ones(3),
+            np.array([1.0, 1.0, 0.0]),
+        ):  # for paths over the ground a vertical velocity cancels
             seen = local.copy()
             seen[..., 0] += azimuth_shift(radar, corners, velocity * kept, times)
             places.append(seen)
@@ -67,7 +72,7 @@ def lit(scene: Scene, pulses: tuple[int, int], low: F64, high: F64, middle: F64,
 
 
 def azimuth_shift(radar: Radar, points: F64, velocity: F64, times: F64) -> F64:
-    r"""How far along the track a range rate moves what an image shows, :math:`-R v_r / v`, m.
+    r"""Azimuth displacement of a moving point in the image by its range rate, :math:`-R v_r / v`, m.
 
     Parameters
     ----------
@@ -81,23 +86,23 @@ def azimuth_shift(radar: Radar, points: F64, velocity: F64, times: F64) -> F64:
 
 
 def fastest(scene: Scene) -> float:
-    """Greatest speed of a mesh during the aperture, m/s: by so much a range rate may be more or less."""
+    """Largest speed of a mesh during the aperture, m/s: bound on its change of range rates."""
     time = scene.radar.track.time[[0, -1]]
     speeds = [np.linalg.norm(m.velocity_at(time), axis=1).max() for m, _ in scene.geometry.moving_meshes()]
     return float(max(speeds, default=0.0))
 
 
 def block_length(scene: Scene, reference: F64, box: F64, length: int, extra_slant_range: float) -> int:
-    """Most pulses up to ``length`` that can share a tracing of what moves; 1 where none can.
+    """Largest block length up to ``length`` for moving shapes; 1 where no blocks are possible.
 
-    Range rates are exact at the key pulse. What is left over a block is the acceleration, a shape's own and that of its
-    way past the antenna, less what a shape at rest would have there; and the beam, which is that of the key pulse.
+    Range rates are exact at the key pulse. The remaining errors over a block are the acceleration (of the shape, and of
+    its range relative to a shape at rest there), and the antenna gain, which is that of the key pulse.
 
     Parameters
     ----------
     scene : with its radar
     reference, box, extra_slant_range : as for :func:`sarmitsuba.echo.block.plan_block`
-    length : that all else allows
+    length : upper bound from other criteria
     """
     radar, n = scene.radar, scene.radar.track.n_pulses
     meshes = [
@@ -123,7 +128,7 @@ def block_length(scene: Scene, reference: F64, box: F64, length: int, extra_slan
 
 
 def _phase_error(plan: BlockPlan, radar: Radar, point: F64, motion: Motion) -> float:
-    """Deviation over a block between the exact phase of a point that moves and what the block makes of it, rad."""
+    """Rms difference over a block between the exact phase of a moving point and the synthesised phase, rad."""
     track = radar.track
     pulses = slice(plan.start, plan.stop)
     place = point + motion.displacement(track.time[pulses])
@@ -138,7 +143,7 @@ def _phase_error(plan: BlockPlan, radar: Radar, point: F64, motion: Motion) -> f
 
 
 def beam_change(radar: Radar, point: F64, length: int) -> float:
-    """Greatest change of the two-way gain towards a point over half a block, of its peak over the track."""
+    """Largest change of the two-way gain towards a point over half a block, relative to its peak over the track."""
     pointing, leg = radar.pointing, point - radar.track.position
     u = leg / np.linalg.norm(leg, axis=1, keepdims=True)
     gain = radar.antenna.two_way_amplitude(

@@ -1,4 +1,4 @@
-"""A piece of a scene: the middle of its image, the middle of its aperture."""
+"""Piece of a scene: the middle of its image and of its aperture."""
 
 from dataclasses import replace
 
@@ -7,13 +7,13 @@ from sarmitsuba.scene.scene import Scene
 
 
 def middle_pulses(radar: Radar, n: int) -> Radar:
-    """The radar with the ``n`` pulses about the middle of its track."""
+    """Radar with only the ``n`` pulses about the middle of its track."""
     start = (radar.track.n_pulses - n) // 2
     return radar.of_pulses(slice(start, start + n))
 
 
 def crop(scene: Scene, share: float, pulses: float = 1.0) -> Scene:
-    """The middle of the image (``share`` of each extent), seen by the middle of the aperture (``pulses`` of it)."""
+    """Scene with the middle of the image (``share`` of each extent) and of the aperture (share ``pulses``)."""
     image = replace(
         scene.image,
         extent_azimuth=scene.image.extent_azimuth * share,

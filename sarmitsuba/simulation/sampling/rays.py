@@ -1,4 +1,4 @@
-"""The rays of a run: its lattices, with finer ones over small parts where these stand at each pulse."""
+"""Ray lattices of a run, with finer ones over small parts at their positions at each pulse."""
 
 from dataclasses import replace
 
@@ -12,18 +12,18 @@ from sarmitsuba.trace.scene_tables import TraceScene
 
 
 class Rays:
-    """Lattices of every ray subset.
+    """Ray lattices of every subset of a run.
 
     Parameters
     ----------
     sampling : plan of the run
-    trace_scene : what is sampled
+    trace_scene : traced geometry
     subsets : of the rays, by their numbers in ``SUBSET_SHARES``
-    pass_index : other values shift the lattices and nothing else
+    pass_index : other values shift the lattices only
 
     Attributes
     ----------
-    shortfalls : surface that the lattices made last are too coarse for, mid-aperture
+    shortfalls : surface for which the most recent lattices are too coarse, mid-aperture
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Rays:
         return self._made[1]
 
     def _refined(self, scene: TraceScene) -> list[tuple[LaunchGrid, ...]]:
-        """The plain lattices with finer ones over small parts; the same nodes wherever these stand."""
+        """Plain lattices with finer ones over small parts; the nodes do not depend on the positions of moving parts."""
         track, seed = self.sampling.scene.radar.track, self.sampling.scene.settings.seed & 0x7FFFFFFF
         made, short = [], []
         for (_, realisation), grids in zip(self.realisations, self.plain, strict=True):

@@ -1,4 +1,4 @@
-"""Lattices over small parts of the scene: finer rays where a piece of surface is narrower than the rays are apart."""
+"""Lattices over small parts of the scene: finer rays where a piece of surface is narrower than the ray spacing."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,30 +11,32 @@ from scipy.spatial import ConvexHull, QhullError
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.trace.launch import LaunchFrame, project
 
-# triangles are cut until they are no longer than so many steps of the lattice: what the track does between the antennas
-# differs from end to end of a long one
+F64 = NDArray[np.float64]
+
+# largest length of the parts into which triangles are cut, steps of the lattice: the motion between the antenna
+# positions differs from end to end of a long triangle
 LONGEST = 500.0
 # parts of the longest edge at most
 MOST_CUTS = 64.0
-# steps that a lattice goes on beyond the outline: for rounding, and what the track does between the antennas
+# margin of a lattice beyond the outline, steps: for rounding, and the motion between the antenna positions
 RIM = 0.1
-# steps within which corners count as one, and those of a convex outline may lie on the wrong side of its edges
+# tolerance for coincident corners and for the convexity of outlines, steps
 SAME, ON_EDGE = 1e-3, 1e-6
-# rows that the triangles of a stretch of surface have in all to be laid out together, and have for each of its own
+# least number of rows of the triangles of a stretch to be laid out together, in all and relative to those of its hull
 ROWS_TOGETHER, FEWER_ROWS = 2000.0, 4.0
-# rows that may be laid out for each node that there may be
+# bound on the rows laid out per allowed node
 ROWS_A_NODE = 8.0
-# rows of outlines, and triangles, that are laid out at once: bounds the temporary arrays
+# rows of outlines, and triangles, that are processed at once: bounds the temporary arrays
 MOST_ROWS, MOST_TRIANGLES = 1_000_000, 100_000
 
 
 class ManyNodesError(Exception):
-    """The nodes over outlines are more than there may be, or too many rows to lay out."""
+    """Raised when a lattice would have more nodes over outlines than allowed, or too many rows."""
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """A square lattice in a launch plane.
+    """Square lattice in a launch plane.
 
     Parameters
     ----------
@@ -51,18 +53,18 @@ class Lattice:
 
     @property
     def axes(self) -> F64:
-        """(2, 2) columns along its rows and columns."""
+        """Unit vectors along the rows and the columns of the lattice, as the columns of a (2, 2) array."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         return np.array([[c, -s], [s, c]])
 
     def steps(self, points: F64, antenna: F64) -> F64:
-        """(..., 2) row and column, in steps, of points (..., 3) as an antenna sees them."""
+        """Row and column (..., 2), in steps, of points (..., 3) projected from an antenna."""
         return np.asarray(
             (project(points, antenna, self.frame) - self.shift) @ self.axes / self.spacing, dtype=np.float64
         )
 
     def places(self, nodes: F64) -> F64:
-        """(n, 2) m, of rows and columns."""
+        """Coordinates (n, 2), m, of nodes given by rows and columns."""
         return np.asarray(nodes @ self.axes.T * self.spacing + self.shift)
 
 
@@ -81,14 +83,14 @@ def nodes_over(
     Parameters
     ----------
     triangles : (n, 3, 3) float64, m, scene frame
-    antennas : (m, 3) float64, m; the outline is the convex hull of what these see
-    lattice : whose nodes
-    rim : steps that the lattice goes on beyond the outlines
+    antennas : (m, 3) float64, m; the outline is the convex hull of the projections from these
+    lattice : to which the nodes belong
+    rim : margin of the lattice beyond the outlines, steps
     reach : m, largest modulus of x and of y
-    piece : (n,) numbers of the pieces of surface that the triangles belong to: long ones are laid out as one, stretch
-        by stretch, where that takes no more nodes; None: each triangle by itself
-    most : nodes that there may be
-    stretches : steps, length of the parts that long triangles are laid out in
+    piece : (n,) numbers of the pieces of surface to which the triangles belong: long ones are processed as one, stretch
+        by stretch, where that takes no more nodes; None: each triangle separately
+    most : bound on the number of nodes
+    stretches : steps, length of the parts in which long triangles are processed
 
     Returns
     -------
@@ -97,9 +99,9 @@ def nodes_over(
     Raises
     ------
     ManyNodesError
-        There would be more.
+        There would be more than ``most`` nodes.
     """
-    # no row and no column of the window lies farther out
+    # bound on rows and columns of the window
     farthest = min(float(np.hypot(*reach)) / lattice.spacing + 2.0, 2.0**30)
     edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
     longest = max(stretches * lattice.spacing, float(edges.max(initial=0.0)) / MOST_CUTS)
@@ -125,7 +127,7 @@ def nodes_over(
     run = np.concatenate(runs)
     if not len(run):
         return np.zeros(0), np.zeros(0)
-    # one number per node: runs of rows that follow each other stay apart
+    # one number per node: runs of successive rows stay separate
     least, columns = int(run[:, 1].min()), int(np.ptp(run[:, 1:])) + 1
     number = _union(
         run[:, 0] * columns + (run[:, 1] - least), run[:, 0] * columns + (run[:, 2] - least), most
@@ -138,12 +140,12 @@ def nodes_over(
 
 @dataclass(frozen=True)
 class _Outlines:
-    """Convex outlines in steps of a lattice, as what lies between two sets of lines.
+    """Convex outlines in steps of a lattice, bounded by two sets of lines.
 
     Parameters
     ----------
     low, high : (n, 2) bounds, row and column
-    left, right : (n, k, 2) lines whose columns ``a + b row`` an outline lies beyond, and before
+    left, right : (n, k, 2) lines, columns ``a + b row``, that bound an outline from below and above
     at_left, at_right : (n,) rows of the outlines' outermost columns
     """
 
@@ -156,7 +158,7 @@ class _Outlines:
 
     @staticmethod
     def of(seen: Sequence[F64]) -> "_Outlines":
-        """Convex hulls of triangles as several antennas see them, each (n, 3, 2) in steps, row and column."""
+        """Convex hulls of triangles projected from several antennas, each (n, 3, 2) in steps, row and column."""
         ends = 0.5 * (seen[0] + seen[-1])
         if all(np.abs(corners - ends).max(initial=0.0) < 0.5 * RIM for corners in seen[1:-1]):
             seen = (seen[0], seen[-1])
@@ -168,15 +170,15 @@ class _Outlines:
 
     @staticmethod
     def of_ring(ring: F64) -> "_Outlines":
-        """A convex polygon of corners (m, 2) in turn, row and column."""
+        """Outline of a convex polygon with corners (m, 2) in turn, row and column."""
         left, right = _hull_lines(
             ring[None], zip(range(len(ring)), np.roll(range(len(ring)), -1), strict=True)
         )
         ends = (ring[[pick(ring[:, 1])], 0] for pick in (np.argmin, np.argmax))
         return _Outlines(ring.min(axis=0)[None], ring.max(axis=0)[None], left, right, *ends)
 
-    def _rows(self, rim: float, most: float) -> tuple[I64, I64]:
-        """First row of each outline, and how many it has."""
+    def _rows(self, rim: float, most: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """First row and number of rows of each outline."""
         first, last = (
             np.clip(v, -most, most).astype(np.int64)
             for v in (np.ceil(self.low[:, 0] - rim), np.floor(self.high[:, 0] + rim))
@@ -184,7 +186,7 @@ class _Outlines:
         return first, np.maximum(last - first + 1, 0)
 
     def n_rows(self, rim: float, most: float) -> int:
-        """Rows of all outlines together."""
+        """Total number of rows of all outlines."""
         return int(self._rows(rim, most)[1].sum())
 
     def runs(self, rim: float, most: float) -> list[I64]:
@@ -212,7 +214,7 @@ class _Outlines:
             (self.left, self.at_left, self.low[:, 1], np.maximum),
             (self.right, self.at_right, self.high[:, 1], np.minimum),
         ):
-            # the columns of a convex outline reach out the farther, the nearer a row is to that of the outermost
+            # the columns of a convex outline extend farthest in the row of its outermost corner
             nearest = np.clip(
                 np.clip(at[owner], row - rim, row + rim), self.low[owner, 0], self.high[owner, 0]
             )
@@ -224,8 +226,8 @@ class _Outlines:
         return ends[0] - rim, ends[1] + rim
 
 
-def _stretches(corners: F64, piece: I64, longest: float) -> I64:
-    """Number of the stretch of its piece of surface that each triangle lies on, no longer than ``longest``."""
+def _stretches(corners: F64, piece: NDArray[np.int64], longest: float) -> NDArray[np.int64]:
+    """Number of the stretch of surface, no longer than ``longest``, to which each triangle belongs."""
     if not len(corners):
         return np.zeros(0, dtype=np.int64)
     _, number = np.unique(piece, return_inverse=True)
@@ -240,8 +242,8 @@ def _stretches(corners: F64, piece: I64, longest: float) -> I64:
     return np.asarray(stretch, dtype=np.int64)
 
 
-def _rings(seen: Sequence[F64], stretch: I64) -> Iterator[tuple[NDArray[np.intp], F64]]:
-    """Triangles whose rows are laid out together, and the convex hull (m, 2) of what all antennas see of them.
+def _rings(seen: Sequence[F64], stretch: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.intp], F64]]:
+    """Triangles that are processed together, and the convex hull (m, 2) of their projections from all antennas.
 
     Those of a stretch whose hull is no larger than their outlines side by side, and has far fewer rows.
     """
@@ -256,21 +258,23 @@ def _rings(seen: Sequence[F64], stretch: I64) -> Iterator[tuple[NDArray[np.intp]
             continue
         try:
             hull = ConvexHull(points)
-        except (QhullError, ValueError):  # all on one line, or no numbers
+        except (QhullError, ValueError):  # collinear or not finite
             continue
         step = [np.linalg.norm(corners[together] - seen[0][together], axis=2).max() for corners in seen]
         edges = np.roll(seen[0][together], -1, axis=1) - seen[0][together]
         size = 0.5 * np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]).sum()
         length = float(np.linalg.norm(np.ptp(points, axis=0)))
-        if hull.volume <= size + length * (2.0 * RIM + max(step)):  # of what moves between the antennas
+        if hull.volume <= size + length * (
+            2.0 * RIM + max(step)
+        ):  # for the motion between the antenna positions
             yield together, points[hull.vertices]
 
 
 def _hull_lines(points: F64, pairs: Iterable[tuple[int, int]]) -> tuple[F64, F64]:
-    """Lines along the left and the right edges of the convex hulls of points (n, m, 2): columns ``a + b row``.
+    """Lines along the left and right edges of the convex hulls of points (n, m, 2), as columns ``a + b row``.
 
-    The edges are among the ``pairs`` of points. Edges shorter than ``SAME`` are left out: what the other lines bound is
-    larger by no more than that.
+    The edges are among the ``pairs`` of points. Edges shorter than ``SAME`` are left out, which enlarges the outline by
+    no more than that.
     """
     lines: tuple[list[F64], list[F64]] = ([], [])
     for i, j in pairs:
@@ -278,7 +282,7 @@ def _hull_lines(points: F64, pairs: Iterable[tuple[int, int]]) -> tuple[F64, F64
         length = np.linalg.norm(step, axis=1)
         unit = step / np.maximum(length, SAME)[:, None]
         away = points - points[:, i, None]
-        # columns beyond the line, where it is walked towards rising rows
+        # columns beyond the line, traversed towards increasing rows
         beyond = away[..., 1] * unit[:, None, 0] - away[..., 0] * unit[:, None, 1]
         upwards = np.sign(unit[:, :1])
         beyond *= upwards
@@ -294,15 +298,15 @@ def _hull_lines(points: F64, pairs: Iterable[tuple[int, int]]) -> tuple[F64, F64
     kept = []
     for side_lines, none in zip(lines, (-np.inf, np.inf), strict=True):
         stacked = np.stack(side_lines, axis=1)
-        # few of the pairs are edges: those first, the others cut off
+        # few of the pairs are edges: these come first, the others are dropped
         order = np.argsort(np.isinf(stacked[..., 0]), axis=1, kind="stable")
         most = int((stacked[..., 0] != none).sum(axis=1).max(initial=0))
         kept.append(np.take_along_axis(stacked, order[:, :most, None], axis=1))
     return kept[0], kept[1]
 
 
-def _union(start: I64, stop: I64, most: float) -> I64:
-    """Whole numbers that runs ``start ... stop`` hold, each once, in order; ``most`` bounds how many."""
+def _union(start: NDArray[np.int64], stop: NDArray[np.int64], most: float) -> NDArray[np.int64]:
+    """Integers within runs ``start ... stop``, each once, in order; at most ``most``."""
     order = np.argsort(start, kind="stable")
     start, reached = start[order], np.maximum.accumulate(stop[order])
     new = np.flatnonzero(np.append(True, start[1:] > reached[:-1]))
@@ -314,14 +318,14 @@ def _union(start: I64, stop: I64, most: float) -> I64:
 
 
 def outline_area(triangles: F64, antenna: F64, frame: LaunchFrame) -> F64:
-    """Area of every triangle as seen in the launch plane, (n,) float64, m^2."""
+    """Projected area of every triangle in the launch plane, (n,) float64, m^2."""
     xy = project(triangles, antenna, frame)
     a, b = xy[:, 1] - xy[:, 0], xy[:, 2] - xy[:, 0]
     return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
 def cut(triangles: F64, longest: float) -> tuple[F64, NDArray[np.intp]]:
-    """Halve triangles across their longest edge until none is longer; the parts, and which triangle each is of."""
+    """Triangles halved across their longest edge until none is longer than ``longest``; parts, and their triangle."""
     done: list[F64] = []
     owners: list[NDArray[np.intp]] = []
     owner = np.arange(len(triangles))

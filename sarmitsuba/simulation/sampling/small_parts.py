@@ -1,4 +1,4 @@
-"""Finer lattices of rays over the parts of a scene that the plain lattice is too coarse for."""
+"""Finer ray lattices over parts of a scene for which the plain lattice is too coarse."""
 
 from collections.abc import Sequence
 from copy import deepcopy
@@ -19,36 +19,36 @@ from sarmitsuba.simulation.sampling.small_lattice import (
 from sarmitsuba.trace.launch import LatticeLevel, LaunchFrame, LaunchGrid, Purpose, morton
 from sarmitsuba.trace.scene_tables import TraceScene
 
-# places of rays in a launch plane; distance between them, and least and largest need of the faces that they serve
-Nodes = tuple[F32, F32]
+F64 = NDArray[np.float64]
+# positions of rays in a launch plane; their spacing, and least and largest need of the faces that they sample
+Nodes = tuple[NDArray[np.float32], NDArray[np.float32]]
 Density = tuple[float, tuple[float, float]]
 
-# rays that finer lattices may have in all: so many, or a share of the plain lattice's where that has more
+# bound on the rays of finer lattices: a number, or a share of the plain lattice's rays where that is larger
 MOST_RAYS = 600_000
 SHARE = 0.15
-# what outlines side by side may have over that: where they overlap, their rays are fewer
+# factor on that bound for the sum over outlines: where they overlap, they have fewer rays
 LOOSE = 4.0
-# how much wider the lattices are that tell how many rays there will be
+# factor on the spacing of the lattices that estimate the number of rays
 SPARSE = 4.0
-# halvings of the distance between rays
+# halvings of the ray spacing
 MOST_LEVELS = 12
 
 
 @dataclass(frozen=True)
 class Shortfall:
-    r"""Surface that the rays of a purpose are too far apart for, because of the bound on rays.
+    r"""Surface that is too coarsely sampled for one kind of return, because of the bound on rays.
 
     Parameters
     ----------
     purpose : of the rays
-    share : of all surface that the antenna faces, as it sees it
-    spacing, needed : m, between the rays that there are and between those that such surface needs (mean of its
-        logarithm)
+    share : of the projected area of all surface that faces the antenna
+    spacing, needed : m, present ray spacing, and spacing that the surface needs (geometric mean)
 
     Notes
     -----
-    A flat facet of area A that tubes of cross-section :math:`d^2` find by chance counts with :math:`d^2 / A`, and so
-    does a tube on a curved surface that spans more than the first Fresnel zone :math:`\lambda \rho`.
+    A flat facet of area A that is hit by chance by tubes of cross-section :math:`d^2` counts with :math:`d^2 / A`, and
+    so does a tube on a curved surface that spans more than the first Fresnel zone :math:`\lambda \rho`.
     """
 
     purpose: Purpose
@@ -58,23 +58,23 @@ class Shortfall:
 
     @property
     def bias_db(self) -> float:
-        """About the most by which coherent power is too large; diffuse power varies, but is right on average."""
+        """Estimated upper bound of the bias of coherent power, dB; diffuse power fluctuates, but is unbiased."""
         if self.purpose == "diffuse":
             return 0.0
         return float(max(0.0, 20.0 * np.log10(self.spacing / self.needed) + SERVED_DB))
 
 
-# power of a tube over the largest that serves (two rays across a width, a tenth of a Fresnel zone), dB
+# power of a tube relative to the largest permitted (two rays across a width, a tenth of a Fresnel zone), dB
 SERVED_DB = -10.0
 
 
 def with_small_parts(
     grid: LaunchGrid, scene: TraceScene, frame: LaunchFrame, antennas: F64, rng: np.random.Generator
 ) -> tuple[LaunchGrid, Shortfall | None]:
-    """The plain lattice, and a level with half the distance between rays for each further need.
+    """Plain lattice with finer levels, each of half the spacing, over the parts of the scene that need them.
 
-    Every face belongs to one of them by the distance between rays that it needs; rays that meet another level's face
-    first end there. So each lit piece of surface is counted once.
+    Every face belongs to one level by the ray spacing that it needs; rays that hit a face of another level first end
+    there. So each lit piece of surface is counted once.
 
     Parameters
     ----------
@@ -85,12 +85,12 @@ def with_small_parts(
 
     Returns
     -------
-    lattice, and what it is too coarse for; None where it serves everything
+    lattice, and the surface for which it is too coarse (None if none)
 
     Notes
     -----
-    Faces that need more than the bounds on rays allow get the finest lattice there is: those rays that meet a facet
-    narrower than their distance count for the rest of it. Diffuse power is then right on average.
+    Faces that need more rays than the bound allows get the finest lattice: rays that hit a facet narrower than their
+    spacing are weighted for the rest of it. Diffuse power is then right on average.
     """
     need = _needs(grid.purpose, scene)
     level = _levels(need, grid.spacing)
@@ -110,13 +110,13 @@ def with_small_parts(
 def expected_finer_rays(
     grid: LaunchGrid, n_rays: int, scene: TraceScene, frame: LaunchFrame, antennas: F64
 ) -> int:
-    """About as many rays as :func:`with_small_parts` adds, from lattices ``SPARSE`` times as wide.
+    """Estimated number of rays that :func:`with_small_parts` adds, from lattices ``SPARSE`` times as wide.
 
     Parameters
     ----------
-    grid : plain lattice, its rays left out
-    n_rays : that it has
-    scene, frame, antennas : as there
+    grid : plain lattice, without its rays
+    n_rays : of the plain lattice
+    scene, frame, antennas : as for :func:`with_small_parts`
     """
     need = _needs(grid.purpose, scene)
     level = _levels(need, grid.spacing)
@@ -130,20 +130,20 @@ def expected_finer_rays(
 
 
 def _needs(purpose: Purpose, scene: TraceScene) -> F64:
-    """Largest distance between rays of a purpose that serves each face, m."""
+    """Largest permitted ray spacing for one kind of return on each face, m."""
     coherent, diffuse = scene.needs
     return {"coherent": coherent, "diffuse": diffuse, "all": np.minimum(coherent, diffuse)}[purpose]
 
 
 def _levels(need: F64, spacing: float) -> NDArray[np.int_]:
-    """Halvings of the distance between rays that each face wants."""
+    """Number of halvings of the ray spacing that each face needs."""
     level = np.ceil(np.log2(spacing / np.maximum(need, 1e-9)) - 1e-6).astype(int)
     return np.asarray(np.clip(level, 0, MOST_LEVELS))
 
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """Lays finer lattices out over a scene; ``sparse`` ones, as many times as wide, tell how many nodes there are."""
+    """Layout of finer lattices over a scene; with ``sparse`` times the spacing to estimate the number of nodes."""
 
     grid: LaunchGrid
     scene: TraceScene
@@ -154,7 +154,7 @@ class _Layout:
     def finest(
         self, level: NDArray[np.int_], area: F64, budget: float, rng: np.random.Generator
     ) -> tuple[int, list[tuple[Nodes, Density]]]:
-        """The finest level that keeps all finer lattices within a budget of rays, and their nodes and density."""
+        """Finest level that keeps all finer lattices within a budget of rays, with their nodes and spacings."""
         spacing = self.grid.spacing
         shifts = deepcopy(rng).random((MOST_LEVELS + 1, 2))
         # of the levels that have faces, in turn
@@ -163,7 +163,7 @@ class _Layout:
         for finest in range(_finest(level, area, spacing, LOOSE * budget), 0, -1):
             try:
                 left, laid = budget / self.sparse**2, []
-                # the finest has the most nodes; those below are the same whichever it is
+                # the finest level has the most nodes; those of coarser levels do not depend on it
                 for k in range(finest, 0, -1):
                     of = level >= k if k == finest else level == k
                     nodes = coarser.get(k) if k < finest else None
@@ -193,7 +193,7 @@ class _Layout:
         faces, piece = self.scene.triangles[of], self.scene.piece[of]
         within = (max(reach[0], spacing), max(reach[1], spacing))
         x, y = nodes_over(faces, self.antennas, lattice, RIM / sparse, within, piece, most, LONGEST / sparse)
-        if not x.size and sparse == 1.0:  # so small that no node lies over it: those beside it
+        if not x.size and sparse == 1.0:  # smaller than the spacing: the nodes next to it
             x, y = nodes_over(faces, self.antennas, lattice, 1.0, within, piece, most)
         order = np.argsort(morton(x, y, float(np.hypot(*reach))), kind="stable")
         return x[order].astype(np.float32), y[order].astype(np.float32)
@@ -204,7 +204,7 @@ def _joined(
     rays: Sequence[Nodes],
     levels: Sequence[Density],
 ) -> LaunchGrid:
-    """One lattice of all levels that hold a ray: launched together, they cost one kernel launch and one grid."""
+    """Lattice of all levels that have rays: together they need one kernel launch and one grid."""
     kept = [i for i, (x, _) in enumerate(rays) if x.size] or [0]
     first = np.cumsum([0, *(rays[i][0].size for i in kept)])
     return replace(
@@ -217,7 +217,7 @@ def _joined(
 
 
 def _shortfall(grid: LaunchGrid, need: F64, area: F64, finest: int) -> Shortfall | None:
-    """Faces that need more than the finest lattice, by their outlines' area (the half turned away included)."""
+    """Surface that needs more than the finest lattice, by projected area (faces turned away included)."""
     spacing = grid.spacing * 2.0**-finest
     under = need < spacing * (1.0 - 1e-6)
     weight = area[under]
@@ -232,7 +232,7 @@ def _finest(level: NDArray[np.int_], area: F64, spacing: float, budget: float) -
     for finest in range(int(level.max()), 0, -1):
         step = spacing * 2.0 ** -np.minimum(level, finest)
         fine = level > 0
-        # an outline and a step around it
+        # an outline and one step around it
         rays = np.square(np.sqrt(area[fine]) / step[fine] + 1.0).sum()
         if rays <= budget:
             return finest

@@ -1,4 +1,4 @@
-"""What water under wind asks of the sampling: room for its range rates, blocks over which it moves evenly."""
+"""Sampling requirements of water under wind: range rates and block length."""
 
 import numpy as np
 
@@ -10,23 +10,25 @@ from sarmitsuba.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.movers import BEAM_CHANGE, MOTION_PHASE, SHORTEST, beam_change
 
-# standard deviations of a velocity that are kept: one scatterer in a million is faster
+F64 = NDArray[np.float64]
+
+# bound on velocities, standard deviations: one scatterer in a million is faster
 SIGMAS = 5.0
-# share of the beam's peak gain by which it may be mistaken where it is steepest: some -25 dB over the aperture
+# allowed error of the gain relative to its peak, where it is steepest: about -25 dB over the aperture
 BEAM_ERROR = 0.1
 # standard deviation of tau^2 over a block |tau| <= T / 2, in T^2 / 4
 _UNEVEN = float(np.sqrt(4.0 / 45.0))
 
 
 def waters(scene: Scene) -> tuple[WindWaves, ...]:
-    """Waters of the scene that the radar may see."""
+    """Wind-wave models of the visible water surfaces of the scene."""
     used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
     visible = with_parts([m for m in used if not m.invisible])
     return water_in(visible, scene.radar.waveform.wavelength, scene.settings.seed)
 
 
 def fastest(scene: Scene) -> float:
-    """By so much the motion of water may change a range rate, m/s; 0 without water."""
+    """Largest change of a range rate by the motion of water, m/s; 0 without water."""
     short = 2.0 * 2.0 * np.pi / scene.radar.waveform.wavelength  # wavenumber of the shortest Bragg waves
     bragg = float(angular_frequency(short)) / short
     return max(
@@ -35,9 +37,9 @@ def fastest(scene: Scene) -> float:
 
 
 def beam_tells(scene: Scene, reference: F64) -> bool:
-    """Whether water is so slow that its range rate, with that of the antenna, still tells its place in the beam.
+    """Whether water is slow enough for its position in the beam to be derived from its range rate.
 
-    It seems to be R v / V along the track from there; what the gain of the beam changes over that is the error.
+    The apparent position is displaced by R v / V along the track; the change of the gain over it is the error.
 
     Parameters
     ----------
@@ -54,18 +56,18 @@ def beam_tells(scene: Scene, reference: F64) -> bool:
 
 
 def block_length(scene: Scene, reference: F64, length: int, *, every_beam: bool) -> int:
-    """Most pulses up to ``length`` that can share a tracing of water; 1 where none can.
+    """Largest block length up to ``length`` for water; 1 where no blocks are possible.
 
-    Within a block every scatterer has the velocity that it has at the key pulse: what is left out is the acceleration
-    of the long waves. Where the beam is that of the key pulse, it
+    Within a block every scatterer keeps its velocity of the key pulse: the acceleration by the long waves is ignored.
+    Where the gain is that of the key pulse, it
     must not change over a block either.
 
     Parameters
     ----------
     scene : with its radar
-    reference : (3,) m, where the beam is looked at
-    length : that all else allows
-    every_beam : every pulse has its own beam, see :func:`beam_tells`
+    reference : (3,) m, point at which the gain is evaluated
+    length : upper bound from other criteria
+    every_beam : whether every pulse has its own gain, see :func:`beam_tells`
     """
     found = waters(scene)
     if not found:

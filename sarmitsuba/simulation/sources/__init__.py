@@ -1,1 +1,1 @@
-"""Scatterers that no ray of a lattice finds: kinds of them, and what a run tells them."""
+"""Sources of echoes at known positions (wires, edges, volumes, pairs): kinds, registry and construction."""

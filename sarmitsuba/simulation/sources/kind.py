@@ -1,4 +1,4 @@
-"""The interface of kinds of sources, their registry, and all that a scene has of them."""
+"""Interface and registry of kinds of sources, and the sources of a scene."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ MOST_BOUNCES = 3
 
 @dataclass(frozen=True)
 class Expected:
-    """What a source takes, before it is made.
+    """Expected cost of a source, before it is made.
 
     Parameters
     ----------
-    scatterers : about as many, all of them traced at every key pulse
-    making, each : s of a usual core, to lay all out, and to trace one
-    bytes : most while they are laid out
+    scatterers : estimated number, all of them traced at every key pulse
+    making, each : s of a reference core, to make all of them, and to trace one
+    bytes : peak while they are made
     """
 
     scatterers: float
@@ -33,7 +33,7 @@ class Expected:
 
 
 class SourceKind(ABC):
-    """A kind of scatterers that no ray of a lattice finds; register an instance in ``SOURCES``.
+    """Kind of scatterers traced directly to the antenna; register an instance in ``SOURCES``.
 
     Attributes
     ----------
@@ -46,20 +46,20 @@ class SourceKind(ABC):
 
     @abstractmethod
     def made(self, site: Site) -> Source | None:
-        """The source of a scene; None where the scene has none, or the plan has switched it off."""
+        """Source of a scene; None where the scene has none, or the plan has switched it off."""
 
     @abstractmethod
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
-        """What the source takes, before it is made.
+        """Expected cost of the source, before it is made; None without one.
 
         Parameters
         ----------
-        site : where
+        site : scene and sampling
         sub_bands : number of frequencies that the band is traced at
 
         Notes
         -----
-        Ignores what cropped images leave of sources beside them: bounds there.
+        Upper bounds in cropped images: sources outside the image are counted.
         """
 
 
@@ -71,13 +71,13 @@ def _in_turn() -> list[SourceKind]:
 
 
 def sources_of(site: Site) -> tuple[Source, ...]:
-    """Sources of a scene as the effects plan leaves it; none in most scenes."""
+    """Sources of a scene with the effects plan applied; none in most scenes."""
     made = (kind.made(site) for kind in _in_turn())
     return tuple(source for source in made if source is not None)
 
 
 def expected_sources(site: Site, sub_bands: int = 1) -> tuple[Expected, ...]:
-    """What each source of a scene takes, before any is made; see :meth:`SourceKind.expected`."""
+    """Expected cost of each source of a scene; see :meth:`SourceKind.expected`."""
     expected = (kind.expected(site, sub_bands) for kind in _in_turn())
     return tuple(each for each in expected if each is not None)
 
@@ -88,5 +88,5 @@ def most_bounces(scene: Scene) -> int:
 
 
 def passages_of(scene: Scene) -> tuple[Passage, ...]:
-    """Volumes of a scene as what takes a part of waves that pass; nothing in most scenes."""
+    """Passages of a scene (volumes that attenuate waves); none in most scenes."""
     return (volume_passage(scene.volumes),) if scene.volumes else ()

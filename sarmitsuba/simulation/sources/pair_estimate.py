@@ -1,4 +1,4 @@
-"""Pairs of diffuse scatterers of a scene: how many there need be, and what they return beside the clutter."""
+"""Pairs of diffuse scatterers of a scene: their number, and their power relative to the clutter."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.kernel import LaneArrays
 
 
-# points that the level is estimated from, about: two per cent of a level that half of them have a part in
+# approximate number of points for the estimate of the level: two per cent error if half of them contribute
 PILOT_POINTS = 30_000
-# points of a run, whatever the tolerance, and their cells over those of the diffuse scatterers: pairs then cost no more
-# than the rays do
+# bound on the points of a run, and their least cell relative to that of the diffuse scatterers: pairs then cost no
+# more than the rays
 MOST_POINTS, FINEST = 500_000, 0.5
-# cells walked for each point wanted, at most
+# largest number of cells visited per wanted point
 MOST_CELLS = 16
-# pairs in a square of the ground whose level is told, at least
+# least number of pairs in a square of the ground for an estimate of its level
 SQUARE_PAIRS = 30
 
 
 @dataclass(frozen=True, eq=False)
 class PairEstimate:
-    """What some pairs return at the middle of the track.
+    """Estimated power of pairs of diffuse scatterers at the middle of the track.
 
     Parameters
     ----------
-    cell : m, of the points that they were drawn from
-    pairs : those that were drawn
+    cell : m, of the points from which they were drawn
+    pairs : the drawn pairs
     power : (n,) float64, m^2, mean of HH and VV of each
     cross : m^2, HV of all; 0 where the radar records no cross-polar channel
     """
@@ -58,12 +58,12 @@ class PairEstimate:
 
 
 def run_pairs(site: Site, pilot: PairEstimate) -> SurfacePairs:
-    """Pairs of a run, as many as the error of their realisation wants."""
+    """SurfacePairs of a run, as many as their sampling error requires."""
     return scene_pairs(site, _cell_of_run(site, pilot))
 
 
 def pair_level(site: Site) -> PairLevel:
-    """Estimate what pairs of diffuse scatterers return, from the middle of the track.
+    """Level of pairs of diffuse scatterers relative to the clutter, estimated at the middle of the track.
 
     Parameters
     ----------
@@ -99,14 +99,14 @@ def pair_level(site: Site) -> PairLevel:
 
 
 def _over(power: float, clutter: float) -> float:
-    """A power over the clutter's; infinite where there is no clutter."""
+    """Power relative to the clutter; infinite where there is no clutter."""
     if power == 0.0:
         return 0.0
     return power / clutter if clutter > 0.0 else float("inf")
 
 
 def scene_pairs(site: Site, cell: float) -> SurfacePairs:
-    """Pairs of the lit surfaces that scatter and rest, from one point in each cell (m)."""
+    """SurfacePairs of points on the lit diffuse surfaces at rest, with one point in each cell (m)."""
     trace_scene = _geometry(site)
     if not site.flags.texture:
         trace_scene = replace(trace_scene, surfaces=None)
@@ -131,7 +131,7 @@ def _geometry(site: Site) -> TraceScene:
 
 
 def _usable(site: Site) -> NDArray[np.bool_]:
-    """Faces of the tables that scatter diffusely and rest."""
+    """Mask of the faces that scatter diffusely and are at rest."""
     trace_scene = _geometry(site)
     scene = site.scene
     scatters = np.array([any(p.scatters for p in with_parts([m])) for m in scene.materials], dtype=bool)
@@ -144,24 +144,24 @@ def _usable(site: Site) -> NDArray[np.bool_]:
 
 
 def pilot_cell(site: Site, points: float) -> float:
-    """Edge of cells that about so many points come from, m; a power of the square root of two.
+    """Edge of the cells that give about ``points`` points, m; a power of the square root of two.
 
-    Looks and passes that differ a little have the same. Slanting slivers have many more cells in the rectangle about
-    them than points: no more than ``MOST_CELLS`` for each point are walked.
+    Similar looks and passes have the same. Oblique slivers have many more cells in their bounding rectangle than
+    points: at most ``MOST_CELLS`` for each point are visited.
     """
     area = max(*_pair_areas(site), 1e-6)
     return _rounded_down(float(np.sqrt(area / points)))
 
 
 def expected_pair_points(site: Site) -> float:
-    """About as many points as the pairs of a run are drawn from; the most there may be where no level is known."""
+    """Estimated number of points for the pairs of a run; the upper bound where no level is known."""
     finest = max(pilot_cell(site, MOST_POINTS), FINEST * site.scatterer_cell)
     cell = site.pairs.cell if site.pairs is not None else finest
     return _pair_areas(site)[0] / cell**2
 
 
 def _pair_areas(site: Site) -> tuple[float, float]:
-    """Area that points are drawn on, in the planes that their cells lie in; what the cells walked count as, m^2."""
+    """Area on which points are drawn, in the planes of their cells, and area of the visited cells, m^2."""
     triangles = _geometry(site).triangles[_usable(site)]
     low, high = (
         np.maximum(triangles.min(axis=1), site.box[0]),
@@ -176,7 +176,7 @@ def _pair_areas(site: Site) -> tuple[float, float]:
 
 
 def _realisation_error(site: Site, found: PairEstimate) -> float:
-    r"""Error of the image by the realisation of some pairs, over the power of the clutter.
+    r"""Error of the image by the random choice of pairs, relative to the power of the clutter.
 
     A resolution cell in which pairs of powers w return is :math:`\delta` off in its mean power,
     :math:`\langle \delta^2 \rangle = \sum w^2 / (\sum w)^2`, and :math:`\delta / 2` in its field: a quarter of that
@@ -193,7 +193,7 @@ def _realisation_error(site: Site, found: PairEstimate) -> float:
 
 
 def _cell_of_run(site: Site, pilot: PairEstimate) -> float:
-    """Edge of the cells of a run, m: the realisation's error is the tolerance, or the cells are as fine as allowed."""
+    """Edge of the cells of a run, m: the sampling error equals the tolerance, or the cells are as fine as allowed."""
     error = _realisation_error(site, pilot)
     if error == 0.0:
         return pilot.cell
@@ -208,7 +208,7 @@ def _rounded_down(cell: float) -> float:
 
 
 def _squares(found: PairEstimate) -> tuple[NDArray[np.intp], float]:
-    """Number of the square of the ground in which each pair lies, and the squares' side, m."""
+    """Index of the square of the ground in which each pair lies, and the side of the squares, m."""
     middle = found.pairs.point.mean(axis=1)[:, :2]
     lit = found.power > 0.0
     low, high = middle.min(axis=0), middle.max(axis=0)
@@ -220,7 +220,7 @@ def _squares(found: PairEstimate) -> tuple[NDArray[np.intp], float]:
 
 
 def _strongest(site: Site, found: PairEstimate) -> tuple[float, float]:
-    """Power of the square with the most over that of mean clutter on as much ground; side of the squares, m."""
+    """Largest power of a square relative to the mean clutter of the same area; side of the squares, m."""
     squares, side = _squares(found)
     ground = float(np.prod(np.ptp(site.box[:, :2], axis=0)))
     clutter = found.pairs.clutter * side**2 / max(ground, side**2)
@@ -230,7 +230,7 @@ def _strongest(site: Site, found: PairEstimate) -> tuple[float, float]:
 
 
 def estimate_pairs(site: Site, cell: float) -> PairEstimate:
-    """Draw pairs and let the middle of the track look at them."""
+    """Power of randomly drawn pairs, seen from the middle of the track."""
     pairs = scene_pairs(site, cell)
     if not pairs.n:
         return PairEstimate(cell, pairs, np.zeros(0))
@@ -255,7 +255,7 @@ def estimate_pairs(site: Site, cell: float) -> PairEstimate:
 
 @dataclass(frozen=True, eq=False)
 class PairEcho:
-    """What each of some pairs returns to one place.
+    """Echoes of pairs at one antenna position.
 
     Parameters
     ----------
@@ -278,11 +278,11 @@ def pair_echo(
     seed: int = 0,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> PairEcho:
-    """Look at pairs from one place, without antenna and launch window.
+    """Echoes of pairs at one antenna position, without antenna pattern and launch window.
 
     Parameters
     ----------
-    position, center : (3,) m, of the antenna, and what spreading is taken at
+    position, center : (3,) m, of the antenna, and of the point for which spreading is computed
     flags : effects and channels
     wavelength : m
     seed : of the random phases
@@ -315,7 +315,7 @@ def pair_echo(
 
 
 class _Kept:
-    """Keeps amplitudes and slant range of each lane; an accumulator of :func:`sarmitsuba.trace.kernel.trace`."""
+    """Accumulator that stores amplitudes and slant range of each lane; see :func:`sarmitsuba.trace.kernel.trace`."""
 
     def __init__(self, n_lanes: int, n_channels: int) -> None:
         self.n_lanes, self.n_channels = n_lanes, n_channels
@@ -327,7 +327,7 @@ class _Kept:
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
-        """Keep one; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+        """Store a contribution; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         (lane,), active = state, contribution.active
         dr.scatter(self.slant_range, contribution.slant_range, lane, active)
         for i, a in enumerate(contribution.amplitudes):

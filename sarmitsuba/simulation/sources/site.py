@@ -1,4 +1,4 @@
-"""What sources are made from: a scene, and how finely and from where a run looks at it."""
+"""Input for making sources: a scene with its sampling and antenna positions."""
 
 from abc import ABC, abstractmethod
 from functools import cached_property
@@ -17,18 +17,20 @@ from sarmitsuba.trace.launch import project
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.wire_nodes import longest_step
 
-# antenna positions that pairs are looked for from: at least, and one every so many rad of the track's turn
+F64 = NDArray[np.float64]
+
+# least number of antenna positions for the visibility of pairs, and rad of rotation of the line of sight per position
 LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
 
 
 class Site(ABC):
-    """A scene as makers of sources see it.
+    """Scene with the quantities from which sources are made.
 
     Parameters
     ----------
-    scene : as the effects plan leaves it
+    scene : with the effects plan applied
     flags : of the trace kernel
-    trace_scene : geometry on the device; None: what needs it is left out
+    trace_scene : geometry on the device; None: sources that need it are left out
     pairs : level of pairs of diffuse scatterers, where it is known
     """
 
@@ -43,7 +45,7 @@ class Site(ABC):
 
     @property
     def wavelength(self) -> float:
-        """Of the carrier, m."""
+        """Wavelength of the carrier, m."""
         return self.scene.radar.waveform.wavelength
 
     @property
@@ -54,7 +56,7 @@ class Site(ABC):
     @property
     @abstractmethod
     def cell_area(self) -> float:
-        """Resolution cell across the line of elevation, m^2."""
+        """Area of the resolution cell perpendicular to the elevation direction, m^2."""
 
     @property
     @abstractmethod
@@ -64,12 +66,12 @@ class Site(ABC):
     @property
     @abstractmethod
     def box(self) -> F64:
-        """Bounds of what is lit, (2, 3) m."""
+        """Bounds of the lit part of the scene, (2, 3) m."""
 
     @property
     @abstractmethod
     def center(self) -> F64:
-        """Middle of what is lit, (3,) m."""
+        """Centre of the lit part of the scene, (3,) m."""
 
     @property
     @abstractmethod
@@ -88,11 +90,11 @@ class Site(ABC):
 
     @abstractmethod
     def shares(self, points: F64) -> F64:
-        """Amplitude (n,) that scatterers at points (n, 3) m keep beside a cropped image."""
+        """Amplitude factor (n,) of scatterers at points (n, 3) m, tapered beyond a cropped image."""
 
     @abstractmethod
     def light(self, points: F64) -> F64:
-        """Amplitude (n,) of rays that would meet points (n, 3) m."""
+        """Amplitude (n,) of the launch window at points (n, 3) m."""
 
 
 class RunSite(Site):
@@ -174,7 +176,7 @@ class RunSite(Site):
         return shares(self.scene, points)
 
     def light(self, points: F64) -> F64:
-        """See :class:`Site`: of the sector that lights each best."""
+        """See :class:`Site`: largest over the sectors."""
         if not self.flags.taper:
             return np.ones(len(points))
         track = self.scene.radar.track
@@ -186,7 +188,7 @@ class RunSite(Site):
 
 
 def _faded(window: LaunchWindow, places: F64) -> F64:
-    """Weight of rays at places (n, 2) of the window's plane; see :func:`sarmitsuba.trace.antenna_weight.fade`."""
+    """Taper of the launch window at points (n, 2) of its plane; see :func:`sarmitsuba.trace.beam.fade`."""
     if not window.taper:  # all of the scene lies within it
         return np.ones(len(places))
     beyond = np.abs(places) - [window.half_x, window.half_y]

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 
 class RoughnessLoss(Stage):
-    r"""Coherent loss to the rms height :math:`s` of a surface of normally distributed heights.
+    r"""Coherent loss of a surface with normally distributed heights of rms value :math:`s`.
 
     .. math:: e^{-(\mathbf q \cdot \mathbf n)^2 s^2 / 2}, \quad \mathbf q = k (\hat k_i - \hat k_s),
 
-    at a mirror :math:`e^{-2 (k s \cos \theta)^2}`.
+    which for specular reflection is :math:`e^{-2 (k s \cos \theta)^2}`.
 
     Notes
     -----
@@ -30,12 +30,12 @@ class RoughnessLoss(Stage):
 
     name: ClassVar[str] = "roughness"
 
-    def at_mirror(self, kernel: Kernel, properties: MaterialRow, cosine: mi.Float) -> mi.Float:
-        """See the class."""
-        return dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * properties.rms_height * cosine))
+    def at_mirror(self, kernel: Kernel, properties: mi.Vector4f, cosine: mi.Float) -> mi.Float:
+        """Factor on the field reflected by a smooth surface."""
+        return dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * properties.z * cosine))
 
     def at_closing(self, kernel: Kernel, hit: Hit) -> mi.Float:
-        """See the class."""
+        """Factor on the coherent return of the tube at a hit."""
         across = dr.dot(hit.direction - hit.to_antenna, hit.normal)
         return dr.exp(-0.5 * dr.square(kernel.constants.wavenumber * across * hit.properties.rms_height))
 

@@ -1,1 +1,1 @@
-"""Ray tubes: what of a facet a ray stands for, the phase integral over it, and how curved mirrors spread it."""
+"""Ray tubes: footprint on a facet, phase integral over it, and spreading by curved mirrors."""

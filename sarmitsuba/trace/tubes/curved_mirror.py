@@ -1,4 +1,4 @@
-"""How a curved mirror turns the normal over a ray tube, so that tubes spread as its smooth surface would."""
+"""Variation of the surface normal over a ray tube on a curved mirror, which makes the tube diverge or converge."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from sarmitsuba.backend import dr, mi
 
-# cross-section of a tube behind curved mirrors over that behind flat ones, beyond which its ray ends: its field is then
-# 120 dB down, and float32 soon no longer holds what further mirrors make of it
+# largest cross-section of a tube behind curved mirrors relative to flat ones; the ray ends beyond it: its field is
+# 120 dB down, and further mirrors would leave the range of float32
 WIDEST_SPREAD = 1e12
 
 

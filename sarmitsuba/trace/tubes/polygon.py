@@ -1,4 +1,4 @@
-"""The part of a flat facet that one ray stands for, exact up to the facet's corners, and the phase integral over it."""
+"""Part of a flat facet that one ray represents, exact up to the facet's corners, and the phase integral over it."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from itertools import permutations
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.tubes.tube import NOWHERE, TubeExtent
 
-# rows of the lattice to each side that are looked at for other rays on the facet
+# rows of the lattice to each side that are searched for other rays on the facet
 ROWS = 4
-# tubes that a part reaches at most across its row, where no ray is nearer
+# largest extent of a part across its row, tubes, where no ray is nearer
 REACH = ROWS + 0.5
 # the same along the row, below an edge that crosses rows at an angle of one over twice that
 REACH_ALONG = 30.0
 # the same up to the rim of a curved surface
 REACH_RIM = 1.5
-# phase from one ray to the next (rad) beyond which what neighbouring parts of a facet have in common is left out. Over
-# a bandwidth B about f it cancels to B / 2 f times a fifth of the phase's square only
+# phase difference of neighbouring rays (rad) beyond which the terms of their common sides are left out. Over a
+# bandwidth B about f these terms cancel only to B / 2 f times a fifth of the square of the phase
 INNER_UP_TO = 2.0
-# phase over a tube (rad) beyond which float32 does not tell it (and sines of its sums leave -1 ... 1): tubes so long
-# graze a facet or were spread by curved mirrors, and return nothing that could be told
+# phase over a tube (rad) beyond which float32 cannot represent it (and sines of its sums leave -1 ... 1): such tubes
+# graze a facet or were spread by curved mirrors, and their return is set to zero
 MOST_PHASE = 1e6
-# of a ray to meet a narrow facet; bounds the weight
+# least chance of a ray to hit a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
 
@@ -31,7 +31,7 @@ LEAST_CHANCE = 1e-3
 class HalfPlane:
     """Half-plane ``h + gu alpha + gv beta >= 0`` of tube units, the larger of ``|gu|, |gv|`` one.
 
-    ``inner``: it cuts the facet into convex parts, which go on into each other.
+    ``inner``: a cut between convex parts of one facet, not an edge of it.
     """
 
     h: mi.Float
@@ -42,14 +42,14 @@ class HalfPlane:
 
 @dataclass(frozen=True)
 class Side:
-    """What a side along an edge of the facet has beyond its two ends.
+    """Properties of a side along an edge of the facet, in addition to its two ends.
 
     Parameters
     ----------
     along : (alpha, beta) of its direction, the larger one 1
-    step_start, step_end : lengths of ``along`` from one cut of the edge to the next, at ends where it goes on in a
-        neighbour's part; 0 at a corner of the facet
-    inner : in the middle of the facet, which it cuts into convex parts
+    step_start, step_end : lengths of ``along`` between cuts of the edge, at ends where it continues in a neighbour's
+        part; 0 at a corner of the facet
+    inner : a cut between convex parts of one facet
     """
 
     along: tuple[mi.Float, mi.Float]
@@ -64,11 +64,11 @@ class Polygon:
 
     Parameters
     ----------
-    sides : (alpha, beta) of start and end of each; those that are not there have no length
-    edges : of the sides from the fifth on, which lie on edges of the facet
-    rim : point that phases refer to where it is not exact, see :class:`sarmitsuba.trace.tubes.tube.Patch`
+    sides : (alpha, beta) of start and end of each; absent sides have zero length
+    edges : properties of the sides from the fifth on, which lie on edges of the facet
+    rim : phase reference where the part is not exact, see :class:`sarmitsuba.trace.tubes.tube.Patch`
     weight : of its area
-    exact : the parts of all rays tile the facet; its first four sides are those of other rays' parts too
+    exact : the parts of all rays tile the facet; the first four sides are common with parts of other rays
     """
 
     sides: tuple[tuple[mi.Float, mi.Float, mi.Float, mi.Float], ...]
@@ -78,7 +78,7 @@ class Polygon:
     exact: mi.Bool
 
     def area(self) -> mi.Float:
-        """Area over that of a whole tube, times the weight."""
+        """Area relative to a whole tube, times the weight."""
         twice = sum((ax * by - bx * ay for ax, ay, bx, by in self.sides[1:]), self._first())
         return 0.5 * twice * self.weight
 
@@ -100,7 +100,7 @@ def facet_lines(
 
 
 def extent_lines(extent: TubeExtent) -> list[HalfPlane]:
-    """The four ends that the facets hit so far leave a tube."""
+    """Four half-planes that limit a tube by the facets hit so far."""
     e = extent
     one = mi.Float(1.0)
     return [
@@ -124,7 +124,7 @@ def _line(h: mi.Float, gu: mi.Float, gv: mi.Float, inner: mi.Bool) -> HalfPlane:
 
 
 def selected(condition: mi.Bool, a: Sequence[HalfPlane], b: Sequence[HalfPlane]) -> list[HalfPlane]:
-    """``a`` in the lanes where the condition holds, else ``b``."""
+    """Lines ``a`` in the lanes where the condition holds, else ``b``."""
     return [
         HalfPlane(*(dr.select(condition, getattr(x, k), getattr(y, k)) for k in ("h", "gu", "gv", "inner")))
         for x, y in zip(a, b, strict=True)
@@ -133,14 +133,14 @@ def selected(condition: mi.Bool, a: Sequence[HalfPlane], b: Sequence[HalfPlane])
 
 @dataclass(frozen=True)
 class Bounds:
-    """What bounds the part of a facet that one ray stands for.
+    """Bounds of the part of a facet that one ray represents.
 
     Parameters
     ----------
-    lines : half-planes that the facet lies in
-    extent : how far the facets hit so far let the tube extend
-    rim : point that phases refer to where the part is not exact
-    exact : the lines bound a convex part of a flat facet all around
+    lines : half-planes whose intersection is the facet
+    extent : of the tube, limited by the facets hit so far
+    rim : phase reference where the part is not exact
+    exact : the lines bound a convex part of a flat facet on all sides
     """
 
     lines: Sequence[HalfPlane]
@@ -149,7 +149,7 @@ class Bounds:
     exact: mi.Bool
 
     def apart(self) -> mi.Bool:
-        """Whether all lines leave the ray's own cell and the eight around it whole: :meth:`part` is the cell then."""
+        """Whether no line cuts the ray's own cell or the eight around it: :meth:`part` then is the cell."""
         out = mi.Bool(True)
         for line in self.lines:
             # tol: rounding of the same heights in :meth:`part`
@@ -157,7 +157,7 @@ class Bounds:
         return out
 
     def bounded(self) -> mi.Bool:
-        """Whether there are lines enough for corners."""
+        """Whether there are at least three lines, so that the facet has corners."""
         return sum((dr.select(line.h < NOWHERE, 1.0, 0.0) for line in self.lines), mi.Float(0.0)) > 2.5
 
     def cell(self) -> Polygon:
@@ -176,7 +176,7 @@ class Bounds:
         return clipped(self.lines, self.extent, self.rim, self.exact, self.bounded())
 
     def area(self) -> mi.Float:
-        """Area of the part over that of a whole tube, times its weight."""
+        """Area of the part relative to a whole tube, times its weight."""
         area: mi.Float = dr.if_stmt(
             (),
             self.apart(),
@@ -195,14 +195,14 @@ def clipped(
     exact: mi.Bool,
     bounded: mi.Bool,
 ) -> Polygon:
-    """Part of the facet within ``lines`` that a ray stands for.
+    """Part of the facet within ``lines`` that a ray represents.
 
-    The rays on a facet share it out row by row of their lattice: each has its own cell, the outermost of a row all
-    that is beyond it, and a row whose neighbour holds no ray takes that one too. Their parts so tile a convex facet
-    without gap or overlap, up to its corners. Where a facet is narrower than the lattice everywhere, rays find it by
-    chance: they stand for the facet's part of their row or column, with a weight of one over the chance. What fewer
-    than three lines bound (the rim of a curved surface) has no corners: there a ray has its own cell, and what is
-    beyond it up to an edge that is nearer than the next ray.
+    The facet is divided among the rays row by row of their lattice: each ray has its own cell, the outermost of a row
+    also the rest of the row, and a row also includes a neighbouring row without rays. The parts tile a convex facet
+    without gap or overlap, up to its corners. A facet narrower than the lattice everywhere is hit by chance: the rays
+    represent the facet's part of their row or column, with a weight of one over the chance. An area bounded by fewer
+    than three lines (the edge of a curved surface) has no corners: there a ray has its own cell, and the area beyond
+    it up to an edge that is nearer than the next ray.
     """
     rows = [_Axis.of(line.h, line.gu, line.gv) for line in lines]
     columns = [_Axis.of(line.h, line.gv, line.gu) for line in lines]
@@ -212,12 +212,12 @@ def clipped(
     bottom_end, top_end = _interval(columns, 0.0)
     left = dr.select(low <= -1.0, -0.5, -REACH_ALONG)
     right = dr.select(high >= 1.0, 0.5, REACH_ALONG)
-    # an empty row belongs to the next below it that has rays, else to the next above
+    # an empty row belongs to the next row below that has rays, else to the next above
     top, bottom = mi.Float(REACH), mi.Float(-REACH)
     for j in range(ROWS, 0, -1):
         top = dr.select(_holds_ray(across[j]), j - 0.5, top)
         bottom = dr.select(_holds_ray(across[-j]), -0.5, bottom)
-    # narrow: the part of the row, or of the column, whichever the facet crosses on the shorter way
+    # narrow: the part of the row or of the column, whichever the facet crosses over the shorter distance
     by_row = high - low < top_end - bottom_end
     left = dr.select(wide, left, dr.select(by_row, -REACH, -0.5))
     right = dr.select(wide, right, dr.select(by_row, REACH, 0.5))
@@ -245,7 +245,7 @@ def clipped(
 
 @dataclass(frozen=True)
 class _Axis:
-    """Where a line crosses the rows: at ``at + slope row``, as a lower or an upper end."""
+    """Crossing of a line with the rows, at ``at + slope row``, as a lower or an upper end."""
 
     at: mi.Float
     slope: mi.Float
@@ -258,12 +258,12 @@ class _Axis:
 
 
 def _nonzero(x: mi.Float) -> mi.Float:
-    """``x`` kept off zero, with its sign."""
+    """Value ``x`` bounded away from zero, with its sign."""
     return dr.select(dr.abs(x) > 1e-6, x, dr.select(x >= 0.0, 1e-6, -1e-6))
 
 
 def _interval(axes: Sequence[_Axis], row: float | mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Ends of a row within all lines; the second is below the first where none of it is."""
+    """Interval of a row within all lines; the second end is below the first where it is empty."""
     low, high = mi.Float(-NOWHERE), mi.Float(NOWHERE)
     for a in axes:
         x = a.at + a.slope * row
@@ -273,12 +273,12 @@ def _interval(axes: Sequence[_Axis], row: float | mi.Float) -> tuple[mi.Float, m
 
 
 def _holds_ray(interval: tuple[mi.Float, mi.Float]) -> mi.Bool:
-    """Whether one of a row's rays, at whole numbers, lies within an interval."""
+    """Whether one of a row's rays, at integer positions, lies within an interval."""
     return dr.floor(interval[1]) >= dr.ceil(interval[0])
 
 
 def _wide(axes: Sequence[_Axis]) -> mi.Bool:
-    """Whether somewhere the row within all lines is long enough to hold a ray for certain."""
+    """Whether the facet is somewhere wider than the ray spacing along a row, so that a row certainly has a ray."""
     low, high = mi.Float(-NOWHERE), mi.Float(NOWHERE)
     for a, b in permutations(axes, 2):
         # between a lower end a and an upper end b
@@ -291,7 +291,7 @@ def _wide(axes: Sequence[_Axis]) -> mi.Bool:
 
 
 def _span(start: mi.Float, end: mi.Float, interval: tuple[mi.Float, mi.Float]) -> tuple[mi.Float, mi.Float]:
-    """Part of ``start ... end`` within an interval; without length where there is none."""
+    """Intersection of ``start ... end`` with an interval; of zero length where it is empty."""
     a, b = dr.maximum(start, interval[0]), dr.minimum(end, interval[1])
     there = b > a
     return dr.select(there, a, start), dr.select(there, b, start)
@@ -300,7 +300,7 @@ def _span(start: mi.Float, end: mi.Float, interval: tuple[mi.Float, mi.Float]) -
 def _side(
     k: int, lines: Sequence[HalfPlane], box: tuple[mi.Float, mi.Float, mi.Float, mi.Float]
 ) -> tuple[tuple[mi.Float, mi.Float, mi.Float, mi.Float], Side]:
-    """Part of line ``k`` within the others and the box, the facet to its left."""
+    """Segment of line ``k`` within the other lines and the box, with the facet to its left."""
     line = lines[k]
     foot = -line.h * dr.rcp(dr.square(line.gu) + dr.square(line.gv))
     x, y = line.gu * foot, line.gv * foot
@@ -337,10 +337,10 @@ def phase_integral(
     longest: mi.Float,
     kept_up_to: mi.Float | None = None,
 ) -> tuple[mi.Complex2f, mi.Float, mi.Float]:
-    """:func:`part_integral` over the part of a facet that one ray stands for, and the place that it stands at.
+    """Phase integral (:func:`part_integral`) over the part of a facet that one ray represents, and its phase centre.
 
-    Most rays on a large facet are far from its edges and have the four sides of their cell. Rays are launched in an
-    order that keeps neighbours together, so whole packets of lanes skip what only edges need.
+    Most rays on a large facet are far from its edges and have the four sides of their cell. Neighbouring rays are
+    launched together, so whole packets of lanes skip the computation that only edges need.
     """
 
     def inside() -> tuple[mi.Complex2f, mi.Float, mi.Float]:
@@ -363,32 +363,32 @@ def part_integral(
     longest: mi.Float,
     kept_up_to: mi.Float | None = None,
 ) -> tuple[mi.Complex2f, mi.Float, mi.Float]:
-    r"""Integral of ``exp(j q . r)`` over a polygon in tube units, times its weight (1 for a whole tube and q = 0).
+    r"""Phase integral of ``exp(j q . r)`` over a polygon in tube units, times its weight (1 for a whole tube at q = 0).
 
     .. math::
         \iint e^{j Q \cdot x} d^2x = \sum_n \frac{Q \times \Delta_n}{j |Q|^2}
         e^{j Q \cdot m_n} \frac{\sin(Q \cdot \Delta_n / 2)}{Q \cdot \Delta_n / 2}
 
-    over the sides :math:`\Delta_n` of middles :math:`m_n` (Gordon, IEEE TAP 23, 1975); the area and its first moment
-    where the phase hardly changes. It is referred to the mean place of the terms, each with its modulus, and stands at
-    the range of that place for the whole bandwidth.
+    over the sides :math:`\Delta_n` with midpoints :math:`m_n` (Gordon, IEEE TAP 23, 1975); the area and its first
+    moment where the phase hardly changes. It is referred to the mean position of the terms, weighted by their modulus,
+    and has the range of that position over the whole bandwidth.
 
-    Two neighbours on a facet have a side in common, and where an edge of the facet is cut between them an end: terms
-    that cancel at the carrier, and the less away from it the faster the phase turns from ray to ray. There a side
-    between them is left out, and of an edge's side
+    Neighbours on a facet have a common side and, where an edge of the facet is cut between them, a common end. Their
+    terms cancel at the carrier, but less away from it if the phase changes fast from ray to ray. In that case the
+    common side is left out, and of a side along an edge
 
     .. math:: \frac{Q \times \Delta}{j |Q|^2} \frac{e^{j Q \cdot b} - e^{j Q \cdot a}}{j Q \cdot \Delta}
 
-    the term of such an end: what is left stands at the corners of the facet.
+    the term of the common end: the remaining terms belong to the corners of the facet.
 
     Parameters
     ----------
     q : rad/m
     u, v : edges of the tube's footprint, m
     piece : part of the facet
-    longest : m, no less than the distance between the rays of any lattice: convex parts of a facet may have lattices of
-        their own, and must agree on when the cut between them is left out
-    kept_up_to : phase from ray to ray up to which neighbours keep their common side, rad; None: ``INNER_UP_TO``
+    longest : m, upper bound of the ray spacing of all lattices: convex parts of one facet may be sampled by different
+        lattices, and must agree on when the cut between them is left out
+    kept_up_to : phase difference of neighbouring rays up to which common sides are kept, rad; None: ``INNER_UP_TO``
     """
     qu, qv = dr.dot(q, u), dr.dot(q, v)
     squared = qu * qu + qv * qv
@@ -428,7 +428,7 @@ def part_integral(
             weight_a, weight_b = (kept(dr.abs(rate) * step) for step in (edge.step_start, edge.step_end))
             both = dr.select(edge.inner, uncut, 1.0)
             turn *= dr.minimum(weight_a, weight_b) * both
-            # the end that is a corner, or nearer to one: a term of its own, a quarter of a turn behind
+            # the end that is a corner, or nearer to one: a separate term, with a phase lag of 90 degrees
             unequal = weight_b - weight_a
             at_end = unequal > 0.0
             alone = unequal * both * (qu * dy - qv * dx) * dr.rcp(dr.select(unequal == 0.0, 1.0, rate))

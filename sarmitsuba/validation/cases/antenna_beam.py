@@ -1,4 +1,4 @@
-"""The beam: two-way gain off its centre, in both modes, for points and for what is traced; and a beam that is off."""
+"""Antenna beam: two-way gain off its centre, in both modes, for points and traced targets; and mispointing."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

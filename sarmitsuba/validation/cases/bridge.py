@@ -1,4 +1,4 @@
-"""Where the image shows a bridge over water: its multiple returns."""
+"""Positions of the multiple returns of a bridge over water."""
 
 import numpy as np
 

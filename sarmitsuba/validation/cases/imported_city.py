@@ -1,4 +1,4 @@
-"""Where the image shows the roofs of a city that was imported from footprints."""
+"""Positions of the roofs of a city imported from footprints."""
 
 import json
 import tempfile

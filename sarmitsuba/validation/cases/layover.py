@@ -1,4 +1,4 @@
-"""Where the image shows a building: layover, roof, shadow, dihedral line, triple bounce."""
+"""Positions of a building's returns: layover, roof, shadow, dihedral line, triple bounce."""
 
 import numpy as np
 

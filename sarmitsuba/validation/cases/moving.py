@@ -1,4 +1,4 @@
-"""What moves: where it shows, how much it smears, and its phase between two looks along the track."""
+"""Moving targets: displacement, smearing, and along-track interferometric phase."""
 
 from dataclasses import dataclass, replace
 

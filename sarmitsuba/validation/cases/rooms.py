@@ -1,4 +1,4 @@
-"""Rooms behind walls that let waves through, by the whole chain."""
+"""Rooms behind transparent walls, by the whole chain."""
 
 import numpy as np
 

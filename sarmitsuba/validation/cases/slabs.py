@@ -1,4 +1,4 @@
-"""Slabs and panes: their coefficients in the kernel, what stands behind them, and where it shows."""
+"""Slabs: coefficients in the kernel, and level and position of targets behind them."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Where the image shows a slope: foreshortening and layover."""
+"""Foreshortening and layover of a slope."""
 
 import numpy as np
 

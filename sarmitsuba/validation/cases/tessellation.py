@@ -1,4 +1,4 @@
-"""The same targets in few and in many triangles."""
+"""Independence of the result from the number of triangles."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A receiver apart from the transmitter: phase of a point over the baseline, a plate over the bistatic angle."""
+"""Bistatic radar: phase of a point over the baseline, a plate over the bistatic angle."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""PRF jitter and staggered PRF: what uneven pulses leave beside a focused point."""
+"""PRF jitter and staggered PRF: side lobes and ghosts of a focused point."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Vegetation against closed forms: a layer over ground, what crowns take, trunks on ground, levels of presets."""
+"""Vegetation against closed forms: layer over ground, attenuation, trunks on ground, levels of presets."""
 
 from dataclasses import replace
 

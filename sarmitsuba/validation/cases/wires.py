@@ -1,4 +1,4 @@
-"""Rods: wires, rails and posts against the series of the circular cylinder, a mesh, the handbook and image theory."""
+"""Wires, rails and posts against the series of the circular cylinder, a mesh, the handbook and image theory."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 
 CHANNELS = ("HH", "HV", "VV")
-# what drawn rods are made of, k a and relative permittivity: from hair-thin wires to lamp posts
+# k a and relative permittivity of drawn wires: from hair-thin wires to lamp posts
 RODS: tuple[tuple[str, float, complex | None], ...] = (
     ("wire, ka 0.0001", 1e-4, None),
     ("cable, ka 0.3", 0.3, None),

@@ -1,1 +1,1 @@
-"""One canopy a file."""
+"""Canopy presets, one per file."""

@@ -1,6 +1,6 @@
-"""Crown of a conifer, such as a spruce: needles all round, branches nearly level.
+"""Crown of a conifer, such as a spruce: needles in all directions, branches nearly horizontal.
 
-Sizes and numbers are set up by us within what forestry gives, none fitted to a radar measurement.
+Sizes and densities are chosen within forestry data, none fitted to a radar measurement.
 """
 
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation

@@ -1,7 +1,7 @@
 """Crowns of broad-leaved trees, such as limes and maples along a street, in leaf and without.
 
-Sizes and numbers are set up by us within what forestry gives for mature crowns (about 0.8 m^2 of leaf and 1 kg of fresh
-wood in a cubic metre), none of them fitted to a radar measurement; see docs/vegetation.md for what they return.
+Sizes and densities are chosen within forestry data for mature crowns (about 0.8 m^2 of leaf and 1 kg of fresh
+wood in a cubic metre), none of them fitted to a radar measurement; see docs/vegetation.md for their backscatter.
 """
 
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation

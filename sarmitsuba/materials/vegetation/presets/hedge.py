@@ -1,6 +1,6 @@
 """A cut hedge, such as privet or hornbeam: small leaves, many thin twigs, upright stems.
 
-Sizes and numbers are set up by us within what gardens show, none fitted to a radar measurement.
+Sizes and densities are chosen from typical hedges, none fitted to a radar measurement.
 """
 
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation

@@ -1,1 +1,1 @@
-"""Kinds of sources, one a file: found by themselves."""
+"""Kinds of sources, one module each, found automatically."""

@@ -1,4 +1,4 @@
-"""Fringe currents of sharp metal edges, as far as rays light their faces."""
+"""Fringe currents of sharp metal edges, for edges within the lit part of the scene."""
 
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.sources.site import Site
@@ -26,7 +26,7 @@ class EdgeKind(SourceKind):
         return PointSource(FringeCurrents(edges), most_bounces(site.scene) if site.flags.multi_bounce else 1)
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
-        """The edges are looked for here, and kept for the run."""
+        """Cost from the number of edges, which are found here and kept for the run."""
         if not site.flags.edge_diffraction or not site.edges.n:
             return None
         return Expected(site.edges.n, 0.0, PIECE_TRACED, 0.0)

@@ -1,4 +1,4 @@
-"""Pairs of diffuse scatterers that see each other, drawn at random."""
+"""Random pairs of mutually visible diffuse scatterers."""
 
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind
 from sarmitsuba.simulation.sources.pair_estimate import (
@@ -12,15 +12,14 @@ from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.trace.source import Source
 
-# seconds of a usual core: a point that pairs are drawn from, laid out, a pair traced, and a realisation that tells
-# their level
+# seconds of a reference core: for laying out a point, for tracing a pair, and for the draw that estimates their level
 POINT_LAID, PAIR_TRACED, LEVEL = 1e-6, 2.5e-7, 0.25
-# bytes of a point while it is laid out, and about as many pairs as points
+# bytes of a point while it is laid out; there are about as many pairs as points
 POINT_BYTES, PAIRS_OF_POINTS = 280, 0.1
 
 
 class PairKind(SourceKind):
-    """Pairs, as many as the error of their realisation wants."""
+    """PairKind of diffuse scatterers, as many as the sampling error requires."""
 
     name, rank = "pairs", 40
 
@@ -32,7 +31,7 @@ class PairKind(SourceKind):
         return PairSource(pairs) if pairs.n else None
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
-        """Points, by the level of pairs where it is known."""
+        """Cost from the number of points, which depends on the level of pairs where it is known."""
         if not site.flags.diffuse_pairs or site.trace_scene is None:
             return None
         points = expected_pair_points(site)

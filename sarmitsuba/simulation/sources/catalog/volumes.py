@@ -1,4 +1,4 @@
-"""Scatterers within volumes that waves go through, such as crowns of trees, straight and over the ground."""
+"""Volume scatterers (vegetation), straight and over the ground."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.source import PointSource, Source
 from sarmitsuba.trace.volume_scatterers import scatterer_spacing, volume_scatterers
 
-# seconds of a usual core: a cell of the lattice, laid out, and a scatterer in it, traced through what stands in its way
+# seconds of a reference core: for laying out a cell of the lattice, and for tracing a scatterer
 CELL_LAID, SCATTERER_TRACED = 1e-6, 8e-6
 # bytes of a cell while it is laid out, and of a scatterer that is kept
 CELL_BYTES, SCATTERER_BYTES = 150, 100
@@ -27,7 +27,7 @@ class VolumeKind(SourceKind):
         return PointSource(scatterers, most_bounces(scene)) if scatterers.n else None
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
-        """The cells of the boxes about the volumes are walked, and those in a volume kept."""
+        """Cost from the number of cells in the bounding boxes, and of scatterers inside the volumes."""
         volumes, area = site.scene.volumes, site.cell_area
         if not volumes:
             return None

@@ -8,9 +8,9 @@ from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.source import PointSource, Source
 from sarmitsuba.trace.wire_nodes import WireScatterers, cut
 
-# seconds of a usual core: a node and a number of the table and order, laid out; a node traced
+# seconds of a reference core: for laying out a node, for a table entry per order, and for tracing a node
 NODE_LAID, NUMBER_LAID, NODE_TRACED = 1e-6, 1.1e-7, 1e-6
-# bytes of a node and of a number of the table while they are laid out
+# bytes of a node and of a table entry while they are laid out
 NODE_BYTES, NUMBER_BYTES = 300, 150
 
 
@@ -31,7 +31,7 @@ class WireKind(SourceKind):
         return PointSource(WireScatterers(nodes, scene.wires, site.wavelength), most_bounces(scene))
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
-        """Their nodes, and a table for each thickness and material at each frequency."""
+        """Cost from the number of nodes, and of tables for each thickness and material at each frequency."""
         wires = site.scene.wires
         if not wires:
             return None
