@@ -15,7 +15,7 @@ from sarmitsuba.radar.waveform import Waveform
 _BATCH = 2**22  # complex samples transformed at once, 32 MB
 
 
-def pulse_samples(waveform: Waveform, sampling_rate: float) -> NDArray[np.complex128]:
+def pulse_samples(waveform: Waveform, sampling_rate: float) -> C128:
     r"""Transmitted pulse at the receiver's sampling rate.
 
     .. math:: g_n = e^{j \pi \gamma t_n^2}, \quad t_n = n / f_s - T_p / 2, \quad 0 \le n \le T_p f_s

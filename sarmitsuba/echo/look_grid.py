@@ -140,7 +140,7 @@ class LookGrid:
         """Distance between the antenna positions of neighbouring looks, m; 1 for one look."""
         return float(self.antenna[1] - self.antenna[0]) if self.n_looks > 1 else 1.0
 
-    def state(self, point: F64, look: int | NDArray[np.int64] = 0) -> tuple[F64, F64]:
+    def state(self, point: F64, look: int | I64 = 0) -> tuple[F64, F64]:
         """Slant range (m) and range rate (m/s) of points (..., 3) at rest, from looks (...)."""
         leg = point - self.position[look]
         distance = np.linalg.norm(leg, axis=-1)
@@ -148,9 +148,7 @@ class LookGrid:
             return distance, np.asarray(-(leg @ self.velocity[look]) / distance)
         return distance, np.asarray(-np.einsum("...i,...i->...", leg, self.velocity[look]) / distance)
 
-    def coordinates(
-        self, slant_range: F64, range_rate: F64, look: int | NDArray[np.int64] = 0
-    ) -> tuple[F64, F64, F64]:
+    def coordinates(self, slant_range: F64, range_rate: F64, look: int | I64 = 0) -> tuple[F64, F64, F64]:
         """Range and azimuth coordinate of paths, and the distance (m) of their amplitudes, any shape."""
         if self.fan is None:
             return slant_range, range_rate, slant_range

@@ -30,8 +30,6 @@ from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.samples import Samples
 
-F64 = NDArray[np.float64]
-
 # samples processed at a time
 _BATCH = 1 << 20
 

@@ -12,8 +12,6 @@ from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 
-F64 = NDArray[np.float64]
-
 # limit for the return left out in a single resolution cell, relative to the clutter, dB: a hundredth of the power of
 # one look of speckle. Without clutter the tolerance applies, relative to the peak
 CELL_BELOW_CLUTTER_DB = -20.0
@@ -223,7 +221,7 @@ class SceneContext:
 
     @cached_property
     def seen_through(self) -> tuple[Material, ...]:
-        """Slabs that transmit waves to objects behind them; see :mod:`sarmitsuba.effects.panes`."""
+        """Slabs that transmit waves to objects behind them; see :mod:`sarmitsuba.effects.slabs_between`."""
         return seen_through(self.scene, self.antenna)
 
     @cached_property

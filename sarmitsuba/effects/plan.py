@@ -107,7 +107,7 @@ class EffectsPlan:
         interval : pulses per key pulse; 1 traces every pulse
         error_db : against tracing every pulse, dB, measured at block boundaries; NaN for a single block
         asked : set by the user
-        seams : number of block boundaries measured, and of all boundaries
+        boundaries : number of block boundaries measured, and of all boundaries
         """
         if np.isnan(error_db):
             measured = "one block holds all pulses, so that its error is not measured"

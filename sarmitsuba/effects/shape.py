@@ -259,7 +259,7 @@ class ShapeAnalysis:
     # ---- connectivity
 
     @cached_property
-    def _welded(self) -> NDArray[np.int64]:
+    def _welded(self) -> I64:
         """Vertex numbers (n_faces, 3) after merging coincident vertices."""
         return joined(self.vertices, self.faces, self.slack)
 
@@ -278,7 +278,7 @@ class ShapeAnalysis:
         return np.stack([face[:-1][same], face[1:][same]], axis=1), middle
 
     @cached_property
-    def component(self) -> NDArray[np.int32]:
+    def component(self) -> I32:
         """Number (n_faces,) of the connected piece of each face (faces that share a vertex are connected)."""
         if self.n_faces == 0 or self.n_faces > _MAX_FACES:
             return np.zeros(self.n_faces, dtype=np.int32)

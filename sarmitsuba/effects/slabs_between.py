@@ -11,7 +11,7 @@ from sarmitsuba.scene.scene import Scene
 SAME_SLAB = 1.5
 
 
-def seen_through(scene: Scene, antenna: NDArray[np.float64]) -> tuple[Material, ...]:
+def seen_through(scene: Scene, antenna: F64) -> tuple[Material, ...]:
     """Slab materials that transmit and have objects of the scene behind one of their faces.
 
     Parameters

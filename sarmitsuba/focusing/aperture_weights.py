@@ -15,8 +15,6 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # summed weight w g^2, over the image's largest, above which a place counts as illuminated: a tenth in amplitude
 _DARK = 0.01
 # rounding of a component of a float32 unit vector along a direction, rms

@@ -18,9 +18,6 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import Registry
 
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
-
 # zeros beyond the end of a pulse while it is shifted
 _GUARD = 64
 

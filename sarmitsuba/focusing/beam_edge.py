@@ -8,8 +8,6 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # rows at which the beam is evaluated, over three times the image's extent
 _NODES = 385
 # azimuth cells of side lobes that are included, and samples per cell

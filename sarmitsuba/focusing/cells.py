@@ -15,8 +15,6 @@ from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # rows and columns at which a varying azimuth cell is computed
 _ROW_NODES, _COLUMN_NODES = 65, 9
 # least change of the cell over rows that is kept, log10: 0.01 dB

@@ -20,8 +20,6 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.image_request import MAX_PIXELS, ImageRequest
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # largest extent in cells of an image without a request
 _MAX_CELLS = 1024
 # largest pixel spacing as a part of the Nyquist spacing of the image's spectrum; half a cell of a plain geometry is 0.5

@@ -8,9 +8,6 @@ from sarmitsuba.focusing.profiles import plan_profiles
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
-
 # (point, pulse) pairs processed at once
 _BATCH = 1 << 19
 

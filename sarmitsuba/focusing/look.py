@@ -14,9 +14,6 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
-
 # resolution cells around the image whose side lobes are included
 _MARGIN = 24.0
 # pixels that are resampled together, and cells of the response that are made together; bounds the temporaries
@@ -175,9 +172,7 @@ def _steps(radar: Radar, geometry: LookGeometry) -> tuple[float, float]:
     )
 
 
-def _response(
-    radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str
-) -> NDArray[np.float32] | C64:
+def _response(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str) -> F32 | C64:
     """Spectrum of the impulse response on the grid's FFT bins, both gridding kernels divided out."""
     kernel = grid.kernel
     correction = np.outer(

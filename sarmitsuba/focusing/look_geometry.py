@@ -87,7 +87,7 @@ class LookGeometry:
             width=width,
         )
 
-    def nearest(self, grid: LookGrid, places: F64) -> int | NDArray[np.int64]:
+    def nearest(self, grid: LookGrid, places: F64) -> int | I64:
         """Nearest look to the time when the beam passes over places (..., 3)."""
         if grid.n_looks == 1:
             return 0

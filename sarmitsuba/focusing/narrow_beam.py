@@ -5,8 +5,6 @@ import numpy as np
 from sarmitsuba.arrays import F64
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # azimuth cells from the beam's centre to its first null above which the gain is constant over a cell: 0.003 dB
 WIDE_BEAM = 16.0
 # samples of the aperture, samples of the ground per azimuth cell, and extent of the clutter in nulls

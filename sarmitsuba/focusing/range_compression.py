@@ -20,7 +20,7 @@ COMPRESSIONS: tuple[str, ...] = ("flat", "matched")
 _BATCH = 1 << 22  # complex samples transformed at once, 32 MB
 
 
-def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> NDArray[np.complex128]:
+def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> C128:
     r"""Frequency response of the compression filter, (n_fft,) complex128 in FFT order, zero outside the bandwidth.
 
     With P the spectrum of the sampled pulse and the sums over the band's bins:

@@ -8,8 +8,6 @@ from sarmitsuba.focusing.aperture_weights import antennas_gain
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # largest number of pulses and rows from which energies are computed
 ROWS = 512
 
@@ -73,7 +71,7 @@ def _amplitude(radar: Radar, place: F64) -> F64:
     return np.asarray(radar.amplitude_constant * gain / (ranges[0] * ranges[-1]))
 
 
-def _energy(data: NDArray[np.complex64], raw: RawData, channel: str) -> float:
+def _energy(data: C64, raw: RawData, channel: str) -> float:
     """Energy of a channel of (n_layers, n_rows, n), from a subset of the rows where there are many."""
     step = -(-data.shape[1] // ROWS)
     some = sum_of_channel(data[:, ::step], raw.layers, channel, "raw data")

@@ -47,7 +47,7 @@ class ImageGrid:
     offset: F64 = field(default_factory=lambda: np.zeros(3))
     anchor: Anchor = field(default_factory=Anchor)
 
-    def in_frame(self, offset: NDArray[np.float64]) -> "ImageGrid":
+    def in_frame(self, offset: F64) -> "ImageGrid":
         """The grid in the frame of another offset; zeros: the frame of the user's file.
 
         Parameters
@@ -230,7 +230,7 @@ class SarImage:
         return np.abs(self.total(channel).astype(np.complex128)) ** 2
 
     @property
-    def cell_area(self) -> NDArray[np.float64]:
+    def cell_area(self) -> F64:
         """Ground area of the resolution cell, m^2, (n_azimuth, n_range) float64: sigma0 is RCS over it.
 
         The azimuth cell is that of the image's centre; where the focuser recorded how it varies over range (a fixed

@@ -9,9 +9,6 @@ from sarmitsuba.arrays import F32, F64
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
 
-F64 = NDArray[np.float64]
-F32 = NDArray[np.float32]
-
 # iterations from a map place to the image plane, whose ellipsoidal height varies by the Earth's curvature
 _PASSES = 3
 

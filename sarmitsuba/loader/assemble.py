@@ -31,9 +31,6 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.scene.wires import WireTarget, wire_ends
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-
 # beyond this distance from the file's origin the scene gets an origin near the geometry: float32 positions stay exact
 # to 1 mm
 RECENTRE_DISTANCE = 5e3
@@ -89,7 +86,7 @@ def assemble(
     ----------
     name, path : of the file
     surfaces, points, wires : in the file frame
-    materials : list that ``Surface.material`` indexes
+    materials : list that ``MeshSurface.material`` indexes
     radar : validated parameters of sensor and film
     settings : of the integrator
     notes : collected so far

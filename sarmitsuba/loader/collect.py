@@ -32,8 +32,6 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.units import power_from_db
 
-F64 = NDArray[np.float64]
-
 # sagitta of facets over the wavelength: at 1/32 facets act as a grating whose lobes change a sphere's return by up to 1
 # dB with the direction, a cylinder's by as much; at 1/512 by 0.1 dB
 SAGITTA_OVER_WAVELENGTH = 1.0 / 512.0

@@ -20,7 +20,7 @@ class Opaque:
 
 
 # types of an element's property: numbers, text, a (3,) point or a (4, 4) transform
-Property = float | int | bool | str | NDArray[np.float64] | Opaque
+Property = float | int | bool | str | F64 | Opaque
 
 
 @dataclass(frozen=True, eq=False)

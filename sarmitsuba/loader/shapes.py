@@ -17,9 +17,6 @@ from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
 from sarmitsuba.scene.motion import STILL, Motion
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-
 MAX_FACES = 400_000  # most faces of one tessellated shape
 SPHERE_MIN_SAGITTA = 1.4e-5  # least sagitta over the radius; gives MAX_FACES
 _MESH_FILES = ("ply", "obj", "stl")

@@ -19,9 +19,6 @@ from sarmitsuba.parameters import Param, ParamTable, Value, float_value, string_
 from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.units import power_from_db
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-
 # sagitta of a spherical volume's facets over its radius, independent of the wavelength
 SAGITTA_OVER_RADIUS = 0.01
 _CLOUD = ("sigma_v_h_db", "sigma_v_v_db", "extinction_h", "extinction_v", "volume_cross_ratio_db")

@@ -9,9 +9,6 @@ from scipy.special import hankel1, jv, jve
 from sarmitsuba.arrays import C128, F32, F64
 from sarmitsuba.errors import SceneError
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
-
 # nodes over the tilt, and additional ones per unit of k a; for conductors only up to where creeping waves count, and
 # few beyond
 TILTS, TILTS_PER_KA, LAST_CREEPING, TILTS_BEYOND = 65, 8.0, 30.0, 0.5

@@ -11,8 +11,6 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import Param
 from sarmitsuba.registry import Registry
 
-F64 = NDArray[np.float64]
-
 # kinds of bistatic scattering of a law, see `DiffuseLaw.bistatic`
 Bistatic = Literal["mean", "facets", "spectrum"]
 

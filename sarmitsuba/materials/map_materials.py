@@ -9,7 +9,6 @@ from sarmitsuba.arrays import F64, I64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.material import Material
 
-F64 = NDArray[np.float64]
 # number of materials per permittivity or roughness map: a single map, and each of two
 MOST_LEVELS, MOST_LEVELS_OF_TWO = 64, 24
 
@@ -34,7 +33,7 @@ def map_attributes(material: Material) -> tuple[str, ...]:
 
 def varied(
     material: Material, permittivity: F64 | None, rms_height: F64 | None
-) -> tuple[NDArray[np.int64], tuple[Material, ...]]:
+) -> tuple[I64, tuple[Material, ...]]:
     """Materials for every pair of values of two bitmaps: index of the material per texel, and the materials.
 
     Parameters
@@ -92,9 +91,7 @@ def varied(
     return number.reshape(shape).astype(np.int64), tuple(parts)
 
 
-def _levels(
-    values: F64 | None, shape: tuple[int, ...], most: int, own: float
-) -> tuple[F64, NDArray[np.int64]]:
+def _levels(values: F64 | None, shape: tuple[int, ...], most: int, own: float) -> tuple[F64, I64]:
     """Quantised values of a bitmap, and the index of each texel's value."""
     if values is None:
         return np.array([own]), np.zeros(shape, dtype=np.int64)

@@ -182,7 +182,7 @@ class SurfaceMaps:
                     "sigma0_map: a factor on sigma0 is below 0 or no finite number; repair the map"
                 )
 
-    def moved(self, offset: NDArray[np.float64]) -> "SurfaceMaps":
+    def moved(self, offset: F64) -> "SurfaceMaps":
         """The maps in a scene frame whose origin is at ``offset``, (3,) m."""
         level, classes = self.level, self.classes
         if level is not None:

@@ -10,8 +10,6 @@ from sarmitsuba.constants import VACUUM_IMPEDANCE
 from sarmitsuba.materials.fresnel import refracted_cosine
 from sarmitsuba.materials.material import Material
 
-C128 = NDArray[np.complex128]
-
 # sampled cosines of incidence, and the two-way power transmission below which a wall counts as opaque: below noise and
 # side lobes of any receiver
 COSINES = np.linspace(0.05, 1.0, 39)

@@ -12,7 +12,6 @@ from scipy.special import gammainccinv, gammaincinv, ndtr
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.errors import SceneError
 
-F64 = NDArray[np.float64]
 # texels of the lookup for a mesh attribute of 0 to 1
 ATTRIBUTE_TEXELS = 256
 # tolerance of an attribute's bounds: rounding of float32

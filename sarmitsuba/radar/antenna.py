@@ -59,7 +59,7 @@ class Antenna:
         return 1.0 / float(azimuth), 1.0 / float(elevation)
 
     @property
-    def numbers(self) -> tuple[float | NDArray[np.float64], ...]:
+    def numbers(self) -> tuple[float | F64, ...]:
         """Numbers that define the pattern: :attr:`per_width`, or the table's."""
         return self.per_width if self.table is None else self.table.numbers
 

@@ -10,8 +10,6 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 
-F64 = NDArray[np.float64]
-
 # degree of the polynomial: for an orbit over seconds and an aircraft's slow motion the rest is below a micrometre
 _DEGREE = 5
 

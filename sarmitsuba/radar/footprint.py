@@ -34,7 +34,7 @@ class Lit:
 
 
 def outline(radar: Radar, pulse: int, height: float = 0.0, n: int = 97) -> F64:
-    r"""One-way half-power contour of the beam on a horizontal plane, a closed line (n, 3) m.
+    r"""One-distance half-power contour of the beam on a horizontal plane, a closed line (n, 3) m.
 
     The contour is :math:`G(\sin\alpha, \sin\epsilon) = 1/2`, G the one-way power gain over the components of direction
     along the antenna's azimuth and elevation axes, relative to its peak.

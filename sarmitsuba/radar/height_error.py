@@ -8,8 +8,6 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # dB: above the first a note, above the second a warning
 NOTED_DB, WARNED_DB = 0.1, 1.0
 # two-way amplitude over the beam's peak below which a place counts as not illuminated: -20 dB

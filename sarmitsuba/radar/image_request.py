@@ -10,8 +10,6 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.swath import Box
 
-F64 = NDArray[np.float64]
-
 MAX_PIXELS = 2**30  # most pixels of one image plane: 8 GiB
 MAX_CELLS = 2048  # default limit of automatic extents in cells: an image of 4096 x 4096 pixels at half a cell
 # automatic margin on every side: cells for side lobes, and a share of the extent

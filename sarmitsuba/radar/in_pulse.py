@@ -9,8 +9,6 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 
-F64 = NDArray[np.float64]
-
 # one delay is used for all pulses where that changes slant ranges by less than this share of the wavelength: a straight
 # uniform track then stays one at reception, as frequency-domain focusers need
 SAME_DELAY = 1e-3

@@ -16,8 +16,6 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
 
-F64 = NDArray[np.float64]
-
 # directions from the aim point sampled to bracket roots
 _DIRECTIONS = 720
 _ROTATION = np.array([0.0, 0.0, EARTH_ROTATION])

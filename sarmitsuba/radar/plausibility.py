@@ -8,8 +8,6 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 
-F64 = NDArray[np.float64]
-
 # a track within the numeric bounds of longitude and latitude, above this height and below this speed, is taken as
 # degrees: slow rail-based radars are near the ground
 _DEGREES = np.array([180.0, 90.0])

@@ -179,7 +179,7 @@ class Radar:
         """
         return self.half_aperture / self.footprint_speed if np.isfinite(self.half_aperture) else np.inf
 
-    def range_rate(self, point: NDArray[np.float64], pulses: slice = slice(None)) -> NDArray[np.float64]:
+    def range_rate(self, point: F64, pulses: slice = slice(None)) -> F64:
         """Range rate of a point (3,), m, scene frame, at rest: (n_pulses,) m/s."""
         rates = []
         for track in self.tracks:

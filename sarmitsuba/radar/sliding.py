@@ -14,8 +14,6 @@ from sarmitsuba.radar.mode import AimGeometry, RadarMode
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.track import Track
 
-F64 = NDArray[np.float64]
-
 # slant ranges on either side of mid-aperture within which the track is searched
 _LONGEST = 50.0
 # bisection steps, after which an interval is known to float64

@@ -10,8 +10,6 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import ReceiveWindow
 
-F64 = NDArray[np.float64]
-
 # range cells of margin on both sides of the window, for side lobes and interpolation
 _MARGIN_CELLS = 16
 

@@ -12,8 +12,6 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import one_line
 from sarmitsuba.regular_files import read_text
 
-F64 = NDArray[np.float64]
-
 _FARTHEST = 1e12  # m, bound of positions in a file
 
 

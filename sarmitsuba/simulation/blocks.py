@@ -23,9 +23,6 @@ from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
 from sarmitsuba.trace.launch import LaunchGrid
 
-C64 = NDArray[np.complex64]
-F64 = NDArray[np.float64]
-
 # exponent of the time between two pulses with which the energy of a path's change grows, at least: one for edges of
 # shadows, which cross scatterers in proportion to time, two for glints, less where rays hit other facets; a lower
 # exponent gives a higher stated error

@@ -15,8 +15,6 @@ from sarmitsuba.simulation.sources.site import VIEW_TURN, Site
 from sarmitsuba.trace.edges import edges_of
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 
-F64 = NDArray[np.float64]
-
 # slant range over the radius of the target: focusing removes the curvature of the wave, which hardly changes aspects
 FAR = 1000.0
 # cells of a volume's scatterers over the diameter of the target

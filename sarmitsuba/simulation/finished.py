@@ -22,7 +22,7 @@ class FinishedBlocks:
     Parameters
     ----------
     path : file; contents of another scene, other settings or another program version are discarded
-    mark : run hash of scene, settings and program (:func:`sarmitsuba.simulation.fingerprint.fingerprint`)
+    run_hash : hash of scene, settings and program (:func:`sarmitsuba.simulation.fingerprint.fingerprint`)
     plan : decided effects
     part : text that identifies the pass of rays to which the blocks belong
 

@@ -321,7 +321,7 @@ class Imager:
         """Resolution cells from pulse weights at positions (3,), m; without the antenna pattern."""
         return azimuth_cells(self.run.scene.radar, self.grid, weights, self.windows[0], lit_alike=True)
 
-    def _passing_antenna(self) -> NDArray[np.float64] | None:
+    def _passing_antenna(self) -> F64 | None:
         """Position of the antenna (3,), m, when its beam passes over the image's centre; None where it does not."""
         radar, grid = self.run.scene.radar, self.grid
         middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]

@@ -9,9 +9,7 @@ from sarmitsuba.trace.scene_tables import TraceScene
 ON_SURFACE = 1e-3
 
 
-def off_surfaces(
-    trace_scene: TraceScene, position: NDArray[np.float64], away: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def off_surfaces(trace_scene: TraceScene, position: F64, away: F64) -> F64:
     """Start points (n, 3) of legs from points (n, 3) along ``away`` (n, 3), off the facets that they touch, m."""
     start = position.copy()
     points, owner = np.unique(position, axis=0, return_inverse=True)
@@ -22,9 +20,7 @@ def off_surfaces(
     return start
 
 
-def _touched_facets(
-    triangles: NDArray[np.float64], point: NDArray[np.float64], reach: float
-) -> NDArray[np.float64]:
+def _touched_facets(triangles: F64, point: F64, reach: float) -> F64:
     """Triangles (m, 3, 3), m, of (n, 3, 3), that lie within ``reach`` of the point."""
     near = (triangles.min(axis=1) - reach <= point) & (point <= triangles.max(axis=1) + reach)
     triangles = triangles[near.all(axis=1)]
@@ -48,7 +44,7 @@ def _off_planes(
     point: F64,
     direction: F64,
     clearance: float,
-) -> NDArray[np.float64]:
+) -> F64:
     """Displacements (n, 3), m, that move a point off triangles' planes, to the side of each direction (n, 3)."""
     step = np.zeros_like(direction)
     for _ in range(8 if len(triangles) > 1 else 1):

@@ -28,9 +28,6 @@ from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.source import Launch
 from sarmitsuba.trace.state import RECIPROCAL, REVERSED
 
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-
 # kinds of path by their number: physical optics; diffuse scatterer, straight to the antenna; diffuse scatterer,
 # reciprocal (back along the chain of mirrors); ideal point; diffuse scatterer, reversed (through mirrors to a separate
 # receiver); scatterer at a known position
@@ -179,7 +176,7 @@ def trace_paths(
     -------
     the paths whose sum is the pulse's echo by method ``raw`` with the same seed, without noise and with the effect
     ``wideband`` off: each contributes ``amplitude sinc((r - slant_range) / range_cell)``; with the effect
-    ``motion_in_pulse`` it is also shifted by its range rate, see :mod:`sarmitsuba.echo.in_pulse`
+    ``motion_in_pulse`` it is also shifted by its range rate, see :mod:`sarmitsuba.echo.pulse_motion`
 
     Raises
     ------

@@ -37,8 +37,6 @@ from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.state import Contribution, Hit, Kernel, RayState
 
-F64 = NDArray[np.float64]
-
 # bounces traced at first, and at most where the last of them still returns too much
 ORDERS, MOST_ORDERS = 8, 128
 CHANNELS = ("HH", "VV")
@@ -114,7 +112,7 @@ def examine(
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not returns:
         return SceneContext(scene, sampling.for_effects(), known_shape=shape)
-    # a draw of pairs is cheap enough for every run
+    # a realisation of pairs is cheap enough for every run
     paired = draft.flags.diffuse and pilot is not False and _may_pair(scene)
     traced = wanted or not (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape))
     known = SceneContext(scene, sampling.for_effects(), known_shape=shape)

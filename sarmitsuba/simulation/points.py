@@ -23,8 +23,6 @@ from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import changes_echoes, echoed
 from sarmitsuba.trace.state import SCATTERER, Contribution
 
-F64 = NDArray[np.float64]
-
 # pulses times samples of one NumPy batch; bounds temporary arrays to about 100 MB
 _BATCH = 2_000_000
 
@@ -75,7 +73,7 @@ class PointEcho:
         """Visibility (n,): 1 where neither leg is occluded, else 0."""
         return self.legs[0].seen * self.legs[1].seen
 
-    def channel(self, name: str) -> NDArray[np.complex128]:
+    def channel(self, name: str) -> C128:
         """Amplitude (n,) complex128, sqrt(W), of a channel, without the phase of the slant range; 0 where occluded."""
         if self.changed is not None:
             return self.changed[name]

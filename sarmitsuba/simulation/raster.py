@@ -96,7 +96,7 @@ class Raster:
         table = np.broadcast_to(one[None, :, None], (len(with_parts(self.scene.materials)), DIFFUSE_NODES, 2))
         return device_array(mi.Float, np.asarray(table, dtype=np.float32))
 
-    def run(self, flags: KernelFlags, cell_azimuth: float) -> NDArray[np.complex64]:
+    def run(self, flags: KernelFlags, cell_azimuth: float) -> C64:
         """Complex image, (n_channels, n_azimuth, n_range) complex64; ``cell_azimuth``: resolution, m."""
         power = self.power(flags)
         scene, grid = self.scene, self.grid
@@ -219,7 +219,7 @@ class Raster:
         amplitude = low + (high - low) * (theta - f32(node))
         return amplitude if water is None else amplitude * water.level(material, angle, -2.0 * d)
 
-    def _pixel(self, leg: mi.Vector3d, antenna: NDArray[np.float64]) -> tuple[mi.Float64, mi.Float64]:
+    def _pixel(self, leg: mi.Vector3d, antenna: F64) -> tuple[mi.Float64, mi.Float64]:
         """Fractional pixel (azimuth, range), float64, of points at ``leg`` (Vector3d, m) from the antenna."""
         grid, f64 = self.grid, mi.Float64
         along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64))
@@ -242,7 +242,7 @@ def _constant(value: F64, vector: Any, scalar: Any) -> Any:
     return vector(*(dr.opaque(scalar, float(v)) for v in value))
 
 
-def _band(n: int, share: float, window: Window) -> NDArray[np.float64]:
+def _band(n: int, share: float, window: Window) -> F64:
     """Window over the band on n FFT bins; ``share``: ratio of pixel spacing and resolution cell."""
     bins = scipy.fft.fftfreq(n) / share  # of the band, -1/2 ... 1/2
     return np.asarray(window(bins), dtype=np.float64)

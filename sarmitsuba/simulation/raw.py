@@ -63,7 +63,7 @@ def simulate(
     clock : of the stages' seconds in the metadata
     state : file of finished blocks of pulses, from which an interrupted run continues with the same bits; remove it
         when the data are stored. None: no file
-    mark : run hash of the blocks in ``state``; default: that of the scene, its settings and the program
+    run_hash : hash of the blocks in ``state``; default: that of the scene, its settings and the program
     workers : workers that share the tracing, such as :class:`sarmitsuba.cluster.dask_workers.DaskWorkers`; the result
         has the same bits
 
@@ -165,7 +165,7 @@ def _trace(
     )
 
 
-def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64]) -> list[str]:
+def _check_energy(scene: Scene, stats: TraceStatistics, data: C64) -> list[str]:
     """Raise an error if there is no echo; warn if much power is outside the receive window, and return the text."""
     if scene.geometry.n_faces and stats.hits == 0 and not scene.points and not scene.has_sources:
         raise RadarError(

@@ -69,7 +69,7 @@ class RcsResult:
     max_depth: int
     unfinished: NDArray[np.bool_]
 
-    def rcs_dbsm(self, channel: str | None = None) -> NDArray[np.float64]:
+    def rcs_dbsm(self, channel: str | None = None) -> F64:
         """RCS (n_directions,) of all orders summed coherently, dB above 1 m^2."""
         i = self.channels.index(channel) if channel else 0
         total = np.abs(self.amplitude[:, :, i].sum(axis=1)) ** 2
@@ -282,7 +282,7 @@ def monostatic_rcs(
 
     def traced(
         rows: NDArray[np.intp], depth: int, apart: bool, progress: Progress
-    ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+    ) -> tuple[C128, NDArray[np.bool_]]:
         """Amplitudes of some directions, and whether some ray was still active at the last bounce."""
         n_orders, alive = depth if apart else 1, np.zeros(rows.size, dtype=bool)
         amplitude = np.empty((rows.size, n_orders, len(channels)), dtype=np.complex128)
@@ -345,7 +345,7 @@ def _stop(
     check_traced(np.zeros(0, np.complex64), np.nan, "rcs", names)
 
 
-def _direction(look: NDArray[np.float64], number: int) -> str:
+def _direction(look: F64, number: int) -> str:
     """Text for a direction."""
     return "direction ({:.4f}, {:.4f}, {:.4f})".format(*look[number])
 
@@ -358,7 +358,7 @@ def _unit_rows(directions: ArrayLike) -> F64:
     return np.asarray(look / np.linalg.norm(look, axis=1, keepdims=True))
 
 
-def _window(geometry: Geometry, position: NDArray[np.float64], frame: LaunchFrame) -> NDArray[np.float64]:
+def _window(geometry: Geometry, position: F64, frame: LaunchFrame) -> F64:
     """Half extents (2,) of the launch window that covers the bounds of the geometry from every position, m."""
     if not geometry.n_faces:
         return np.zeros(2)

@@ -200,7 +200,7 @@ class Tracer:
         check_traced(np.zeros(0, np.complex64), np.nan, scene.name, culprit)
 
 
-def _reference_range(radar: Radar, center: NDArray[np.float64]) -> float:
+def _reference_range(radar: Radar, center: F64) -> float:
     """Reference length of both legs at a point (3,), m: for two antennas the geometric mean."""
     legs = [float(np.linalg.norm(center - track.center_position)) for track in radar.tracks]
     return legs[0] if len(legs) == 1 else float(np.sqrt(legs[0] * legs[1]))

@@ -39,9 +39,6 @@ from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.stage import STAGES
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
-
 # cosine of the elevation below which H and V are defined by the azimuth, since the direction is nearly vertical
 STEEP = 1e-3
 # number of directions traced a second time, with other rays, for the sampling error

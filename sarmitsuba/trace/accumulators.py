@@ -69,7 +69,7 @@ class GridAccumulator:
         self.window: tuple[mi.Float64, float] | None = None
         self.packet = (mi.Vector2d, mi.Vector4d, mi.ArrayXd)[min(self.padded.bit_length() - 1, 2)]
 
-    def watch(self, start_range: NDArray[np.float64], extent: float) -> None:
+    def watch(self, start_range: F64, extent: float) -> None:
         """Count the echoes centred outside the receive window; the part of them that falls inside is kept.
 
         Parameters

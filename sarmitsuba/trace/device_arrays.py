@@ -8,7 +8,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.backend import device_array, mi
 
 
-def vector_rows(rows: NDArray[np.float64]) -> mi.Float64:
+def vector_rows(rows: F64) -> mi.Float64:
     """Array (n, 3) float64 as a flat Dr.Jit array to gather 3-vectors from."""
     return device_array(mi.Float64, np.asarray(rows, dtype=np.float64))
 

@@ -72,7 +72,7 @@ class DiffuseReturns:
     ----------
     lattice : scatterers in the patch of the facet
     straight : per channel, values of the fixed tensors for the straight leg to the antenna
-    retro : the same for the reciprocal path, back along the ray's own chain; None without such paths
+    reciprocal : the same for the reciprocal path, back along the ray's own chain; None without such paths
     reverse : the same for the reversed path, straight to a hit behind mirrors and through the chain to a separate
         receiver; None where it is as long as the straight one, which then counts for both
     straight_weight, reciprocal_weight : amplitude factors of the straight and of the reciprocal path

@@ -19,8 +19,6 @@ from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.state import Kernel
 
-F64 = NDArray[np.float64]
-
 # longest piece of an edge, wavelengths, unless the resolution cell is smaller: visibility is decided piece by piece
 LONGEST = 2.0
 # distance from an edge (wavelengths, share of its piece) within which another object counts as touching it

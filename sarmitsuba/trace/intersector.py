@@ -8,7 +8,7 @@ from sarmitsuba.arrays import F32
 from sarmitsuba.backend import mi
 
 
-def intersector(corners: NDArray[np.float32]) -> mi.Scene:
+def intersector(corners: F32) -> mi.Scene:
     """Ray-tracing structure of triangles (n_faces, 3, 3), m.
 
     Every face has its own three vertices, so that the face's number is its row in all tables. Vertices still coincide

@@ -123,7 +123,7 @@ class Surroundings:
 
         Returns
         -------
-        vectors, shift : shift as of :func:`sarmitsuba.trace.panes.along`; None where no slab transmits
+        vectors, shift : shift as of :func:`sarmitsuba.trace.slab_passage.along`; None where no slab transmits
         """
         vectors = passed(self.scene.passages, start, direction, distance, active, vectors)
         if not self.transmits:

@@ -67,7 +67,7 @@ class Movers:
         offset = np.stack([motion.displacement(self.time) for motion in self.motions])
         return np.asarray(self.triangles + offset[self.number][:, None])
 
-    def apart(self, vertex: NDArray[np.int64]) -> NDArray[np.int64]:
+    def apart(self, vertex: I64) -> I64:
         """Labels (3 n_faces,) of corners; faces with different motions share none."""
         label = vertex * len(self.motions) + np.repeat(self.number, 3)
         return np.asarray(np.unique(label, return_inverse=True)[1].reshape(-1), dtype=np.int64)

@@ -144,9 +144,9 @@ def _launch_weight(kernel: Kernel, gx: mi.Float, gy: mi.Float) -> mi.Float:
     return mi.Float(1.0)
 
 
-def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: mi.Vector4u) -> mi.Bool:
+def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: FaceRow) -> mi.Bool:
     """Whether a ray samples a face: each face is sampled by the rays of one level, which is fine enough for it."""
-    coherent, diffuse = (dr.reinterpret_array(mi.Float, word) for word in (info.z, info.w))
+    coherent, diffuse = info.needed_spacings
     need = {"coherent": coherent, "diffuse": diffuse, "all": dr.minimum(coherent, diffuse)}[purpose]
     return (need >= needs[0]) & (need < needs[1])
 

@@ -148,7 +148,7 @@ class TraceScene:
 
     def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
         """Row of the material table for each face, in a kernel."""
-        return dr.gather(mi.Vector4u, self.face_info, face, active).x & MATERIAL_MASK
+        return FaceRow.of(self.face_info, face, active).material_bits & MATERIAL_MASK
 
     def at(self, time: float) -> TraceScene:
         """The scene with all moving faces at their positions at a time, s; itself where nothing moves."""
@@ -319,7 +319,7 @@ def build_trace_scene(
     )
 
 
-def _joined(bounds: NDArray[np.float64], other: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def _joined(bounds: F64, other: F64 | None) -> F64:
     """Common bounds (2, 3) of two boxes."""
     if other is None:
         return bounds
@@ -361,7 +361,7 @@ def _with_places(
     )
 
 
-def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _packed(triangles: F64) -> F64:
     """Rows (n_faces, 3, 4) of the face table, from the corners (n_faces, 3, 3) of the triangles."""
     v0, v1, v2 = (triangles[:, i] for i in range(3))
     e1, e2 = v1 - v0, v2 - v0

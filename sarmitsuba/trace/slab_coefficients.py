@@ -72,7 +72,7 @@ class SlabTables:
         passes = np.array(self.table).reshape(-1, 4)[:, 2] > 0.0
         return replace(self, table=device_array(mi.Float, _rows(materials, passes, wavelength)))
 
-    def at(self, triangles: NDArray[np.float64]) -> SlabTables:
+    def at(self, triangles: F64) -> SlabTables:
         """The same slabs with their faces at other positions."""
         return replace(self, triangles=triangles)
 
@@ -173,9 +173,7 @@ def _is_slab(material: Material) -> bool:
     return material.thickness > 0.0 and not material.pec
 
 
-def _rows(
-    materials: tuple[Material, ...], passes: NDArray[np.bool_], wavelength: float
-) -> NDArray[np.float32]:
+def _rows(materials: tuple[Material, ...], passes: NDArray[np.bool_], wavelength: float) -> F32:
     """Rows of the table of :class:`SlabTables`; ``passes`` (n_materials,): materials that transmit."""
     rows = np.zeros((len(materials), 4), dtype=np.float32)
     for i, m in enumerate(materials):

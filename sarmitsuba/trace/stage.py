@@ -39,7 +39,7 @@ class Stage:
         """Incident ray at a hit, before its returns are computed and it is reflected."""
         return ray
 
-    def at_mirror(self, kernel: Kernel, properties: mi.Vector4f, cosine: mi.Float) -> mi.Float | None:
+    def at_mirror(self, kernel: Kernel, properties: MaterialRow, cosine: mi.Float) -> mi.Float | None:
         """Factor on the field reflected by a smooth surface; None: one.
 
         Parameters

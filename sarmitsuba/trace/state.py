@@ -298,7 +298,7 @@ class Hit:
     length, length_back : m, from the virtual antenna to here, and from here to the antenna
     to_antenna64, to_antenna : unit vector to the antenna
     sees : lanes in which the hit is visible from the antenna
-    properties : Re, Im of eps - 1, rms height and cross-polar power ratio of the material
+    properties : row of the material: permittivity, rms height, cross-polar power ratio
     movement : of the face; None where nothing moves
     slab : row of `Slabs.table` of the material, None where slabs are left out
     met : lanes that hit something, whether or not this ray samples it

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from sarmitsuba.materials.material import Material
     from sarmitsuba.scene.geometry import Geometry
 
-F64 = NDArray[np.float64]
-U32 = NDArray[np.uint32]
 # bits for the continuation of a bitmap beyond its edges, and for interpolation between its texels
 _REPEAT, _SMOOTH = 1, 2
 _ROOT_2 = 1.4142135623730951

@@ -52,7 +52,7 @@ class BraggWave:
     wavenumber : rad/m, of the radar
     time : s
     wind : (2,) direction that the wind blows to
-    draw : random number of the scatterer, uniform from 0 to 1
+    sample : random number of the scatterer, uniform from 0 to 1
     water : lanes that are water
     """
 

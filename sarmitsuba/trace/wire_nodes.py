@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 NEAR_PHASE = 0.02
 # nodes in a resolution cell
 PER_RANGE_CELL, PER_AZIMUTH_CELL = 4.0, 8.0
-# point from which the visibility of an end is decided: the middle of its part of the line, in lengths of that part
+# point from which the visibility of an end is decided: the middle of its part of the wire, in lengths of that part
 PROBE = 1.0 / 3.0
 
 
@@ -39,10 +39,10 @@ class WireNodes:
     Parameters
     ----------
     point : (n, 3) float64, m
-    inward : (n, 3) float64, m, from an end to the point within the line at which its visibility is decided; else zero
+    inward : (n, 3) float64, m, from an end to the point within the wire at which its visibility is decided; else zero
     axis : (n, 3) unit vectors along the wire
     step : (n,) m between neighbours on the wire
-    sides : (n, 2) 1 where the line continues along the axis and against it, 0 beyond an end
+    sides : (n, 2) 1 where the wire continues along the axis and against it, 0 beyond an end
     wire : (n,) number of the wire
     """
 
@@ -86,7 +86,7 @@ def longest_step(range_cell: float, azimuth_cell: float, distance: float, wavele
 
 
 def cut(wires: Sequence[WireTarget], longest: float) -> WireNodes:
-    """Nodes along lines, spaced by at most ``longest``, m, with one at each end of a line."""
+    """Nodes along wires, spaced by at most ``longest``, m, with one at each end of a wire."""
     points, inward, axes, steps, sides, numbers = [], [], [], [], [], []
     for number, wire in enumerate(wires):
         n = max(1, int(np.ceil(wire.length / longest - 1e-9)))
@@ -106,7 +106,7 @@ def cut(wires: Sequence[WireTarget], longest: float) -> WireNodes:
 
 
 class WireScatterers(Scatterers):
-    r"""Wires and rods as scatterers, by the closed-form current of the infinite cylinder.
+    r"""Wires as scatterers, by the closed-form current of the infinite cylinder.
 
     .. math:: q \cdot S e = \frac{2}{\sqrt\pi} h F \left[T_{mm} (q \cdot \hat t_s)(\hat t_i \cdot e)
         + T_{ee} (q \cdot \hat p_s)(\hat p_i \cdot e)
@@ -116,8 +116,8 @@ class WireScatterers(Scatterers):
 
     .. math:: F = \int_{-1}^{1} w(t) (1 - |t|) e^{-j k h (\hat d - \hat s) \cdot \hat a\, t} dt
 
-    whose w is 0 beyond an end of the line, else 1. Hats of neighbours sum to one: at the carrier the sum over the nodes
-    is the integral over the line, however it is cut, and the uncancelled return of a slanting line is at its ends.
+    whose w is 0 beyond an end of the wire, else 1. Hats of neighbours sum to one: at the carrier the sum over the nodes
+    is the integral over the wire, however it is cut, and the uncancelled return of a slanting wire is at its ends.
 
     The phase of the path to the front of the cylinder is in the slant range (`nearer`), not in T, since it depends on
     the frequency.
@@ -125,7 +125,7 @@ class WireScatterers(Scatterers):
     Parameters
     ----------
     nodes : of the wires
-    lines : wires to which the nodes belong
+    wires : wires to which the nodes belong
     wavelength : m
 
     Notes
@@ -181,7 +181,7 @@ class WireScatterers(Scatterers):
     def departure(
         self, index: mi.UInt32, point: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
     ) -> mi.Vector3f:
-        """Start of a shadow ray, m; at an end it lies within the line: ground at a post's foot does not hide it."""
+        """Start of a shadow ray, m; at an end it lies within the wire: ground at a post's foot does not hide it."""
         return point + dr.gather(mi.Vector3f, self.inward, index) + direction * clearance
 
     def amplitude(
@@ -264,8 +264,7 @@ class WireScatterers(Scatterers):
 
     def nearer(self, index: mi.UInt32, incident: Leg, scattered: Leg) -> mi.Float:
         """Distance of the wire's front surface before its axis, m: its radius at normal incidence."""
-        wire = dr.gather(mi.Vector4f, self.wires, index)
-        axis = mi.Vector3f(wire.x, wire.y, wire.z)
+        axis, _ = self._axis_and_step(index)
         legs = [_WireLeg.of(axis, v) for v in (-incident.to_antenna, scattered.to_antenna)]
         azimuth = _azimuth(axis, legs)
         radius = dr.gather(mi.Float, self.radius, dr.gather(mi.UInt32, self.kind, index))

@@ -17,9 +17,6 @@ from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.wedge import fringe_backscatter
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
-
 # antenna positions and edges used in the estimate, distributed over all
 POSITIONS, EDGES = 9, 2000
 # most metal faces searched for edges while planning: a quarter of a second

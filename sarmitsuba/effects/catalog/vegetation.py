@@ -29,7 +29,7 @@ class Vegetation(Effect):
             return Assessment(False, "method raster shows surfaces only", float("nan"))
         line = context.corners[-1] - context.scene.radar.track.center_position
         cosine = float(abs(line[2]) / np.linalg.norm(line))
-        # extinction along the mean path through each, and the strongest return of one square metre of crown
+        # extinction along the mean path through each, and the strongest return of one square metre of volume
         depth = [float(v.medium.at(cosine)[0].mean()) * v.mean_chord for v in volumes]
         returned = max(float(v.medium.at(cosine)[1][:2].max()) * v.mean_chord for v in volumes)
         error = 10.0 * np.log10(max(1.0 - np.exp(-2.0 * max(depth)), min(returned, 1.0), 1e-30))

@@ -15,9 +15,6 @@ from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.slab import COSINES, slab_coefficients
 
-F64 = NDArray[np.float64]
-C128 = NDArray[np.complex128]
-
 # least number of traced frequencies (exact for changes linear in frequency), and the largest number
 LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16
 # margin of the interpolation error of one return below the tolerance, dB: several add up

@@ -8,8 +8,6 @@ import numpy as np
 from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.factorised.sampling import SubimageSampling
 
-F64 = NDArray[np.float64]
-
 # processor seconds of one core: of a pulse at a sample, of a group merged into a sample, of the transforms of a
 # subimage's sample, and of a section at a pixel by the taps of the last interpolation; benchmarks/suite/factorised.py
 # measures their sum

@@ -297,7 +297,7 @@ def sum_weights(
     positions: F64,
     axes: dr.ArrayBase,
     weighting: Weighting,
-) -> NDArray[np.float64]:
+) -> F64:
     r"""Summed weight of all pulses at points (n, 3), :math:`\sum_t w_t g_t^2`, (n,).
 
     Parameters

@@ -105,7 +105,7 @@ def refinement_error(upsampling: float) -> float:
     return float(np.sqrt(np.mean(np.abs(value - np.exp(2j * np.pi * np.outer(nu, x))) ** 2)))
 
 
-def correction(sampling: SubimageSampling, n: int) -> NDArray[np.float32]:
+def correction(sampling: SubimageSampling, n: int) -> F32:
     """Gains of an FFT's n bins that divide out the last interpolation's transform within the band.
 
     A filter of ``2 CORRECTION + 1`` taps, so that the ends of a subimage affect no more samples: least-squares fit, in

@@ -23,8 +23,6 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # samples kept beyond the image: taps of the last interpolation, and the decay of its correction at the ends
 GUARD = CORRECTION + 4
 # operations from range compression to profiles, per sample of raw data

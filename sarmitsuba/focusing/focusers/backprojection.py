@@ -52,9 +52,6 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
-
 # layers that share one evaluation of the geometry; more would spill registers
 _MAX_LAYERS = 4
 # pixels whose summed weight is below this part of the aperture's were not illuminated

@@ -24,9 +24,6 @@ from sarmitsuba.focusing.frequency_domain.track_geometry import slant_grid
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
-
 # largest chirp scaling factor; rows that need more contain no echo of an image within the bound
 _LARGEST = 0.5
 

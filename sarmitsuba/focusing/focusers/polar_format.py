@@ -181,9 +181,7 @@ def polar_format(task: FocusTask) -> C64:
     return image
 
 
-def _scale_and_places(
-    radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window: Window
-) -> tuple[NDArray[np.complex128], F64]:
+def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window: Window) -> tuple[C128, F64]:
     """Calibration of every pixel (n_azimuth, n_range), and its position in the plane-wave image (n_pixels, 2), m."""
     rows, columns = (np.unique(np.linspace(0, n - 1, 17).round().astype(int)) for n in grid.shape)
     total = np.array(

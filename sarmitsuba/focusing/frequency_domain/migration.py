@@ -13,8 +13,6 @@ from sarmitsuba.focusing.frequency_domain.track_geometry import slant_grid, trac
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # directions with less than this share of the strongest two-way gain are ignored in the residual phase
 _WEAK = 0.05
 # pulses and frequencies at which the residual phase is sampled

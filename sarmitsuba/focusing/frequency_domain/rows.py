@@ -46,9 +46,6 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-C64 = NDArray[np.complex64]
-
 # Doppler band of the image over the PRF above which a warning about azimuth aliasing is given
 _FOLDED = 1.05
 # samples of the spectrum mapped at once by a thread: bounds the temporary memory and fits the caches

@@ -23,8 +23,6 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # common error, dB: ripple of the pulses' ends where the pulse rate is raised, stationary phase
 _FLOOR_DB = -58.0
 # of stationary phase in pixels' own apertures: this power at a time-bandwidth product of 1, falling with its power of

@@ -148,7 +148,7 @@ def lit_sines(radar: Radar, grid: ImageGrid) -> tuple[F64, NDArray[np.bool_]]:
     return np.asarray(look @ grid.along), np.asarray(lit)
 
 
-def aperture_middle(radar: Radar, geometry: TrackGeometry, azimuth: F64, rho: F64) -> NDArray[np.int64]:
+def aperture_middle(radar: Radar, geometry: TrackGeometry, azimuth: F64, rho: F64) -> I64:
     """Nearest pulse to the middle of the pixels' apertures; arguments broadcast, m."""
     middle = 0.5 * (geometry.x[0] + geometry.x[-1])
     if lit_in_turn(radar):

@@ -18,8 +18,6 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-F64 = NDArray[np.float64]
-
 # rows and columns at which weights are summed, and rows where only the sampling of the aperture varies along azimuth
 _ROWS, _COLUMNS, _OWN_ROWS = 65, 33, 9
 NODES = _ROWS * _COLUMNS
@@ -48,7 +46,7 @@ def normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window
     return np.asarray(scale / radar.amplitude_constant)
 
 
-def _nodes(n: int, most: int) -> NDArray[np.int64]:
+def _nodes(n: int, most: int) -> I64:
     """At most a given number of n places, both ends included."""
     return np.unique(np.linspace(0, n - 1, most).astype(np.int64))
 

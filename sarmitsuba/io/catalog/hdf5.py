@@ -275,7 +275,7 @@ def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File
         raise DataError(f"{path}: cannot read {wanted}: {reason or type(error).__name__}") from error
 
 
-def _write_planes(file: h5py.File, kind: _Kind, data: NDArray[np.complex64], layers: Sequence[Layer]) -> None:
+def _write_planes(file: h5py.File, kind: _Kind, data: C64, layers: Sequence[Layer]) -> None:
     """Write every layer, and the sums that are not layers themselves."""
     paths = [_path_of(layer, kind.root) for layer in layers]
     sums: dict[str, tuple[str, int | None]] = {
@@ -339,9 +339,7 @@ def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: C64) -> None:
             made.dims[i].attach_scale(file[scale])
 
 
-def _read_planes(
-    file: h5py.File, kind: _Kind, planes_too: bool
-) -> tuple[NDArray[np.complex64], tuple[Layer, ...]]:
+def _read_planes(file: h5py.File, kind: _Kind, planes_too: bool) -> tuple[C64, tuple[Layer, ...]]:
     """Planes named in ``/layers``, or without it the channels; empty zeros unless wanted."""
     if groups.has(file, "layers"):
         names = groups.dataset(file, "layers").asstr()[()]

@@ -145,9 +145,9 @@ class IntegralEquation(DiffuseLaw):
         self,
         surface: Surface,
         wavelength: float,
-        sine: NDArray[np.float64],
-        cosine: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        sine: F64,
+        cosine: F64,
+    ) -> F64:
         """See `small_slope_spectrum`: it and this law agree for small heights and about the mirror direction."""
         k, s = 2.0 * np.pi / wavelength, surface.rms_height
         if k * s < 1e-12:

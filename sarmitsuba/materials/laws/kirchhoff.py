@@ -6,8 +6,6 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface, correlation_length_of
 from sarmitsuba.materials.fresnel import fresnel
 
-F64 = NDArray[np.float64]
-
 # rms slopes between which geometrical optics is evaluated: below a mirror, above no return
 _SLOPES = (1e-6, 1e6)
 

@@ -10,8 +10,6 @@ from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface, 
 from sarmitsuba.materials.sea_spectrum import SeaState
 from sarmitsuba.parameters import Param
 
-F64 = NDArray[np.float64]
-
 # cut-off of the two-scale model, share of the radar's wavenumber: longer waves tilt the shorter ones; a third to a
 # fifth is usual
 TILTING = 0.25

@@ -13,8 +13,6 @@ from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
 from sarmitsuba.materials.vegetation.plant_pieces import OverGround, Piece
 from sarmitsuba.registry import Registry
 
-F64 = NDArray[np.float64]
-
 # azimuth nodes of an axis about the wave, and polar nodes in addition to those for the lobes of long pieces
 _LEAST_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 24, 96, 6.0
 # least spread, deg: below, the sums over orientations are too coarse

@@ -31,9 +31,6 @@ from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.timing import Clock
 
-C64 = NDArray[np.complex64]
-F64 = NDArray[np.float64]
-
 # least and largest number of blocks that are traced both ways, and most pulses of one where every pulse is traced
 PLACES, MOST_PLACES, LONGEST = 5, 48, 256
 # bounds on the rays traced both ways, all effects together: for all blocks to be used, and for effects to be tried

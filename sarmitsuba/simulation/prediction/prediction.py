@@ -103,7 +103,7 @@ class _TracingForecast:
     statistics : of the whole run
     interval : pulses that share one tracing
     error_db : error of blocks against tracing every pulse
-    seams : number of block boundaries at which it was measured, and of all boundaries
+    boundaries : number of block boundaries at which it was measured, and of all boundaries
     """
 
     seconds: Mapping[str, float]
@@ -188,7 +188,7 @@ def predict(
     return planned, prediction
 
 
-def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _TracingForecast:
+def _tracing(run: Run, sampling: SamplingPlan, data: C64, clock: Clock) -> _TracingForecast:
     """Determine the block length as the run does, trace one block again, and extrapolate to all others."""
     run.timer = StageTimer(clock)
     rays = run.rays(sampling, 0)

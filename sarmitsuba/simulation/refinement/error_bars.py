@@ -71,9 +71,7 @@ class ErrorBars:
         }
 
 
-def subset_planes(
-    data: NDArray[np.complex64], layers: Sequence[Layer], channel: str
-) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
+def subset_planes(data: C64, layers: Sequence[Layer], channel: str) -> tuple[C64, C64]:
     """Estimate of a channel (sum of its subsets) and half the difference of the subsets' estimates, orders summed.
 
     Raises
@@ -139,9 +137,7 @@ def estimate_error(data: C64, layers: Sequence[Layer], *, window: int = 5, pixel
     )
 
 
-def estimate_pass_error(
-    change: NDArray[np.complex64], mean: NDArray[np.complex64], channels: tuple[str, ...], share: float
-) -> ErrorBars:
+def estimate_pass_error(change: C64, mean: C64, channels: tuple[str, ...], share: float) -> ErrorBars:
     r"""Sampling error of the weighted mean of passes, from the change by the last of them.
 
     Passes are weighted by their number of rays. For independent errors with variance inversely proportional to it, the

@@ -271,7 +271,7 @@ def _whole(value: object, least: int, most: int) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
 
 
-def _check_values(data: NDArray[np.complex64], most: float) -> None:
+def _check_values(data: C64, most: float) -> None:
     """Raise a DataError where echoes are not finite, or stronger than physically possible."""
     check_pulses(data)
     largest = max(float(np.abs(plane).max(initial=0.0)) for plane in data)

@@ -21,8 +21,6 @@ from sarmitsuba.trace.edges import edges_of
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, Purpose, lattice
 from sarmitsuba.trace.scene_tables import TraceScene
 
-F64 = NDArray[np.float64]
-
 # rays per wavelength needed by curved and small parts (a sphere of ka = 60 is then within 0.1 dB of physical optics)
 RAYS_PER_WAVELENGTH = 4.5
 # rays of one pass up to which the whole window gets RAYS_PER_WAVELENGTH; beyond, tubes of several wavelengths serve

@@ -16,8 +16,6 @@ from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
 from sarmitsuba.units import db_from_power
 
-F64 = NDArray[np.float64]
-
 # ghosts of a point are reported above this part of its own power
 _LEAST = 1e-4
 # number of points examined for ghosts, brightest first; and the ambiguity orders

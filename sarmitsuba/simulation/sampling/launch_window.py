@@ -13,8 +13,6 @@ from sarmitsuba.simulation.sampling.beside_mesh import clipped
 from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
 
-F64 = NDArray[np.float64]
-
 # rad, rotation of the line of sight to the scene's middle over the pulses of one launch plane. Seen 10 degrees off the
 # plane's normal, tubes are wider by 1.5 per cent; an edge-on plane would light nothing
 SECTOR = float(np.radians(20.0))

@@ -10,8 +10,6 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 
-F64 = NDArray[np.float64]
-
 # times of a sector at which positions of moving shapes are evaluated
 TIMES = 9
 # rad, allowed rms phase error of a moving shape over a block: -26 dB of its own echo

@@ -11,8 +11,6 @@ from scipy.spatial import ConvexHull, QhullError
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.trace.launch import LaunchFrame, project
 
-F64 = NDArray[np.float64]
-
 # largest length of the parts into which triangles are cut, steps of the lattice: the motion between the antenna
 # positions differs from end to end of a long triangle
 LONGEST = 500.0
@@ -177,7 +175,7 @@ class _Outlines:
         ends = (ring[[pick(ring[:, 1])], 0] for pick in (np.argmin, np.argmax))
         return _Outlines(ring.min(axis=0)[None], ring.max(axis=0)[None], left, right, *ends)
 
-    def _rows(self, rim: float, most: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _rows(self, rim: float, most: float) -> tuple[I64, I64]:
         """First row and number of rows of each outline."""
         first, last = (
             np.clip(v, -most, most).astype(np.int64)
@@ -226,7 +224,7 @@ class _Outlines:
         return ends[0] - rim, ends[1] + rim
 
 
-def _stretches(corners: F64, piece: NDArray[np.int64], longest: float) -> NDArray[np.int64]:
+def _stretches(corners: F64, piece: I64, longest: float) -> I64:
     """Number of the stretch of surface, no longer than ``longest``, to which each triangle belongs."""
     if not len(corners):
         return np.zeros(0, dtype=np.int64)
@@ -242,7 +240,7 @@ def _stretches(corners: F64, piece: NDArray[np.int64], longest: float) -> NDArra
     return np.asarray(stretch, dtype=np.int64)
 
 
-def _rings(seen: Sequence[F64], stretch: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.intp], F64]]:
+def _rings(seen: Sequence[F64], stretch: I64) -> Iterator[tuple[NDArray[np.intp], F64]]:
     """Triangles that are processed together, and the convex hull (m, 2) of their projections from all antennas.
 
     Those of a stretch whose hull is no larger than their outlines side by side, and has far fewer rows.
@@ -305,7 +303,7 @@ def _hull_lines(points: F64, pairs: Iterable[tuple[int, int]]) -> tuple[F64, F64
     return kept[0], kept[1]
 
 
-def _union(start: NDArray[np.int64], stop: NDArray[np.int64], most: float) -> NDArray[np.int64]:
+def _union(start: I64, stop: I64, most: float) -> I64:
     """Integers within runs ``start ... stop``, each once, in order; at most ``most``."""
     order = np.argsort(start, kind="stable")
     start, reached = start[order], np.maximum.accumulate(stop[order])

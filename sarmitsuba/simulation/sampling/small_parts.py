@@ -19,9 +19,8 @@ from sarmitsuba.simulation.sampling.small_lattice import (
 from sarmitsuba.trace.launch import LatticeLevel, LaunchFrame, LaunchGrid, Purpose, morton
 from sarmitsuba.trace.scene_tables import TraceScene
 
-F64 = NDArray[np.float64]
 # positions of rays in a launch plane; their spacing, and least and largest need of the faces that they sample
-Nodes = tuple[NDArray[np.float32], NDArray[np.float32]]
+Nodes = tuple[F32, F32]
 Density = tuple[float, tuple[float, float]]
 
 # bound on the rays of finer lattices: a number, or a share of the plain lattice's rays where that is larger

@@ -10,8 +10,6 @@ from sarmitsuba.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.movers import BEAM_CHANGE, MOTION_PHASE, SHORTEST, beam_change
 
-F64 = NDArray[np.float64]
-
 # bound on velocities, standard deviations: one scatterer in a million is faster
 SIGMAS = 5.0
 # allowed error of the gain relative to its peak, where it is steepest: about -25 dB over the aperture

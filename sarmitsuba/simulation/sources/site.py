@@ -17,8 +17,6 @@ from sarmitsuba.trace.launch import project
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.wire_nodes import longest_step
 
-F64 = NDArray[np.float64]
-
 # least number of antenna positions for the visibility of pairs, and rad of rotation of the line of sight per position
 LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
 
@@ -188,7 +186,7 @@ class RunSite(Site):
 
 
 def _faded(window: LaunchWindow, places: F64) -> F64:
-    """Taper of the launch window at points (n, 2) of its plane; see :func:`sarmitsuba.trace.beam.fade`."""
+    """Taper of the launch window at points (n, 2) of its plane; see :func:`sarmitsuba.trace.antenna_weight.fade`."""
     if not window.taper:  # all of the scene lies within it
         return np.ones(len(places))
     beyond = np.abs(places) - [window.half_x, window.half_y]

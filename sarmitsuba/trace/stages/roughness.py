@@ -30,9 +30,9 @@ class RoughnessLoss(Stage):
 
     name: ClassVar[str] = "roughness"
 
-    def at_mirror(self, kernel: Kernel, properties: mi.Vector4f, cosine: mi.Float) -> mi.Float:
+    def at_mirror(self, kernel: Kernel, properties: MaterialRow, cosine: mi.Float) -> mi.Float:
         """Factor on the field reflected by a smooth surface."""
-        return dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * properties.z * cosine))
+        return dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * properties.rms_height * cosine))
 
     def at_closing(self, kernel: Kernel, hit: Hit) -> mi.Float:
         """Factor on the coherent return of the tube at a hit."""
