@@ -31,7 +31,7 @@ GROWTH = 0.5
 # next, dB
 BOUNDARY_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
 # standard deviation of the estimate from one block boundary, dB (n boundaries: over the root of n); added to the
-# stated error (benchmarks/stated_errors.py)
+# stated error (benchmarks/suite/stated_errors.py)
 BOUNDARY_SCATTER_DB = 2.5
 # margin of the error of blocks below a wanted error of the whole run, dB
 BELOW_TARGET_DB = 3.0

@@ -44,7 +44,7 @@ STEEP = 1e-3
 # number of directions traced a second time, with other rays, for the sampling error
 CHECKED = 24
 # spacing of these rays relative to the first, and energy of the error relative to the difference, since a part of the
-# error is common to both (benchmarks/stated_errors.py --kind rcs)
+# error is common to both (benchmarks/suite/stated_errors.py --kind rcs)
 OTHER_SPACING, ERROR_SHARE = 2.0**-0.5, 2.0
 # relative error energy of phases: sums of rays in float32, and wavefront curvature
 ROUNDING = 10.0**-9.5

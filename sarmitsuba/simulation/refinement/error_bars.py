@@ -23,7 +23,7 @@ SHARED_DB = 2.5
 # rms difference of estimate and truth over all runs of that benchmark, dB
 SHARED_SCATTER_DB = 2.3
 # the same constant for passes: error of their weighted mean relative to the estimate from the last one for independent
-# errors; median of random scenes (benchmarks/error_bars.py)
+# errors; median of random scenes (benchmarks/suite/error_bars.py)
 PASSES_SHARED_DB = 4.0
 # scatter of that constant from scene to scene, dB
 PASSES_SCATTER_DB = 0.8

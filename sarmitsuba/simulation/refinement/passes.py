@@ -33,7 +33,7 @@ from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 
 STATE_FILE = "passes.npz"
-# error energy falls with this power of the number of rays: 2.5 dB per doubling (benchmarks/error_bars.py)
+# error energy falls with this power of the number of rays: 2.5 dB per doubling (benchmarks/suite/error_bars.py)
 ORDER = 0.83
 # most rays of one lattice; denser passes are repeated instead
 MAX_RAYS = 16_000_000
