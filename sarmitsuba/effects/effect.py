@@ -87,6 +87,7 @@ class Effect(ABC):
     documentation : of the switch in the scene file, half a sentence; empty: it has no switch
     off_when, off_means : for the table of `docs/effects.md`: condition for off, and the simulation without it
     rank : position in the plan; an effect may use the decisions of those before it
+    frequencies : at which the band is traced at least where it is on, 1 for an effect without frequency dependence
     at_key_pulses : whether its influence on the image follows from the echoes of single pulses; false for effects on
         focusing, channels or the receiver
     kernel_flags : flags of the trace kernel that it sets, each with a description. Fields of `KernelFlags` are set,
@@ -99,6 +100,7 @@ class Effect(ABC):
     off_when: ClassVar[str] = ""
     off_means: ClassVar[str] = ""
     rank: ClassVar[int]
+    frequencies: ClassVar[int] = 1
     at_key_pulses: ClassVar[bool] = True
     kernel_flags: ClassVar[Mapping[str, str]] = _NO_FLAGS
 

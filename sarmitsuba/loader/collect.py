@@ -211,6 +211,9 @@ class Collector:
             raise SceneError(f"{shape.where}: {kind.name} is on a {shape.plugin}; put it on a sphere")
         if not placed.motion.still:
             raise SceneError(f"{shape.where}: {kind.name} on a shape that moves; leave its velocity out")
+        missing = [p.name for p in kind.parameters if values[p.name] is None]
+        if missing:
+            raise SceneError(f"{bsdf.where}: {kind.name} has no {missing[0]}; give it a number")
         linear = placed.to_world[:3, :3]
         position = linear @ sphere_center(shape) + placed.to_world[:3, 3]
         numbers = {parameter.name: float_value(values, parameter.name) for parameter in kind.parameters}

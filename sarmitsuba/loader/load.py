@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from sarmitsuba.backend import mi
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import ExtensionError, SceneError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.collect import Collector
@@ -61,7 +61,13 @@ def load_scene(
     Files and dicts keep positions in float64. An ``mi.Scene``, and a dict that holds objects made by Mitsuba, has
     vertices in float32, good to 1e-7 of their distance from the origin, and meshes merged by material.
     """
-    known = tables.TABLES | scatterer_tables()
+    own = scatterer_tables()
+    for name in own:
+        if name in tables.TABLES:
+            raise ExtensionError(
+                f"kind of scatterer {name!r}: that is the name of a plugin of the scene format; take another"
+            )
+    known = tables.TABLES | own
     plain, overrides = split_parameters(parameters or {}, known)
     file = resolve(scene) if isinstance(scene, Path | str) else None
     radar_file = None if radar is None else resolve_radar(radar)

@@ -22,11 +22,14 @@ class ScattererKind:
     name : of the bsdf in scene files, on a `sphere` whose centre and axes are the scatterer's
     title : half a sentence
     parameters : of the bsdf, numbers
+    frequencies : at which the band is traced for it at least; 1 for an amplitude without frequency dependence over the
+        band, 2 for one that is linear in frequency
     """
 
     name: ClassVar[str]
     title: ClassVar[str] = ""
     parameters: ClassVar[tuple[Param, ...]] = ()
+    frequencies: ClassVar[int] = 2
 
     @property
     def table(self) -> ParamTable:
@@ -70,7 +73,7 @@ class ScattererTarget:
         if self.kind not in SCATTERERS:
             known = ", ".join(SCATTERERS.names) or "none"
             raise SceneError(f'scatterer "{self.name}": there is no kind {self.kind!r}; registered: {known}')
-        square = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6)
+        square = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-6) and np.linalg.det(self.axes) > 0.0
         if not (np.isfinite(self.position).all() and square):
             raise SceneError(
                 f'{self.kind} "{self.name}": to_world is not a turn and a shift; give it rotate and translate alone'

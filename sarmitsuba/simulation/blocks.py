@@ -360,10 +360,12 @@ class Blocks:
     def _shift_errors(self, rays: Sequence[LaunchGrid]) -> dict[str, float]:
         """Error of each channel by ray sampling at one pulse, from rays (or a strip) shifted by half a cell, dB."""
         pulse = self.blocks[self._middle][1]
-        whole = here = self.data[:, pulse]
+        whole, here = (
+            self.data[:, pulse],
+            self._at(rays, pulse),
+        )  # the block's profile has the block's own error
         all_rays, share = self.rays.at(pulse)[0], 1.0
         if rays is not all_rays:
-            here = self._at(rays, pulse)
             share = STRIP_ENERGY * sum(g.n_rays for g in rays) / sum(g.n_rays for g in all_rays)
         other = self._at([_shifted(grid) for grid in rays], pulse)
         out = {}

@@ -35,7 +35,7 @@ from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 from sarmitsuba.trace.scene_tables import TraceScene
-from sarmitsuba.trace.stage import stages_of
+from sarmitsuba.trace.stage import changes_echoes, stages_of
 
 
 class Imager:
@@ -173,7 +173,7 @@ class Imager:
                 f"{run.scene.name}: method raster shows objects at rest only, and a mesh moves; take method image or "
                 "hybrid, or set moving_targets off"
             )
-        left_out = f"{run.scene.name}: method raster draws surfaces alone; wires and volumes are left out"
+        left_out = f"{run.scene.name}: method raster draws surfaces alone; wires, volumes and scatterers are left out"
         if run.scene.has_sources and left_out not in run.notes:
             run.notes.append(left_out)
         left = [stage.name for stage in stages_of(run.plan.flags) if stage.name in run.plan.flags.extra]
@@ -240,7 +240,8 @@ class Imager:
         grid, wave = self.look.grid, self.run.scene.radar.waveform
         shape = (len(layers), grid.n_range, grid.n_azimuth)
         there = self.run.trace_scene and self.run.trace_scene.at(float(self.look.time[0]))
-        count = self.run.plan.sub_bands if takes_part(there, self.run.plan.flags) else 1
+        partly = takes_part(there, self.run.plan.flags) or changes_echoes(self.run.plan.flags)
+        count = self.run.plan.sub_bands if partly else 1
         bands = SubBands(wave.center_frequency, wave.bandwidth, count)
         standing = over_band(self.run.scene, there, bands)
         out = np.zeros(shape, dtype=np.complex64)

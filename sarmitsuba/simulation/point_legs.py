@@ -137,7 +137,7 @@ def takes_part(trace_scene: TraceScene | None, flags: KernelFlags) -> bool:
 def over_band(scene: Scene, trace_scene: TraceScene | None, bands: SubBands) -> tuple[TraceScene | None, ...]:
     """Geometry that acts on straight legs, with the materials at each traced frequency."""
     if bands.count == 1 or trace_scene is None:
-        return (trace_scene,)
+        return (trace_scene,) * bands.count
     return tuple(
         trace_scene.at_frequency(tuple(m.at_frequency(f) for m in scene.materials), SPEED_OF_LIGHT / f)
         for f in bands.frequencies.tolist()

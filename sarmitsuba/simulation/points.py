@@ -99,8 +99,9 @@ class PointEcho:
                 point=mi.Vector3d(*np.ascontiguousarray(position.T)),
             ),
         )
+        kept = np.broadcast_to(np.asarray(echo.active), n)
         amplitudes = (
-            np.broadcast_to(np.asarray(x.real) + 1j * np.asarray(x.imag), n) for x in echo.amplitudes
+            kept * np.broadcast_to(np.asarray(x.real) + 1j * np.asarray(x.imag), n) for x in echo.amplitudes
         )
         return replace(
             self,
@@ -176,7 +177,7 @@ def add_points(
     radar = scene.radar
     track, window = radar.track, radar.window
     wave = radar.waveform
-    partly = takes_part(trace_scene, flags)
+    partly = takes_part(trace_scene, flags) or changes_echoes(flags)
     wanted = {  # both ray subsets hold the full echo of the point
         i: layer
         for i, layer in enumerate(layers)

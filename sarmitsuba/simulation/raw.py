@@ -32,6 +32,8 @@ from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.timing import Clock
 
+# error of blocks of pulses from which on a note says so, dB of the energy
+BLOCKS_SAID_DB = -20.0
 # share of the echoes' power outside the receive window that gives a warning
 LOST_POWER = 0.05
 
@@ -117,6 +119,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     for plane in data:
         check_traced(plane, 0.0, scene.name)
     notes += _check_energy(scene, run.statistics, data) + _check_heights(scene)
+    notes += _check_blocks(run)
     notes += check_folding(scene, run.sampling.windows if run.sampling is not None else ())
     if run.sampling is not None and run.report is not None:
         notes += check_sampling(run.sampling, run.report.spacings)
@@ -186,6 +189,18 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: C64) -> list[str]:
     )
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
     return [text]
+
+
+def _check_blocks(run: Run) -> list[str]:
+    """Say where blocks of pulses, chosen automatically, have a large error."""
+    report = run.report
+    if report is None or run.scene.settings.key_pulse_interval or not report.block_error_db > BLOCKS_SAID_DB:
+        return []
+    return [
+        f"{run.scene.name}: sharing one tracing by {report.key_pulse_interval} pulses has an error of "
+        f"{report.block_error_db:.0f} dB of the energy in the worst channel; for less, set key_pulse_interval below "
+        f"{report.key_pulse_interval}, or method raw"
+    ]
 
 
 def _check_heights(scene: Scene) -> list[str]:

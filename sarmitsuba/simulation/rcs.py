@@ -248,7 +248,9 @@ def monostatic_rcs(
     center, outline = 0.5 * (around.min(axis=0) + around.max(axis=0)), geometry.bounds
     if places is not None:
         outline = np.concatenate([around, places])
-    radius = 0.5 * float(np.linalg.norm(np.ptp(outline, axis=0)))
+    radius = max(
+        0.5 * float(np.linalg.norm(np.ptp(outline, axis=0))), wavelength
+    )  # a single scatterer has none
     far = distance or _far_enough(radius, wavelength)
     position = center + look * far
     frame = frame_towards(position, center, _ALONG)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from sarmitsuba.effects.effect import EFFECTS
+from sarmitsuba.errors import ExtensionError
 from sarmitsuba.registry import Registry
 
 if TYPE_CHECKING:
@@ -69,6 +71,11 @@ STAGES: Registry[Stage] = Registry("stage of the trace kernel", "sarmitsuba.trac
 
 def stages_of(flags: KernelFlags) -> tuple[Stage, ...]:
     """Stages of the effects that are on, in the order of their names."""
+    for stage in STAGES:
+        if not any(stage.name in effect.kernel_flags for effect in EFFECTS):
+            raise ExtensionError(
+                f"stage {stage.name!r}: no effect has a kernel flag of this name; name it as the flag"
+            )
     on = (stage for stage in STAGES if stage.name in flags.extra or getattr(flags, stage.name, False))
     return tuple(sorted(on, key=lambda stage: stage.name))
 

@@ -159,7 +159,7 @@ def test_a_matlab_file_that_unpacks_a_thousandfold_is_refused(tmp_path: Path) ->
     fields = {"fp": np.zeros((2000, 24_000), np.complex64), "freq": np.linspace(9e9, 9.1e9, 2000)}
     fields |= {name: np.ones(24_000) for name in ("x", "y", "z", "r0")}
     scipy.io.savemat(tmp_path / "bomb.mat", {"data": fields}, do_compression=True)
-    with pytest.raises(DataError, match="damaged or a trap"):
+    with pytest.raises(DataError, match="damaged or malicious"):
         read_raw(tmp_path / "bomb.mat")
 
 

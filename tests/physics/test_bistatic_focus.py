@@ -130,7 +130,7 @@ def test_what_does_not_take_two_antennas_says_so(tmp_path: Path, capsys: pytest.
     assert {"omega_k", "range_doppler", "chirp_scaling", "polar_format"} <= set(others)
     for name in others:
         with pytest.raises(
-            DataError, match=f"focuser {name}: the receiver is apart .*; take focuser .*backproj"
+            DataError, match=f"focuser {name}: the data are bistatic .*; take focuser .*backproj"
         ):
             focus(raw, request=small, focuser=name)
     assert focus(raw, request=small, focuser="auto").metadata["focus"]["method"] == "backprojection"

@@ -304,4 +304,4 @@ def test_a_cross_polar_channel_has_a_limit_of_its_own() -> None:
         for channels in ("VV", "VV,HV")
     )
     assert one is not None and both is not None
-    assert not one.on and both.on and "all that is cross-polar" in both.why
+    assert not one.on and both.on and "the only cross-polar return" in both.why

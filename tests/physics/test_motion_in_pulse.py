@@ -268,7 +268,7 @@ def test_a_follower_moves_on_too() -> None:
         page_profiles(simulate(scene), focus_grid(scene))
     others = [one.name for one in FOCUSERS if not one.bistatic]
     assert others and all(
-        "apart" in one.objection(radar, focus_grid(scene)) for one in FOCUSERS if not one.bistatic
+        "bistatic" in one.objection(radar, focus_grid(scene)) for one in FOCUSERS if not one.bistatic
     )
 
 

@@ -210,7 +210,7 @@ def test_image_of_an_arc_is_calibrated_and_in_place() -> None:
 
 def test_what_cannot_be_swept_is_said() -> None:
     scene = scene_of(targets.plate(0.5, 0.5))
-    with pytest.raises(RadarError, match="turns nothing but the polarisation"):
+    with pytest.raises(RadarError, match="rotates only the polarisation"):
         sweep(scene, np.array([0.0, 1.0]), 0.5 * np.pi)
     assert "azimuth" in image_refusal(Aspects(np.zeros(3), np.linspace(0, 1, 3)))
     assert "elevation" in image_refusal(Aspects(np.linspace(0, 1, 3), np.full(3, -0.1)))

@@ -216,7 +216,7 @@ def test_what_does_not_hold_volumes_says_so() -> None:
     scene = layer()
     raster = plan_effects(replace(scene, settings=replace(scene.settings, method="raster")))
     decision = raster.decision("vegetation")
-    assert decision is not None and not decision.on and "surfaces alone" in decision.why
+    assert decision is not None and not decision.on and "surfaces only" in decision.why
 
 
 ELEVATION = 0.6

@@ -403,7 +403,7 @@ def test_a_narrow_band_is_traced_at_the_carrier() -> None:
         assert plan.sub_bands == count, bandwidth
         error = 20.0 * np.log10(bandwidth / FREQUENCY / np.sqrt(12.0))
         assert abs(decision.error_db - error) < 0.2  # tol: the corner's law, 1/f, is no line
-        assert ("a quarter of a turn off" in decision.why) == (bandwidth == 0.3e9)
+        assert ("in quadrature to the peak" in decision.why) == (bandwidth == 0.3e9)
     assert plan_effects(scene.replace(wideband="off"), warn=False).sub_bands == 1
 
 

@@ -68,9 +68,9 @@ def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips:
     traced = []
     launch = Tracer.launch
 
-    def counted(self, grid, *args, **receiver):
-        traced.append(grid.n_rays)
-        return launch(self, grid, *args, **receiver)
+    def counted(self, one, *args):
+        traced.append(one.part.rays)
+        return launch(self, one, *args)
 
     monkeypatch.setattr(Tracer, "launch", counted)  # of every band
     before = made.interval
@@ -78,4 +78,5 @@ def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips:
     each = sum(grid.n_rays for grid in rays.at(0)[0])
     assert made.interval == before
     more = sum(traced) / each - 2.0
-    assert more == pytest.approx(1.0) if not strips else 0.0 < more < 0.25
+    # all rays once more, and shifted; blocks have an error of their own, which is not the rays'
+    assert more == pytest.approx(2.0) if not strips else 0.0 < more < 0.25

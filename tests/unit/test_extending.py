@@ -29,6 +29,7 @@ from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from sarmitsuba.trace.stage import STAGES
 from sarmitsuba.units import db_from_power
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
@@ -194,7 +195,7 @@ def check_an_effect_of_the_trace_kernel(example: Example, folder: Path) -> None:
     assert paths.power.sum() == pytest.approx(all_paths.power.sum() * loss**2, rel=4e-3)
     with pytest.raises(RadarError, match="method raster traces no paths, so that rain has no effect"):
         render(wet.replace(method="raster"))
-    del EFFECTS._entries["rain"]
+    del EFFECTS._entries["rain"], STAGES._entries["rain"]
     np.testing.assert_array_equal(bits, simulate(load_scene(folder / "scene.xml")).data)
 
 
@@ -212,8 +213,8 @@ def check_a_scatterer(example: Example, folder: Path) -> None:
         ]
         for channel in ("HH", "VV"):
             one, other = (image.total(channel) for image in images)
-            # tol: the grid's kernel; ideal points are exact
-            assert np.linalg.norm(one - other) < 3e-3 * np.linalg.norm(other), (method, channel)
+            # tol: the grid's kernel, and the interpolation between two frequencies; ideal points are exact
+            assert np.linalg.norm(one - other) < 6e-3 * np.linalg.norm(other), (method, channel)
     level = load_scene(write(folder, shape=example.xml[0].replace('angle="-40"', 'angle="-90"')))
     assert {1, 2, 3} <= set(trace_paths(level.replace(max_depth=3)).order)  # its ground below as a mirror
     sight = lens.radar.track.center_position

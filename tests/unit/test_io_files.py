@@ -339,13 +339,13 @@ def test_disk_that_refuses_to_grow_leaves_nothing(tmp_path: Path) -> None:
         from pathlib import Path
         from test_io_files import make_raw, make_image
         from sarmitsuba.errors import OutputError
-        from sarmitsuba.io import parameters, write_image, write_raw
+        from sarmitsuba.io import parameter_file, write_image, write_raw
         folder = Path({str(tmp_path)!r})
         raw, image = make_raw(400, 400), make_image(400, 400)
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
         for name, write, what in (
-            ("p.json", lambda what, path: parameters.write(path, what), {{"a": list(range(100_000))}}),
+            ("p.json", lambda what, path: parameter_file.write(path, what), {{"a": list(range(100_000))}}),
             ("raw.h5", write_raw, raw),
             ("image.h5", write_image, image),
             ("image.exr", write_image, image),

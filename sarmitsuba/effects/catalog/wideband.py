@@ -14,6 +14,7 @@ from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.slab import COSINES, slab_coefficients
+from sarmitsuba.scene.scatterers import SCATTERERS
 
 # least number of traced frequencies (exact for changes linear in frequency), and the largest number
 LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16
@@ -25,6 +26,8 @@ _ODD_ABOVE_TOLERANCE_DB = 10.0
 # phase difference of neighbouring rays up to which tubes count as areas, rad, and extent of the part of a facet of one
 # ray about its phase centre, in tubes
 _AREAS_UP_TO, _REACH = 2.0, 2.0
+# (k s cos)^2 up to which a rough surface leaves anything coherent beside its diffuse return: -43 dB
+_LEAVES = 2.5
 # cosines of incidence and frequencies at which laws are compared
 _COSINES, _FREQUENCIES = COSINES[::6], 257
 
@@ -86,6 +89,15 @@ class Wideband(Effect):
         method = context.scene.settings.method
         if method == "raster":
             return Assessment(False, "method raster uses the level at the carrier", -np.inf)
+        found, (count, whose) = self._of_materials(context, decided), _of_extensions(context)
+        if count > (found.value or 1):
+            return Assessment(
+                True, f"{whose} asks for {count} frequencies; {found.why}", 0.0, count, note=found.note
+            )
+        return found
+
+    def _of_materials(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        """What materials, facets and slabs need."""
         if not context.scene.traced:
             return Assessment(False, "ideal points are the same at all frequencies", -np.inf)
         wave = context.scene.radar.waveform
@@ -133,6 +145,17 @@ class Wideband(Effect):
         return Assessment(True, why, error, count, note=note)
 
 
+def _of_extensions(context: SceneContext) -> tuple[int, str]:
+    """Frequencies that scatterers and effects of a user's own ask for, and the name of the one that asks for most."""
+    switches = context.scene.settings.effects
+    kinds = {target.kind: SCATTERERS[target.kind].frequencies for target in context.scene.scatterers}
+    if switches.get("own_scatterers") == "off":
+        kinds = {}
+    asked = kinds | {e.name: e.frequencies for e in EFFECTS if switches.get(e.name) != "off"}
+    name = max(asked, key=lambda key: asked[key])
+    return asked[name], name
+
+
 def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]) -> Iterator[_Law]:
     """Frequency dependences of the scene's returns, of the effects that are on."""
     wave = context.scene.radar.waveform
@@ -155,8 +178,21 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
         if decided["roughness"].on and mirrors and material.rms_height > 0.0:
             loss = np.exp(-2.0 * np.square(context.wavenumber * material.rms_height * relative))
             yield _Law(f"the coherent loss of {material.name}", loss, above_db=_ODD_ABOVE_TOLERANCE_DB)
+            steepest = np.square(context.wavenumber * material.rms_height) * _steepest(context)
+            if (
+                context.pilot is not None and steepest <= _LEAVES
+            ):  # of what it leaves, a known part of the image
+                left = np.exp(-2.0 * steepest * (np.square(relative) - 1.0))
+                share = _coherent_db(context)
+                yield _Law(f"the coherent loss of {material.name}", left, share, decides=False)
         if decided["diffuse"].on and material.scatters:
             yield _Law(f"the diffuse return of {material.name}", _diffuse(material, frequency, relative))
+
+
+def _steepest(context: SceneContext) -> float:
+    """Square of the cosine of incidence at a level or an upright face, whichever is larger."""
+    middle = float(np.clip(np.mean(context.incidence_cosine), 0.0, 1.0)) ** 2
+    return max(middle, 1.0 - middle)
 
 
 def _coherent_db(context: SceneContext) -> float:
