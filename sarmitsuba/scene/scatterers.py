@@ -23,7 +23,7 @@ class ScattererKind:
     title : half a sentence
     parameters : of the bsdf, numbers
     frequencies : at which the band is traced for it at least; 1 for an amplitude without frequency dependence over the
-        band, 2 for one that is linear in frequency
+        band, 2 for up to the square of the frequency (where that exceeds the tolerance), more for delays
     """
 
     name: ClassVar[str]

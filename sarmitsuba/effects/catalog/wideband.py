@@ -1,7 +1,7 @@
 """Change of the scene's reflection over the radar's band."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -90,11 +90,16 @@ class Wideband(Effect):
         if method == "raster":
             return Assessment(False, "method raster uses the level at the carrier", -np.inf)
         found, (count, whose) = self._of_materials(context, decided), _of_extensions(context)
-        if count > (found.value or 1):
-            return Assessment(
-                True, f"{whose} asks for {count} frequencies; {found.why}", 0.0, count, note=found.note
-            )
-        return found
+        if count <= (found.value or 1):
+            return found
+        wave = context.scene.radar.waveform
+        # two frequencies serve amplitudes up to the square of the frequency; more serve what has no such bound
+        change = 2.0 * wave.bandwidth / (np.sqrt(12.0) * wave.center_frequency)
+        error = 20.0 * float(np.log10(change)) if count == LEAST_SUB_BANDS else 0.0
+        if error <= context.tolerance_db:
+            return replace(found, error_db=max(found.error_db, error))
+        why = f"{whose} asks for {count} frequencies; {found.why}"
+        return Assessment(True, why, error, count, note=found.note)
 
     def _of_materials(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """What materials, facets and slabs need."""
