@@ -35,7 +35,7 @@ from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
-from sarmitsuba.trace.state import Contribution, Hit, Kernel, RayState
+from sarmitsuba.trace.state import RECIPROCAL, Contribution, Hit, Kernel, RayState
 
 # bounces traced at first, and at most where the last of them still returns too much
 ORDERS, MOST_ORDERS = 8, 128
@@ -357,7 +357,9 @@ class _PatchAccumulator:
         phase = phase_factor(offset, self.wavelength)
         hh, vv = (a * phase * weight for a in contribution.amplitudes)
         orders = dr.opaque(mi.UInt32, self.orders)
-        order = dr.minimum(contribution.order, orders)
+        # of a path back along its chain: the bounce at which it turns, which is as deep as rays are followed for it
+        turns = contribution.kind == RECIPROCAL
+        order = dr.minimum(dr.select(turns, (contribution.order + 1) >> 1, contribution.order), orders)
         row = (patch * len(KINDS) + contribution.kind) * orders + order - 1
         dr.scatter_add(self.memory, mi.Vector4f(hh.real, hh.imag, vv.real, vv.imag), row, active)
         return state

@@ -242,7 +242,7 @@ def test_a_raster_says_that_it_has_no_wires() -> None:
     wire = WireTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
     meshes = (SceneMesh(GROUND, FACES, {"material": "concrete", **ROUGH}, "ground"),)
     notes = render(wire_scene(wire, meshes=meshes, **COARSE), method="raster").metadata["notes"]
-    assert [note for note in notes if "wires and volumes are left out" in note]
+    assert [note for note in notes if "wires, volumes and scatterers are left out" in note]
     with pytest.raises(RadarError, match="method raster draws surfaces, and the scene has none"):
         render(wire_scene(wire, **COARSE), method="raster")
 

@@ -160,6 +160,9 @@ def _focuser(data: _Read) -> ErrorPart:
 
 def _effects(data: _Read) -> ErrorPart:
     """Effects that are off and would change something."""
+    if data.metadata.get("method") == "raster":
+        why = "method raster has one bounce, no coherent return, no wires and no volumes"
+        return ErrorPart("effects left out", math.nan, UNKNOWN, why)
     energy, unknown, named, measured = 0.0, [], [], True
     for name, decision in data.part("effects", "effects").items():
         if not isinstance(decision, Mapping) or decision.get("on") is not False or name == "max_depth":
