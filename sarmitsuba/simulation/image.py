@@ -35,7 +35,7 @@ from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 from sarmitsuba.trace.scene_tables import TraceScene
-from sarmitsuba.trace.stage import changes_echoes, stages_of
+from sarmitsuba.trace.stage import stages_of
 
 
 class Imager:
@@ -240,7 +240,7 @@ class Imager:
         grid, wave = self.look.grid, self.run.scene.radar.waveform
         shape = (len(layers), grid.n_range, grid.n_azimuth)
         there = self.run.trace_scene and self.run.trace_scene.at(float(self.look.time[0]))
-        partly = takes_part(there, self.run.plan.flags) or changes_echoes(self.run.plan.flags)
+        partly = takes_part(there, self.run.plan.flags)
         count = self.run.plan.sub_bands if partly else 1
         bands = SubBands(wave.center_frequency, wave.bandwidth, count)
         standing = over_band(self.run.scene, there, bands)

@@ -16,6 +16,7 @@ from sarmitsuba.simulation.off_surface import off_surfaces
 from sarmitsuba.trace.leg import Surroundings, antenna_basis, straight_leg
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.slab_coefficients import lets_waves_through
+from sarmitsuba.trace.stage import changes_echoes
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +129,11 @@ class PointLegs:
 
 
 def takes_part(trace_scene: TraceScene | None, flags: KernelFlags) -> bool:
-    """Whether slabs or volumes of a scene attenuate waves on straight legs."""
-    return trace_scene is not None and (
+    """Whether slabs or volumes act on straight legs, or stages on echoes: at each frequency, and in every channel."""
+    within = trace_scene is not None and (
         bool(trace_scene.passages) or lets_waves_through(trace_scene.slabs, flags)
     )
+    return within or changes_echoes(flags)
 
 
 def over_band(scene: Scene, trace_scene: TraceScene | None, bands: SubBands) -> tuple[TraceScene | None, ...]:

@@ -177,7 +177,7 @@ def add_points(
     radar = scene.radar
     track, window = radar.track, radar.window
     wave = radar.waveform
-    partly = takes_part(trace_scene, flags) or changes_echoes(flags)
+    partly = takes_part(trace_scene, flags)
     wanted = {  # both ray subsets hold the full echo of the point
         i: layer
         for i, layer in enumerate(layers)

@@ -28,6 +28,7 @@ from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import Clock, StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.stage import check_stages
 
 # callback for a prepared run before it is traced, e.g. to show its plan, time and memory
 Ready = Callable[["Run"], None]
@@ -70,6 +71,7 @@ class Run:
         geometry: TraceScene | None = None,
     ) -> None:
         ensure_backend()
+        check_stages()
         glance()
         if scene.settings.method in ("image", "raster") and scene.radar.all_round:
             raise RadarError(

@@ -67,7 +67,6 @@ class Reflector(ScattererKind, ABC):
         """
 
 
-@dataclass(frozen=True, eq=False)
 class Reflectors(Scatterers):
     """Scatterers of one kind.
 
@@ -78,18 +77,20 @@ class Reflectors(Scatterers):
     weights : (n,) of their amplitudes
     """
 
-    kind: Reflector
-    targets: Sequence[ScattererTarget]
-    weights: F64
-
-    @property
-    def n(self) -> int:  # type: ignore[override]
-        """How many there are."""
-        return len(self.targets)
+    def __init__(self, kind: Reflector, targets: Sequence[ScattererTarget], weights: F64) -> None:
+        self.kind, self.n = kind, len(targets)
+        self.positions = vector_rows(np.array([target.position for target in targets]))
+        axes = np.array([target.axes.T.ravel() for target in targets], dtype=np.float32)
+        self.axes = device_array(mi.Float, axes.ravel())
+        self.weights = device_array(mi.Float, weights.astype(np.float32))
+        self.values = {
+            p.name: device_array(mi.Float, np.array([t.values[p.name] for t in targets], np.float32))
+            for p in kind.parameters
+        }
 
     def point(self, index: mi.UInt32) -> mi.Vector3d:
         """See :class:`Scatterers`."""
-        return dr.gather(mi.Vector3d, vector_rows(np.array([t.position for t in self.targets])), index)
+        return dr.gather(mi.Vector3d, self.positions, index)
 
     def amplitude(
         self,
@@ -101,25 +102,17 @@ class Reflectors(Scatterers):
         q: ComplexVector,
     ) -> mi.Complex2f:
         """See :class:`Scatterers`."""
-        rows = np.array([t.axes.T.ravel() for t in self.targets], dtype=np.float32).ravel()
-        table = device_array(mi.Float, rows)
-        axes = [dr.gather(mi.Vector3f, table, index * 3 + i) for i in range(3)]
+        axes = [dr.gather(mi.Vector3f, self.axes, index * 3 + i) for i in range(3)]
 
         def local(v: mi.Vector3f) -> mi.Vector3f:
             return mi.Vector3f(*(dr.dot(v, axis) for axis in axes))
 
-        names = [parameter.name for parameter in self.kind.parameters]
-        numbers = {
-            name: device_array(mi.Float, np.array([t.values[name] for t in self.targets], np.float32))
-            for name in names
-        }
-        weight = dr.gather(mi.Float, device_array(mi.Float, self.weights.astype(np.float32)), index)
         waves = LocalWaves(
             kernel.constants.wavenumber,
             local(incident.to_antenna),
             local(scattered.to_antenna),
             (local(e[0]), local(e[1])),
             (local(q[0]), local(q[1])),
-            {name: dr.gather(mi.Float, column, index) for name, column in numbers.items()},
+            {name: dr.gather(mi.Float, column, index) for name, column in self.values.items()},
         )
-        return self.kind.amplitude(waves) * weight
+        return self.kind.amplitude(waves) * dr.gather(mi.Float, self.weights, index)

@@ -69,13 +69,23 @@ class Stage:
 STAGES: Registry[Stage] = Registry("stage of the trace kernel", "sarmitsuba.trace.stages")
 
 
-def stages_of(flags: KernelFlags) -> tuple[Stage, ...]:
-    """Stages of the effects that are on, in the order of their names."""
+def check_stages() -> None:
+    """Refuse a stage without an effect that could switch it on.
+
+    Raises
+    ------
+    ExtensionError
+        No effect has a kernel flag of its name.
+    """
     for stage in STAGES:
         if not any(stage.name in effect.kernel_flags for effect in EFFECTS):
             raise ExtensionError(
                 f"stage {stage.name!r}: no effect has a kernel flag of this name; name it as the flag"
             )
+
+
+def stages_of(flags: KernelFlags) -> tuple[Stage, ...]:
+    """Stages of the effects that are on, in the order of their names."""
     on = (stage for stage in STAGES if stage.name in flags.extra or getattr(flags, stage.name, False))
     return tuple(sorted(on, key=lambda stage: stage.name))
 

@@ -184,12 +184,12 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
             loss = np.exp(-2.0 * np.square(context.wavenumber * material.rms_height * relative))
             yield _Law(f"the coherent loss of {material.name}", loss, above_db=_ODD_ABOVE_TOLERANCE_DB)
             steepest = np.square(context.wavenumber * material.rms_height) * _steepest(context)
-            if (
-                context.pilot is not None and steepest <= _LEAVES
-            ):  # of what it leaves, a known part of the image
+            # of what the surface leaves, where a pilot knows the coherent part of the image
+            if context.pilot is not None and steepest <= _LEAVES:
                 left = np.exp(-2.0 * steepest * (np.square(relative) - 1.0))
-                share = _coherent_db(context)
-                yield _Law(f"the coherent loss of {material.name}", left, share, decides=False)
+                yield _Law(
+                    f"the coherent loss of {material.name}", left, _coherent_db(context), decides=False
+                )
         if decided["diffuse"].on and material.scatters:
             yield _Law(f"the diffuse return of {material.name}", _diffuse(material, frequency, relative))
 
