@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from sarmitsuba.echo.threads import n_threads
 from sarmitsuba.errors import ClusterError
 
-# cores of a worker on this machine where nobody says how many workers: more workers hold the scene more often, fewer
-# lose more where one dies
+# cores of a local worker if the number of workers is not given: more workers hold more copies of the scene, fewer
+# lose more work when one fails
 CORES_PER_WORKER = 4
 LOCAL = "local"
 
 
 @dataclass(frozen=True)
 class ClusterAddress:
-    """Address of the workers.
+    """Address of the workers of a cluster.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class ClusterAddress:
         Raises
         ------
         ClusterError
-            It is none of these, or more workers are asked for than there are cores.
+            The text has another form, or asks for more workers than there are cores.
         """
         word, colon, number = text.partition(":")
         if word == LOCAL and not colon:
@@ -40,7 +40,7 @@ class ClusterAddress:
         if word == LOCAL:
             if not number.isdecimal() or not 1 <= int(number) <= n_threads():
                 raise ClusterError(
-                    f"cluster {text}: {number or 'nothing'} is no number of workers from 1 to {n_threads()}, the cores "
+                    f"cluster {text}: number of workers {number or '(empty)'} is outside 1 to {n_threads()}, the cores "
                     "of this machine; give local, or local:N"
                 )
             return ClusterAddress("", int(number))

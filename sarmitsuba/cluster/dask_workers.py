@@ -28,13 +28,13 @@ except ImportError as error:
 from sarmitsuba.version import __version__
 
 LOOPBACK = "127.0.0.1"
-# neither scheduler nor workers serve pages about themselves
+# no status pages of scheduler and workers
 _NO_PAGES: dict[str, list[str]] = {
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
 
-# how long to wait for the scheduler, and for the first worker, s
+# longest wait for the scheduler, and for the first worker, s
 PATIENCE = 60.0
 
 Tool = TypeVar("Tool")
@@ -53,9 +53,8 @@ class DaskWorkers:
 
     Notes
     -----
-    A worker that dies loses what it was at and what it had not handed over; the scheduler gives that to others. Results
-    do not depend on who made them as long as the machines' processors are of one kind; between kinds they differ by
-    rounding.
+    The tasks of a worker that fails, and results not yet delivered, are repeated by other workers. Results do not
+    depend on the worker if all processors are of one kind; between kinds they differ by rounding.
     """
 
     def __init__(self, client: Client, name: str, extensions: Sequence[str] = ()) -> None:
@@ -68,12 +67,12 @@ class DaskWorkers:
         return len(self.client.nthreads())
 
     def trace(self, job: TraceJob, batches: Sequence[Batch]) -> Iterator[Traced]:
-        """Trace batches, in the order in which they are done; every worker builds the scene once.
+        """Trace batches, in order of completion; every worker builds the scene once.
 
         Raises
         ------
         ClusterError
-            Workers die of a batch again and again, or the scheduler is gone.
+            Workers fail on a batch repeatedly, or the scheduler does not answer any more.
         """
         return self.spread(job.tracer, BatchTracer.trace, batches)
 
@@ -93,19 +92,19 @@ class DaskWorkers:
                 future.release()
         except KilledWorker:
             raise ClusterError(
-                f"cluster {self.name}: one task ended worker after worker; the workers' logs say why, most often "
+                f"cluster {self.name}: one task ended worker after worker; see the workers' logs; the usual cause is "
                 "memory: give each more, or start fewer on a machine"
             ) from None
         except CancelledError:
             raise ClusterError(
-                f"cluster {self.name}: its scheduler is gone; start it again and repeat the command"
+                f"cluster {self.name}: its scheduler does not answer any more; start it again and repeat the command"
             ) from None
         finally:
             self.client.cancel(futures)
             self.client.unregister_worker_plugin(plugin)
 
     def _check(self) -> None:
-        """Raise a ClusterError where there is no worker, or one with another sarmitsuba."""
+        """Raise a ClusterError where there is no worker, or one with another version of sarmitsuba."""
         try:
             self.client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:
@@ -121,13 +120,13 @@ class DaskWorkers:
         for worker, found in versions.items():
             if found != __version__:
                 raise ClusterError(
-                    f"cluster {self.name}: worker {worker} has sarmitsuba {found}, and here it is {__version__}; "
-                    "install the same everywhere"
+                    f"cluster {self.name}: worker {worker} has sarmitsuba {found}, this machine {__version__}; "
+                    "install the same version everywhere"
                 )
 
 
 def _own_certificate() -> Security:
-    """A key and certificate made for this run: who does not hold them, other users of this machine too, is refused."""
+    """Key and certificate of this run; clients without them, including other users of this machine, are refused."""
     try:
         return Security.temporary()
     except ImportError:
@@ -139,21 +138,21 @@ def _own_certificate() -> Security:
 
 @contextmanager
 def open_workers(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator[DaskWorkers]:
-    """Workers at an address; local ones are started here, and stopped at the end.
+    """Context manager of the workers at an address; local ones are started here, and stopped at the end.
 
-    Those of this machine listen on the loopback address alone, by TLS with a certificate made for the run, and keep
-    their files in a folder that only this user may open. A scheduler elsewhere is as safe as it was made: whoever
-    reaches one without TLS can run any code as its workers, and in this process; keys for ``tls://HOST:PORT`` are those
+    Local workers listen on the loopback address alone, by TLS with a certificate made for the run, and keep their
+    files in a folder that only this user may open. The security of a remote scheduler is up to its operator: anyone who
+    reaches one without TLS can run any code in its workers, and in this process; keys for ``tls://HOST:PORT`` are those
     of Dask's configuration.
 
     Raises
     ------
     ClusterError
-        The scheduler cannot be reached, there is no worker, or they have another version.
+        The scheduler cannot be reached, or there is no worker, or one of another version.
     """
     if not address.scheduler:
         security = _own_certificate()
-        # workers import from their folder: it may be nobody else's, as a name in the common one could be
+        # workers import modules from their folder: a shared folder could hold modules of other users
         with (
             dask.config.set(_NO_PAGES),
             TemporaryDirectory(prefix="sarmitsuba-", ignore_cleanup_errors=True) as folder,
@@ -164,10 +163,10 @@ def open_workers(address: ClusterAddress, extensions: Sequence[str] = ()) -> Ite
                 host=LOOPBACK,
                 protocol="tls://",
                 security=security,
-                dashboard_address=f"{LOOPBACK}:0",  # a server without a page; None would take a port of all addresses
+                dashboard_address=f"{LOOPBACK}:0",  # a server without a page; None would listen on all addresses
                 worker_dashboard_address=None,
                 silence_logs=logging.CRITICAL,
-                memory_limit=0,  # Dr.Jit keeps what it frees: what a worker holds says little of what it needs
+                memory_limit=0,  # Dr.Jit keeps freed memory: a worker holds more than it needs
             ) as cluster,
             Client(cluster, security=security) as client,
         ):

@@ -1,4 +1,4 @@
-"""Backprojection by the workers of a cluster: each launch of pixels is a task; every worker holds all raw data."""
+"""Backprojection by the workers of a cluster: one task per launch of pixels; every worker holds all raw data."""
 
 from dataclasses import dataclass, field, fields
 from functools import partial
@@ -13,7 +13,7 @@ from sarmitsuba.focusing.focusers.backprojection import TILE_PIXELS, Backproject
 
 @dataclass(frozen=True)
 class SharedBackprojection(Backprojection):
-    """:class:`Backprojection` with the same pixels, made by workers where they are more than one launch."""
+    """:class:`Backprojection` with the same pixels, distributed to workers where it takes more than one launch."""
 
     workers: "DaskWorkers | None" = field(default=None, repr=False)
     tile_pixels: int = field(default=TILE_PIXELS, repr=False)
@@ -46,7 +46,7 @@ class SharedBackprojection(Backprojection):
 
 
 def shared(focuser: Focuser, workers: DaskWorkers) -> Focuser:
-    """The focuser as the workers do it; itself where it is not backprojection."""
+    """The focuser distributed to workers; itself where it is not backprojection."""
     if type(focuser) is not Backprojection:
         return focuser
     return SharedBackprojection(focuser.interpolation, focuser.oversampling, workers)

@@ -10,7 +10,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.needs import duration
 from sarmitsuba.simulation.prediction.prediction import Prediction
 
-# what starting a worker's interpreter, Mitsuba and its kernels from the cache takes, s (benchmarks/suite/scale.py)
+# start of a worker: interpreter, Mitsuba and its kernels from the cache, s (benchmarks/suite/scale.py)
 START = 5.0
 # network of the client, bytes/s: 1 Gbit/s
 NETWORK = 1.25e8
@@ -24,8 +24,8 @@ class ClusterPlan:
 
     .. math:: T = T_0 + \frac{T_t \lceil n / W \rceil}{n} + \frac{T_f \lceil m / W \rceil}{m} + \frac{D}{B}
 
-    with W workers, T_t the seconds of tracing in n batches and T_f those of focusing in m tiles on one worker, T_0 what
-    each worker does for itself (start, geometry, kernels), and D bytes over the client's network of B bytes/s.
+    with W workers, T_t the time of tracing in n batches and T_f that of focusing in m tiles on one worker, T_0 the time
+    for start, geometry and kernels of each worker, and D bytes over the client's network of B bytes/s.
 
     Parameters
     ----------
@@ -61,12 +61,12 @@ class ClusterPlan:
         bytes_per_second: float = NETWORK,
         price_per_hour: float = 0.0,
     ) -> "ClusterPlan":
-        """Of a run whose seconds on one worker are predicted.
+        """Plan of a run from its predicted time on one worker.
 
         Notes
         -----
         Takes all key pulses and tiles to be equal; ignores that the client traces the two middle blocks while the
-        workers wait, that one launch of method raw holds several pulses, and what dies and is done again.
+        workers wait, that one launch of method raw holds several pulses, and repeated tasks of failed workers.
         """
         seconds = dict(prediction.seconds)
         focus = seconds.pop("focus", 0.0)
@@ -88,18 +88,18 @@ class ClusterPlan:
 
     @property
     def moved_bytes(self) -> float:
-        """D: over the client's network."""
+        """D: traffic over the client's network, bytes."""
         to_workers = self.workers * (self.scene_bytes + (self.raw_bytes if self.tiles else 0.0))
         return self.raw_bytes + self.image_bytes + to_workers
 
     @property
     def moving_seconds(self) -> float:
-        """D / B."""
+        """D / B: time of the traffic, s."""
         return self.moved_bytes / self.bytes_per_second
 
     @property
     def working_seconds(self) -> float:
-        """T less what is moved."""
+        """T without the traffic, s."""
         return (
             self.own_seconds
             + self.trace_seconds * _share(self.batches, self.workers)
@@ -118,7 +118,7 @@ class ClusterPlan:
 
     @property
     def price(self) -> float:
-        """Of the worker hours."""
+        """Price of the worker hours."""
         return self.worker_hours * self.price_per_hour
 
     @property
@@ -127,20 +127,20 @@ class ClusterPlan:
         return (self.trace_seconds + self.focus_seconds) / (self.workers * self.seconds)
 
     def as_dict(self) -> dict[str, float]:
-        """JSON-able form: what it is made of, and what comes of it."""
+        """Parameters and predictions as a dictionary for JSON."""
         found = ("moved_bytes", "moving_seconds", "seconds", "worker_hours", "price", "efficiency")
         return {**dataclasses.asdict(self), **{name: getattr(self, name) for name in found}}
 
     def __str__(self) -> str:
         """One line."""
         return (
-            f"on {self.workers} workers like this machine: {duration(self.seconds)}, of it "
-            f"{duration(self.moving_seconds)} moving {in_bytes(round(self.moved_bytes))} at "
+            f"on {self.workers} workers like this machine: {duration(self.seconds)}, of which "
+            f"{duration(self.moving_seconds)} for {in_bytes(round(self.moved_bytes))} of traffic at "
             f"{8e-9 * self.bytes_per_second:g} Gbit/s; "
-            f"{self.worker_hours:.3g} worker hours, {100.0 * self.efficiency:.0f} % of them at work"
+            f"{self.worker_hours:.3g} worker hours, {100.0 * self.efficiency:.0f} % of them busy"
         )
 
 
 def _share(parts: int, workers: int) -> float:
-    """Of the work, what the busiest worker does: whole parts; all of it where this process does it alone (0 parts)."""
+    """Share of the work of the busiest worker, in whole parts; 1 where this process does all of it (0 parts)."""
     return -(-parts // workers) / parts if parts else 1.0

@@ -11,7 +11,7 @@ from sarmitsuba.backend import dr, ensure_backend
 from sarmitsuba.registry import load_extension
 from sarmitsuba.version import __version__
 
-# of every worker there is one: a task uses all of its threads, so that it takes one task at a time
+# one per worker: a task uses all threads of its worker, which takes one task at a time
 SLOT = "sarmitsuba"
 
 Tool = TypeVar("Tool")
@@ -20,12 +20,12 @@ Result = TypeVar("Result")
 
 
 class ToolPlugin(WorkerPlugin, Generic[Tool, Task, Result]):
-    """Holds what a run's tasks need, in every worker that there is or that joins later, also after one died.
+    """Dask plugin that holds the tool of a run's tasks in every worker, also in workers that join later.
 
     Parameters
     ----------
-    make : makes the tool in the worker, before its first task
-    use : does one task with the tool
+    make : creates the tool in the worker, before its first task
+    use : executes one task with the tool
     variant : of Mitsuba, that of the client
     extensions : the user's extension modules
     """
@@ -40,19 +40,19 @@ class ToolPlugin(WorkerPlugin, Generic[Tool, Task, Result]):
         self.make, self.use, self.variant, self.extensions = make, use, variant, extensions
 
     async def setup(self, worker: Worker) -> None:
-        """Join a worker."""
+        """Prepare a worker that joins."""
         self.tool: Tool | None = None
         self.threads, self.number = int(worker.state.nthreads), worker.name
-        # Dr.Jit and Mitsuba keep their state by thread: one serves them
+        # Dr.Jit and Mitsuba keep their state per thread: one thread serves them
         self.thread = ThreadPoolExecutor(1)
         await worker.set_resources(**{SLOT: 1})
 
     def teardown(self, worker: Worker) -> None:
-        """Leave a worker."""
+        """Release the tool when the worker leaves."""
         self.thread.shutdown(wait=False, cancel_futures=True)
 
     def run(self, task: Task) -> Result:
-        """Do one task; called in a worker."""
+        """Execute one task; called in a worker."""
         return self.thread.submit(self._run, task).result()
 
     def _run(self, task: Task) -> Result:
@@ -75,10 +75,10 @@ class ToolPlugin(WorkerPlugin, Generic[Tool, Task, Result]):
 
 
 def run_task(plugin: str, task: object) -> object:
-    """Do one task with the plugin of that name, in a worker."""
+    """Execute one task with the plugin of that name, in a worker."""
     return get_worker().plugins[plugin].run(task)
 
 
 def version() -> str:
-    """Of sarmitsuba in a worker."""
+    """Version of sarmitsuba in a worker."""
     return __version__

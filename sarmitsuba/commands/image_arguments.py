@@ -27,7 +27,7 @@ def image_file(given: Path) -> Path:
         return given
     found = _first(given, _image_names())
     if found is None:
-        raise DataError(f"{given}: there is no image in it; one of {', '.join(_image_names())} is needed")
+        raise DataError(f"{given}: holds no image; one of {', '.join(_image_names())} is needed")
     return found
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import shapely
 
 
-# depth of walls below the ground, which avoids gaps at their feet, m
+# depth of walls below the ground, m; avoids gaps at the foot of walls
 FOOT = 0.5
 
 
@@ -26,10 +26,10 @@ class Building:
     Parameters
     ----------
     polygon : footprint, m, valid
-    foot, ground, eaves, ridge : heights of the lower end of the walls, of the ground, of the walls' upper end and of
-        the roof's top, m
+    foot, ground, eaves, ridge : heights of the lower end of the walls, the ground, the upper end of the walls and the
+        top of the roof, m
     roof_shape, across : see `sarmitsuba.importing.roofs.make_roof`
-    wall, roof : materials of the library
+    wall, roof : names of materials
     storey : height of a storey, m
     """
 
@@ -46,7 +46,7 @@ class Building:
 
 
 def wall_segments(polygon: "shapely.Polygon") -> F64:
-    """(n, 2, 2) float64 m; start and end of every wall, the outside to the right, holes included."""
+    """Start and end of every wall, (n, 2, 2) float64, m, the outside to the right, holes included."""
     from shapely.geometry.polygon import orient
 
     turned = orient(polygon)
@@ -60,7 +60,7 @@ def add_building(parts: Parts, building: Building, facades: FacadeBuilder) -> Ro
 
     Notes
     -----
-    Ignores details that OpenStreetMap does not have: overhanging eaves, chimneys, courtyards under roofs.
+    Ignores details missing in OpenStreetMap: overhanging eaves, chimneys, courtyards under roofs.
     """
     from shapely.geometry.polygon import orient
 

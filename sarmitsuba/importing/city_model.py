@@ -1,4 +1,4 @@
-"""Model of a city source in the scene's frame: place, ground, buildings, meshes."""
+"""Model of a city in the scene's frame: position, ground, buildings, meshes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -40,24 +40,24 @@ MATERIALS = {
     "windows": "glass",
     "balconies": "concrete",
 }
-# ground beside the buildings: for their layover, their shadow and the speckle around them, m and heights
+# margin of ground around the buildings, for layover, shadow and speckle: m, and in building heights
 _MARGIN, _MARGIN_HEIGHTS = 20.0, 1.5
-# an outline is left out where its parts cover that much of it
+# share of an outline covered by building parts from which the outline is omitted
 _COVERED = 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Imported geometry in the scene's frame.
+    """Model of a city in the scene's frame.
 
     Parameters
     ----------
     name : of the source
     parts : triangles by part and material
-    anchor : of the origin; None where nothing says where the source lies
-    buildings : in order; of footprints only
-    n_buildings : of footprints and solids
-    notes : lines about what was found, left out and assumed
+    anchor : geodetic position of the origin; None if unknown
+    buildings : from footprints, in order
+    n_buildings : from footprints and solids
+    notes : lines on objects found and omitted, and on assumptions
     """
 
     name: str
@@ -69,11 +69,11 @@ class Model:
 
 
 def make_model(source: CitySource, options: ImportOptions) -> Model:
-    """Place everything and put it on the ground.
+    """Model of a source: geometry in the scene's frame, placed on the ground.
 
     Raises
     ------
-    SceneError : nothing is left, it is too wide, has no place where one is needed, or an option does not fit
+    SceneError : nothing is left, the city is too wide, its position is needed and unknown, or an option does not fit
     """
     parts = Parts()
     materials = _materials(source, options)
@@ -81,9 +81,9 @@ def make_model(source: CitySource, options: ImportOptions) -> Model:
     if crs == LOCAL:
         _localise(source, options)
     elif source.crs and options.unit not in ("auto", "m"):
-        raise SceneError(f"{source.name}: --unit is of meshes and of --crs local, not of {crs}; leave it out")
+        raise SceneError(f"{source.name}: --unit holds for meshes and --crs local, not for {crs}; leave it out")
     if (options.facades.windows or options.facades.balconies) and not source.footprints:
-        raise SceneError(f"{source.name}: facades are made on walls of footprints; this holds none")
+        raise SceneError(f"{source.name}: facades need building footprints; the file has none; leave --facades out")
     _drop_unusable(source)
     _drop_outlines_of_parts(source)
     dem = source.dem or options.dem
@@ -94,7 +94,7 @@ def make_model(source: CitySource, options: ImportOptions) -> Model:
         place = place.on(raster, source)
     elif not place.points.size and not source.meshes:
         raise SceneError(
-            f"{source.name}: holds no building or surface{_why(source)}; check what was exported"
+            f"{source.name}: holds no building or surface{_why(source)}; check the export"
         )
     facades = FacadeBuilder(options.facades, materials["windows"], materials["balconies"])
     buildings = _add_footprints(parts, source, place, raster, options, facades, materials)
@@ -117,7 +117,7 @@ def _why(source: CitySource) -> str:
 
 
 def _materials(source: CitySource, options: ImportOptions) -> dict[str, str]:
-    """Material of the library by part."""
+    """Name of the material of every part."""
     names = {part.material for part in source.meshes}
     check_chosen(options.materials, names | set(MATERIALS), source.name)
     kinds = {name: kind_of(name, options.materials) for name in sorted(names)}
@@ -131,7 +131,7 @@ def _materials(source: CitySource, options: ImportOptions) -> dict[str, str]:
 
 
 def _localise(source: CitySource, options: ImportOptions) -> None:
-    """Plain coordinates in metres (heights are so already), about the origin where they are those of a map."""
+    """Convert plain coordinates to metres (heights already are), and shift map coordinates to the origin."""
     import shapely
 
     unit = UNITS.get(options.unit, 1.0)
@@ -168,7 +168,7 @@ def _drop_unusable(source: CitySource) -> None:
 
 
 def _drop_outlines_of_parts(source: CitySource) -> None:
-    """Remove building outlines that are also given by their parts."""
+    """Remove building outlines that are also described by their parts."""
     import shapely
 
     parts = [f.polygon for f in source.footprints if f.is_part]
@@ -185,15 +185,15 @@ def _drop_outlines_of_parts(source: CitySource) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Place of the source on the Earth.
+    """Position of the source on the Earth.
 
     Parameters
     ----------
-    crs, places : of its coordinates
-    points : (n, 2) coordinates of the file, of all buildings; metres where the crs is local
-    anchor : of the scene's frame
-    known : the anchor, where the source or the user says it
-    level : its height is given; else it is that of the ground
+    crs, places : coordinate system, and its conversion
+    points : (n, 2) coordinates of all buildings in the file; metres if the crs is local
+    anchor : geodetic position of the origin of the scene's frame
+    known : the anchor if the source or the user states it
+    level : whether the height of the anchor is given; else it is that of the ground
     """
 
     crs: str
@@ -231,7 +231,7 @@ class _Place:
         return _Place(crs, places, points, anchor, anchor, level)
 
     def around(self, options: ImportOptions) -> F64 | None:
-        """(2, 2) bounds of longitude and latitude of the terrain that is wanted; None: all there is."""
+        """Bounds of longitude and latitude of the required terrain, (2, 2); None: the whole raster."""
         if self.points.size and self.known is not None:
             points = self.geodetic(self.points)
             margin = _MARGIN
@@ -245,14 +245,14 @@ class _Place:
         return np.stack([points.min(axis=0) - step, points.max(axis=0) + step])
 
     def on(self, raster: HeightRaster, source: CitySource) -> "_Place":
-        """The same with the anchor on the ground."""
+        """Position with the anchor on the ground."""
         if self.crs == LOCAL and self.points.size and self.known is None:
             raise SceneError(
-                f"{source.name}: --crs local lies nowhere on the raster {raster.name}; give --anchor LAT,LON"
+                f"{source.name}: --crs local has no position on the raster {raster.name}; give --anchor LAT,LON"
             )
         if source.meshes and self.known is None:
             raise SceneError(
-                f"{source.name}: a mesh lies nowhere on the raster {raster.name}; give --anchor LAT,LON"
+                f"{source.name}: a mesh has no position on the raster {raster.name}; give --anchor LAT,LON"
             )
         anchor = self.known
         if anchor is None:
@@ -267,14 +267,14 @@ class _Place:
         return replace(self, anchor=anchor, known=anchor)
 
     def geodetic(self, points: F64) -> F64:
-        """(n, 2) longitude and latitude, deg."""
+        """Longitude and latitude of points of the file, (n, 2), deg."""
         if self.crs != LOCAL:
             return self.places.geodetic(points)
         flat = np.column_stack([points, np.zeros(len(points))])
         return np.degrees(self.anchor.to_geodetic(flat)[:, 1::-1])
 
     def ground(self, points: F64, raster: HeightRaster | None) -> F64:
-        """(n, 3) m; points of the file on the plane z = 0 or on the terrain, nan where that has no height."""
+        """Points of the file on the plane z = 0 or on the terrain, (n, 3), m; nan where the terrain has no height."""
         if raster is not None:
             geodetic = self.geodetic(points)
             return local_of_geodetic(self.anchor, geodetic, raster.at(geodetic))
@@ -283,7 +283,7 @@ class _Place:
 
 
 def _corners(source: CitySource) -> F64:
-    """(n, 2) coordinates of the file, of all buildings."""
+    """Coordinates of all buildings in the file, (n, 2)."""
     import shapely
 
     outlines = shapely.get_coordinates([f.polygon for f in source.footprints])
@@ -292,7 +292,7 @@ def _corners(source: CitySource) -> F64:
 
 
 def _drop_far(source: CitySource, place: Callable[[F64], F64], radius: float) -> None:
-    """Leave out buildings whose middle, placed in the scene, lies beyond the radius."""
+    """Remove buildings whose centre, placed in the scene, lies beyond the radius."""
     reason = f"buildings beyond the radius of {radius:g} m"
 
     def far(point: F64) -> bool:
@@ -315,7 +315,7 @@ def _add_footprints(
     facades: FacadeBuilder,
     materials: dict[str, str],
 ) -> list[Building]:
-    """Pull every footprint up from its ground."""
+    """Extrude every footprint from its ground."""
     import shapely
 
     buildings = []
@@ -331,7 +331,7 @@ def _add_footprints(
         building = _building(one, polygon, corners[:, 2], options, materials, raster is not None)
         roof = add_building(parts, building, facades)
         if roof.is_flat and one.roof_shape not in ("", "flat"):
-            source.assume("roofs of shapes that are not made here, flat ones taken", one.name)
+            source.assume("roofs of unsupported shapes, flat ones taken", one.name)
         buildings.append(building)
     return buildings
 
@@ -373,7 +373,7 @@ def _add_solids(
     options: ImportOptions,
     materials: dict[str, str],
 ) -> int:
-    """Add buildings of polygons; without a terrain each is put down on the plane z = 0."""
+    """Add buildings given by polygons; without a terrain each is placed on the plane z = 0."""
     made = 0
     for solid in source.solids:
         rings = [ring for _, own in solid.polygons for ring in own]
@@ -389,13 +389,13 @@ def _add_solids(
         for part, own in solid.polygons:
             mesh = triangulate_in_space([next(split) for _ in own])
             if mesh is None:
-                source.skip("polygons that cross themselves or have no area", solid.name)
+                source.skip("polygons that intersect themselves or have no area", solid.name)
             else:
                 parts.add(part, materials[part], *mesh)
         made += 1
     if made and raster is None:
         source.notes.append(
-            f"{source.name}: every building is put down on the plane z = 0; --dem gives terrain"
+            f"{source.name}: every building is placed on the plane z = 0; --dem gives terrain"
         )
     return made
 
@@ -408,13 +408,13 @@ def _add_ground(
     options: ImportOptions,
     material: str,
 ) -> None:
-    """Terrain, or a plane below the buildings."""
+    """Add the terrain, or a plane below the buildings."""
     if raster is not None:
         vertices, faces, net = terrain_mesh(raster, place.anchor, options.tolerance)
         parts.add("ground", material, vertices, faces)
         holes = int(np.isnan(raster.heights).sum())
         source.notes.append(
-            f"{raster.name}: terrain of {raster.heights.size} samples in {len(faces)} triangles, off by at most "
+            f"{raster.name}: terrain of {raster.heights.size} samples in {len(faces)} triangles, error at most "
             f"{net.deviation:.2g} m (--tolerance); heights over the ellipsoid, geoid {options.geoid:g} m (--geoid)"
             + (f"; {holes} samples have no height and are holes" if holes else "")
         )
@@ -450,7 +450,7 @@ def _counts(
     o = facades.options
     if o.windows or o.balconies:
         lines.append(
-            f"facades: {facades.n_windows} windows and {facades.n_balconies} balconies, seed {o.seed}; the walls have "
-            f"{facades.n_triangles} triangles of at most {o.limit}"
+            f"facades: {facades.n_windows} windows and {facades.n_balconies} balconies, seed {o.seed}; walls of "
+            f"{facades.n_triangles} triangles (limit {o.limit})"
         )
     return [*lines, f"{name}: {parts.n_triangles} triangles in all"]

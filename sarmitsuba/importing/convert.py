@@ -46,7 +46,7 @@ _SCENE = """<!--
 _PLACE = """    <default name="look_angle_deg" value="40"/>
     <default name="heading_deg" value="0"/>
 """
-# rms height (m), law and level (dB) of X-band surfaces as in the shipped scenes: starting points, to be edited
+# rms height (m), law and level (dB) of X-band surfaces as in the shipped scenes, to be edited
 _SURFACES: dict[str, tuple[float, str, float]] = {
     "concrete": (0.003, "lambert", -13.0),
     "brick": (0.008, "lambert", -8.0),
@@ -73,24 +73,24 @@ def import_scene(
     ----------
     source : file, or folder of meshes
     output : scene file to write, ``.xml``; meshes go to ``NAME_meshes``
-    options : properties that the source does not contain
-    force : replace a scene of that name
+    options : properties not contained in the source
+    force : replace an existing scene of that name
 
     Returns
     -------
-    what was written, with the lines that the command prints
+    files written, and lines that the command prints
 
     Raises
     ------
     SceneError : the source cannot be read or used
-    OutputError : the scene is there already; it or its meshes would take the place of what the program did not
-        write; or it cannot be written
+    OutputError : the scene exists already; it or its meshes would replace files that the program did not write; or it
+        cannot be written
     """
     source, output = Path(source), Path(output)
     if output.suffix.lower() != ".xml":
         raise OutputError(f"{output}: a scene file ends in .xml; name it so")
     if not output.stem.isprintable():
-        raise OutputError(f"{output}: a name without control characters is needed; choose another -o")
+        raise OutputError(f"{output}: the name has control characters; choose another -o")
     file, folder = OutputFile(output, force=force), output.with_name(f"{output.stem}_meshes")
     options = options or ImportOptions()
     for given in (source, options.dem):
@@ -105,7 +105,7 @@ def import_scene(
 
 
 def _check_apart(source: Path | None, output: Path, folder: Path) -> None:
-    """Raise an OutputError where the scene or its meshes would take the place of what they are made from."""
+    """Raise an OutputError where the scene or its meshes would replace their source."""
     if source is None:
         return
     if os.path.realpath(source) == os.path.realpath(output):
@@ -117,26 +117,24 @@ def _check_apart(source: Path | None, output: Path, folder: Path) -> None:
 
 
 def _check_folder(folder: Path, force: bool) -> None:
-    """Raise an OutputError where a folder for meshes is not one that the program made, or its meshes may be in use."""
+    """Raise an OutputError if a folder for meshes was not made by the program, or its meshes may be in use."""
     if not os.path.isdir(folder) or os.path.islink(folder):
-        raise OutputError(f"{folder}: the meshes go into a folder of this name, and this is none; move it")
+        raise OutputError(f"{folder}: the meshes go here, but this is not a folder; move it")
     meshes = OutputFolder(folder, _MESHES)
     if not meshes.listed and any(process_of_part(name) is None for name in os.listdir(folder)):
         raise OutputError(
-            f"{folder}: the meshes go into a folder of this name, and the program did not make this one; move it, or "
-            "choose another -o"
+            f"{folder}: the meshes go here, but the program did not make this folder; move it, or choose another -o"
         )
     if meshes.names and meshes.run_hash and not force:
         raise OutputError(
-            f"{folder}: holds the meshes of a scene that was imported before; choose another -o, or --force replaces "
-            "them"
+            f"{folder}: holds the meshes of a scene imported before; choose another -o, or replace them with --force"
         )
 
 
 def _write(model: Model, output: Path, meshes: OutputFolder) -> None:
     """Write new meshes beside old ones, then the scene in place of the old one, then remove the old meshes.
 
-    Whatever ends it leaves either scene whole; meshes that no scene refers to are removed by the next import.
+    An interruption leaves either scene complete; unused meshes are removed by the next import.
     """
     parts = tuple(model.parts)
     names = _free_names(meshes.path, [part for part, *_ in parts])
@@ -169,7 +167,7 @@ def _write(model: Model, output: Path, meshes: OutputFolder) -> None:
 
 
 def _free_names(folder: Path, parts: Sequence[str]) -> list[str]:
-    """Names of the meshes of these parts, none of which the folder has."""
+    """Names for the meshes of these parts that do not exist in the folder."""
     words = [re.sub(r"\W+", "_", part, flags=re.ASCII).strip("_")[:40] or "part" for part in parts]
     for time in count(1):
         suffix = f"_{time}" if time > 1 else ""
@@ -180,17 +178,17 @@ def _free_names(folder: Path, parts: Sequence[str]) -> list[str]:
 
 
 def _attribute(text: str) -> str:
-    """A value of an attribute, in quotes: for Mitsuba ``$`` begins the name of a parameter where it is not escaped."""
+    """Value of an attribute, in quotes, with ``$`` escaped, which else begins the name of a parameter in Mitsuba."""
     return quoteattr(text.replace("$", r"\$"))
 
 
 def _comment(text: str) -> str:
-    """Text of a comment, which no two hyphens may stand in."""
+    """Text of a comment without double hyphens, which XML forbids."""
     return re.sub("-(?=-)", "- ", escape(text))
 
 
 def _text(model: Model, folder: str, files: list[tuple[str, str, str]]) -> str:
-    """The scene file."""
+    """Text of the scene file."""
     bsdfs = "".join(_bsdf(material) for material in dict.fromkeys(material for _, material, _ in files))
     shapes = "".join(
         f'    <shape type="ply" id={_attribute(printable(f"{part} {number}"))}>\n'

@@ -12,9 +12,9 @@ from sarmitsuba.parameters import did_you_mean, one_line
 
 KINDS = ("windows", "balconies")
 WINDOW_TRIANGLES, BALCONY_TRIANGLES = 18, 22
-# what a window leaves of its bay and of its storey at each side at least, and a wall too low for any, m
+# least margin between a window and its bay or storey at each side, and height of walls too low for windows, m
 _RIM, _LOWEST = 0.15, 2.0
-# slab of a balcony, its parapets, and where its lower side lies above the storey's floor, m
+# thickness of a balcony's slab and of its parapets, and height of its lower side above the storey's floor, m
 _SLAB, _PARAPET, _RAISED = 0.18, 0.12, 0.02
 # corners: bay, opening, pane, each counter-clockwise from outside
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]])
@@ -27,20 +27,20 @@ _PANE = _QUAD + 8
 
 @dataclass(frozen=True)
 class FacadeOptions:
-    """Statistics of the relief of walls.
+    """Statistics of facade relief.
 
     Parameters
     ----------
-    windows, balconies : whether there are any
-    seed : of everything drawn; the same seed gives the same walls
-    limit : triangles that all walls together may have
+    windows, balconies : whether they are made
+    seed : random seed; the same seed gives the same walls
+    limit : most triangles of all walls together
     bay : mean width of a bay, one window each, m
     window_width, window_height : mean, m
     recess : mean depth of the panes behind the wall, m
-    spread : relative standard deviation of these five, drawn once a building
-    share : of the bays that have a window
-    balcony_share : of the columns of bays that have balconies, from the second storey on
-    balcony_depth, parapet : how far balconies reach out, and height of their parapets over their floor, m
+    spread : relative standard deviation of these five, drawn once per building
+    share : share of bays with a window
+    balcony_share : share of columns of bays with balconies, from the second storey on
+    balcony_depth, parapet : depth of balconies, and height of their parapets over their floor, m
     """
 
     windows: bool = False
@@ -67,7 +67,7 @@ class FacadeOptions:
         for name, (low, high) in _BOUNDS.items():
             value = getattr(self, name)
             if not low <= value <= high:
-                raise SceneError(f"facades: {name} = {value:g} is outside {low:g} to {high:g}; change it")
+                raise SceneError(f"facades: {name} = {value:g} is outside {low:g} to {high:g}; choose a value within")
 
     @staticmethod
     def read(kinds: str, seed: int, statistics: dict[str, str]) -> "FacadeOptions":
@@ -75,7 +75,7 @@ class FacadeOptions:
 
         Raises
         ------
-        SceneError : a name is unknown, or a value no number or out of bounds
+        SceneError : a name is unknown, or a value is no number or out of bounds
         """
         asked = [kind for kind in kinds.split(",") if kind]
         for kind in asked:
@@ -93,7 +93,7 @@ class FacadeOptions:
             try:
                 numbers[name] = float(text)
             except ValueError:
-                raise SceneError(f'facades: {name} = "{one_line(text)}" is no number; give one') from None
+                raise SceneError(f'facades: {name} = "{one_line(text)}" is no number; give a number') from None
         limit = numbers.pop("limit", FacadeOptions.limit)
         return FacadeOptions("windows" in asked, "balconies" in asked, seed, limit=int(limit), **numbers)
 
@@ -118,7 +118,7 @@ class FacadeBuilder:
 
     Parameters
     ----------
-    options : statistics
+    options : statistics of the relief
     glass, balcony : materials of panes and balconies
     """
 
@@ -140,8 +140,8 @@ class FacadeBuilder:
 
         Parameters
         ----------
-        parts : that they are added to
-        segments : (n, 2, 2) float64 m, start and end, the outside to the right
+        parts : collection to which they are added
+        segments : (n, 2, 2) float64, m, start and end, the outside to the right
         foot, ground, eaves : heights of the walls' lower end, of the ground and of the upper end, m
         storey : height of a storey, m
         material : of the walls
@@ -182,7 +182,7 @@ class FacadeBuilder:
             if self.n_triangles > o.limit:
                 raise SceneError(
                     f"facades: relief needs more than limit = {o.limit} triangles; widen bay = {o.bay:g} m, take fewer "
-                    "buildings with --radius, or raise it with --facade limit=N"
+                    "buildings with --radius, or raise the limit with --facade limit=N"
                 )
 
     def _plain(self, parts: Parts, start: F64, end: F64, foot: float, eaves: float, material: str) -> None:
@@ -199,7 +199,7 @@ class FacadeBuilder:
         recess: float,
         material: str,
     ) -> None:
-        """Bays with a window, and those without."""
+        """Add bays with and without a window."""
         blind = ~glazed
         parts.add(
             "walls",
@@ -221,7 +221,7 @@ class FacadeBuilder:
         self.n_triangles += WINDOW_TRIANGLES * n + 2 * int(blind.sum())
 
     def _balconies(self, parts: Parts, wall: "_Wall", hung: NDArray[np.bool_], depth: float) -> None:
-        """Troughs open to the sky and to the wall."""
+        """Add balconies: troughs open to the sky and to the wall."""
         n = int(hung.sum())
         low, high = wall.low[hung], wall.high[hung]
         bottom = low[:, 1] + _RAISED
@@ -229,7 +229,7 @@ class FacadeBuilder:
         left, right = low[:, 0] + _RIM, high[:, 0] - _RIM
 
         def ring(z: F64, inset: float) -> F64:
-            """(n, 4, 3): left wall, left front, right front, right wall."""
+            """Corners (n, 4, 3): left wall, left front, right front, right wall."""
             u = np.stack([left + inset, left + inset, right - inset, right - inset], axis=1)
             out = np.broadcast_to([0.0, depth - inset, depth - inset, 0.0], u.shape)
             return wall.place(u, np.broadcast_to(z[:, None], u.shape), out)
@@ -252,20 +252,20 @@ class _Wall:
         self.middle = 0.5 * (self.low + self.high)
 
     def place(self, u: F64, z: F64, w: F64 | float) -> F64:
-        """(..., 3) points."""
+        """Points (..., 3) in the scene's frame, m."""
         w = np.broadcast_to(w, u.shape)
         flat = self._start + u[..., None] * self._along + w[..., None] * self._out
         return np.concatenate([flat, z[..., None]], axis=-1)
 
     def quads(self, low: F64, high: F64, w: float) -> F64:
-        """(4 n, 3) corners of n upright rectangles, counter-clockwise from outside."""
+        """Corners (4 n, 3) of n upright rectangles, counter-clockwise from outside."""
         u = np.stack([low[:, 0], high[:, 0], high[:, 0], low[:, 0]], axis=1)
         z = np.stack([low[:, 1], low[:, 1], high[:, 1], high[:, 1]], axis=1)
         return self.place(u, z, w).reshape(-1, 3)
 
 
 def _strip(lower: int, upper: int) -> list[list[int]]:
-    """Two triangles for each of the three sides between two rings of four, outsides as the lower runs left to right."""
+    """Triangles of the three sides between two rings of four corners; outside is where the lower ring runs right."""
     return [
         t
         for i in range(3)
@@ -280,5 +280,5 @@ _BALCONY = np.array(
 
 
 def _many(faces: NDArray[np.int_], corners: int, n: int) -> I32:
-    """Faces of n bodies of so many corners each."""
+    """Faces of n equal bodies with ``corners`` corners each."""
     return (faces[None] + corners * np.arange(n)[:, None, None]).reshape(-1, 3).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Options of an import: materials, heights, units, place, terrain, facade relief."""
+"""Options of an import: materials, heights, units, position, terrain, facade relief."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from sarmitsuba.importing.facades import FacadeOptions
 from sarmitsuba.loader.from_mesh import UNITS, UPS, Up
 from sarmitsuba.radar.geodesy import Anchor
 
-# what stands without a height or a number of storeys: two storeys and a roof, m
+# height of buildings that state neither a height nor a number of storeys: two storeys and a roof, m
 HEIGHT = 8.0
 STOREY = 3.0
 
@@ -20,16 +20,16 @@ class ImportOptions:
 
     Parameters
     ----------
-    materials : material of the library by part (``walls``, ``roofs``, ``ground``, ``windows``, ``balconies``), or by
-        the name that a mesh file gives it
-    unit, up : of mesh files and of plain coordinates; ``auto`` is said when it is found
+    materials : name of the material by part (``walls``, ``roofs``, ``ground``, ``windows``, ``balconies``), or by the
+        name of a mesh file's material
+    unit, up : of mesh files and of plain coordinates; the result of ``auto`` is reported
     crs : coordinate system of footprints or CityGML, such as ``EPSG:25832``; ``local``: metres, x east, y north;
-        empty: as the file says, longitude and latitude where it says nothing
-    anchor : where the scene's origin lies on the Earth; None: the middle of what is imported
-    radius : only buildings whose middle lies within this distance of the anchor, m; 0: all
-    height, storey : of buildings that state no height, and of a storey, m
-    ground : a plane under the buildings; None: where neither terrain nor mesh brings one
-    dem : elevation raster that becomes the terrain
+        empty: as the file states, by default longitude and latitude
+    anchor : geodetic position of the scene's origin; None: the centre of the imported objects
+    radius : import only buildings whose centre lies within this distance of the anchor, m; 0: all
+    height, storey : height of buildings that state none, and of a storey, m
+    ground : whether to add a plane under the buildings; None: if neither terrain nor mesh has a ground
+    dem : elevation raster of the terrain
     tolerance : largest deviation of the terrain's triangles from the raster, m
     geoid : height of the raster's zero (mean sea level) over the WGS-84 ellipsoid, m
     facades : relief of the walls
@@ -66,7 +66,7 @@ class ImportOptions:
             value = getattr(self, name)
             if not low <= value <= high:
                 raise SceneError(
-                    f"import: --{name} = {value:g} m is outside {low:g} to {high:g} m; change it"
+                    f"import: --{name} = {value:g} m is outside {low:g} to {high:g} m; choose a value within"
                 )
         if self.unit != "auto" and self.unit not in UNITS:
             raise SceneError(f'import: unit "{self.unit}" is unknown; choose one of {", ".join(UNITS)}')

@@ -12,13 +12,13 @@ from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
 
 WGS84, LOCAL = "EPSG:4326", "local"
-# beyond this the plane z = 0 is 200 m above the Earth's surface, and no radar image is that wide, m
+# largest distance from the origin, m: there the plane z = 0 is 200 m above the Earth's surface
 WIDEST = 50e3
 _EPSG = re.compile(r"EPSG(?:/0/|/[\d.]+/|:[\d.]*:|:)(\d{4,6})")
 
 
 def crs_named(text: str) -> str:
-    """``EPSG:n`` of the names that GML and GeoJSON have for it; of a compound system the horizontal one."""
+    """Coordinate system as ``EPSG:n``, from its name in GML and GeoJSON; of a compound system the horizontal one."""
     if text.strip().upper().endswith("CRS84"):
         return WGS84
     found = _EPSG.search(text)
@@ -27,24 +27,24 @@ def crs_named(text: str) -> str:
 
 @dataclass(frozen=True)
 class Places:
-    """Coordinates of a file, as longitude and latitude or as metres of the scene.
+    """Conversion of a file's coordinates to longitude and latitude, or to metres in the scene's frame.
 
     Parameters
     ----------
     crs : ``EPSG:4326`` (x is longitude, y latitude, deg), ``local`` (metres east and north of the anchor), or a map
         projection that rasterio knows (x is east, y north)
-    where : start of every error
+    where : start of every error message
     """
 
     crs: str
     where: str
 
     def geodetic(self, points: ArrayLike) -> F64:
-        """Longitude and latitude, deg, of (n, 2) coordinates.
+        """Longitude and latitude of coordinates (n, 2), deg.
 
         Raises
         ------
-        SceneError : they are none, the system is unknown, or rasterio is missing
+        SceneError : values out of range, the system is unknown, or rasterio is missing
         """
         xy = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if self.crs != WGS84:
@@ -60,7 +60,7 @@ class Places:
 
 
 def projected(points: F64, crs: str, wanted: str, where: str) -> F64:
-    """(n, 2) coordinates in another system.
+    """Coordinates (n, 2) converted to another system.
 
     Raises
     ------
@@ -79,19 +79,19 @@ def projected(points: F64, crs: str, wanted: str, where: str) -> F64:
         return np.column_stack(transform(crs, wanted, points[:, 0], points[:, 1]))
     except (rasterio.errors.RasterioError, CPLE_BaseError, ValueError, TypeError, RuntimeError) as error:
         raise SceneError(
-            f"{where}: coordinates from {one_line(crs)} to {one_line(wanted)} cannot be turned: {one_line(error)}; "
+            f"{where}: coordinates cannot be converted from {one_line(crs)} to {one_line(wanted)}: {one_line(error)}; "
             "name their system with --crs EPSG:n"
         ) from error
 
 
 def local_of_geodetic(anchor: Anchor, longitude_latitude: F64, height: float | F64) -> F64:
-    """(n, 3) float64 m, scene frame, of longitude and latitude (deg) and height over the ellipsoid (m)."""
+    """Scene coordinates (n, 3) float64, m, of longitude and latitude (deg) and height over the ellipsoid (m)."""
     lon, lat = np.radians(longitude_latitude.T)
     return anchor.from_geodetic(np.stack([lat, lon, np.broadcast_to(height, lat.shape)], axis=-1))
 
 
 def on_plane(anchor: Anchor, longitude_latitude: F64) -> F64:
-    """(n, 2) float64 m: where the ellipsoid's normals at longitude and latitude (deg) meet the plane z = 0."""
+    """Projection of longitude and latitude (deg) along the ellipsoid's normals onto the plane z = 0, (n, 2), m."""
     lon, lat = np.radians(longitude_latitude.T)
     up = (
         np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1) @ anchor.axes.T
@@ -101,7 +101,7 @@ def on_plane(anchor: Anchor, longitude_latitude: F64) -> F64:
 
 
 def middle(longitude_latitude: F64, height: float = 0.0) -> Anchor:
-    """Anchor in the middle of the bounds of points (deg), rounded to what a scene file states."""
+    """Anchor in the middle of the bounds of points (deg), rounded as in scene files."""
     low, high = longitude_latitude.min(axis=0), longitude_latitude.max(axis=0)
     lon, lat = np.round(0.5 * (low + high), 8)
     return Anchor.of_degrees(float(lat), float(lon), round(height, 3))
@@ -112,6 +112,6 @@ def check_width(points: F64, where: str) -> None:
     far = float(np.abs(points[:, :2]).max()) if len(points) else 0.0
     if not far <= WIDEST:
         raise SceneError(
-            f"{where}: reaches {far / 1e3:.4g} km from the scene's origin, more than {WIDEST / 1e3:.0f} km; give "
-            "--anchor LAT,LON with --radius M to take a part"
+            f"{where}: extends {far / 1e3:.4g} km from the scene's origin, more than {WIDEST / 1e3:.0f} km; select a "
+            "part with --anchor LAT,LON and --radius M"
         )

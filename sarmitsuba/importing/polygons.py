@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import shapely
 
 
-# footprints beyond that are coast lines or hostile; triangulating them takes minutes
+# most corners of a footprint: longer ones are coast lines or hostile, and take minutes to triangulate
 MOST_CORNERS = 20_000
 
 
@@ -37,12 +37,12 @@ def why_unusable(polygon: "shapely.Polygon") -> str:
     if polygon.is_empty or not np.isfinite(polygon.bounds).all():
         return "outlines without numbers"
     if not polygon.is_valid:
-        return "outlines that cross themselves"
+        return "outlines that intersect themselves"
     return "" if polygon.area > 0.0 else "outlines without area"
 
 
 def triangulate(polygon: "shapely.Polygon") -> tuple[F64, I32]:
-    """Triangles of a valid polygon, counter-clockwise, with its own corners only.
+    """Triangulation of a valid polygon, counter-clockwise, without additional corners.
 
     Returns
     -------
@@ -57,13 +57,13 @@ def triangulate(polygon: "shapely.Polygon") -> tuple[F64, I32]:
     rings = [np.asarray(ring.coords)[:-1, :2] for ring in (polygon.exterior, *polygon.interiors)]
     corners = np.concatenate(rings)
     try:
-        # GEOS finds no corner to cut off where one stands twice in a row
+        # GEOS fails on repeated consecutive corners
         pieces = shapely.constrained_delaunay_triangles(shapely.remove_repeated_points(polygon))
     except shapely.errors.GEOSException as error:
         x, y = polygon.bounds[:2]
         raise SceneError(
-            f"an outline of {len(corners)} corners at ({x:g}, {y:g}) cannot be cut into triangles "
-            f"({one_line(error, 80)}); leave it out or draw it simpler"
+            f"an outline of {len(corners)} corners at ({x:g}, {y:g}) cannot be triangulated "
+            f"({one_line(error, 80)}); leave it out or simplify it"
         ) from error
     rows = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
     place = {corner.tobytes(): i for i, corner in enumerate(corners + 0.0)}
@@ -75,15 +75,16 @@ def triangulate(polygon: "shapely.Polygon") -> tuple[F64, I32]:
 
 
 def triangulate_in_space(rings: Sequence[F64]) -> tuple[F64, I32] | None:
-    """Triangles of a plane polygon in space, its exterior first; None where it encloses nothing or crosses itself.
+    """Triangulation of a plane polygon in space; None where it has no area or intersects itself.
 
     Parameters
     ----------
-    rings : each (n, 3) float64, m, the last corner not repeated; the first ring turns left about the outward normal
+    rings : exterior, then holes, each (n, 3) float64, m, last corner not repeated; the exterior is counter-clockwise
+        about the outward normal
 
     Returns
     -------
-    corners (n, 3) float64; faces (m, 3) int32, which turn as the exterior does
+    corners (n, 3) float64; faces (m, 3) int32, of the exterior's orientation
     """
     import shapely
 

@@ -11,7 +11,7 @@ from sarmitsuba.parameters import one_line
 
 
 class _PrologError(Exception):
-    """The prolog has ended, which is as far as it is read twice."""
+    """Raised at the end of the prolog, to stop its separate reading."""
 
 
 def read_bytes(path: Path) -> bytes:
@@ -19,7 +19,7 @@ def read_bytes(path: Path) -> bytes:
 
     Raises
     ------
-    SceneError : it cannot be read, is no ordinary file, or is larger than `regular_files.LARGEST`
+    SceneError : it cannot be read, is no regular file, or is larger than `regular_files.LARGEST`
     """
     try:
         return regular_files.read_bytes(path)
@@ -43,16 +43,16 @@ def read_json(path: Path) -> object:
     try:
         content: object = json.loads(read_bytes(path), parse_constant=refuse)
     except UnicodeDecodeError as error:
-        raise SceneError(f"{path.name}: is no text in UTF-8; export it again") from error
+        raise SceneError(f"{path.name}: is not UTF-8 text; export it again") from error
     except RecursionError as error:
-        raise SceneError(f"{path.name}: is nested too deep for JSON of a map; export it again") from error
+        raise SceneError(f"{path.name}: JSON is nested too deeply; export it again") from error
     except ValueError as error:
         raise SceneError(f"{path.name}: malformed JSON: {one_line(error)}; export it again") from error
     return content
 
 
 def read_xml(path: Path) -> ET.Element:
-    """Root element of an XML file without a document type, which is where entities come from.
+    """Root element of an XML file without a document type (which could define entities).
 
     Raises
     ------
@@ -62,7 +62,7 @@ def read_xml(path: Path) -> ET.Element:
     prolog = xml.parsers.expat.ParserCreate()
 
     def refuse(*_: object) -> None:
-        raise SceneError(f"{path.name}: declares a document type (DOCTYPE), which no map needs; remove it")
+        raise SceneError(f"{path.name}: declares a document type (DOCTYPE), which is not allowed; remove it")
 
     def stop(*_: object) -> None:
         raise _PrologError
@@ -72,7 +72,7 @@ def read_xml(path: Path) -> ET.Element:
     try:
         try:
             prolog.Parse(content, True)
-        except _PrologError:  # the document type can only stand before the root element
+        except _PrologError:  # a document type can only precede the root element
             return ET.fromstring(content)
         raise SceneError(f"{path.name}: holds no element; export it again")
     except (ET.ParseError, xml.parsers.expat.ExpatError, ValueError, LookupError) as error:

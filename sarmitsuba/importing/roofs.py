@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     import shapely
 
 
-# a pitch of 35 degrees where nothing is said, and never more than half of the house
+# default pitch of 35 degrees, and largest height of a roof relative to the house
 _RISE, _SHARE = 0.35, 0.5
-# corners that a straight wall has more than it needs, m
+# deviation from a straight wall up to which a corner is redundant, m
 _STRAIGHT = 1e-3
 GABLED = ("gabled",)
 PYRAMIDS = ("pyramidal", "hipped", "tented")
@@ -22,14 +22,14 @@ PYRAMIDS = ("pyramidal", "hipped", "tented")
 
 @dataclass(frozen=True, eq=False)
 class Roof:
-    """Surface that closes the top of a building.
+    """Surface of a roof.
 
     Parameters
     ----------
     corners : (n, 2) float64, m
     lift : (n,) float64, 0 at the eaves, 1 at the ridge
     faces : (m, 3) int32, seen from above counter-clockwise
-    gables : (k, 3) int32, upright triangles under a ridge, of the walls' material
+    gables : (k, 3) int32, vertical triangles under a ridge, of the walls' material
     """
 
     corners: F64
@@ -39,19 +39,19 @@ class Roof:
 
     @property
     def is_flat(self) -> bool:
-        """Whether it has no ridge."""
+        """Whether the roof has no ridge."""
         return not self.lift.any()
 
 
 def rise(polygon: "shapely.Polygon", height: float) -> float:
-    """Height of a pitched roof that states none, m, over a footprint of a house of that height."""
+    """Default height of a pitched roof over a footprint, m, for a house of a given height, m."""
     x, y = np.asarray(polygon.minimum_rotated_rectangle.exterior.coords.xy)
     sides = np.hypot(np.diff(x), np.diff(y))
     return float(min(_RISE * sides.min(), _SHARE * height))
 
 
 def make_roof(polygon: "shapely.Polygon", shape: str, across: bool) -> Roof:
-    """Roof of the shape of OpenStreetMap's ``roof:shape`` where it is simple here, else flat.
+    """Roof of a shape of OpenStreetMap's ``roof:shape`` for simple footprints, else flat.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def make_roof(polygon: "shapely.Polygon", shape: str, across: bool) -> Roof:
 
 
 def _gabled(corners: F64, across: bool) -> Roof:
-    """Ridge between the middles of two opposite sides, along the longer ones unless across."""
+    """Gabled roof with its ridge between the midpoints of two opposite sides, along the longer ones unless across."""
     side = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     long_first = side[0] + side[2] >= side[1] + side[3]
     a, b, c, d = corners if long_first != across else np.roll(corners, -1, axis=0)
@@ -88,7 +88,7 @@ def _roof(corners: F64, lift: list[float], faces: list[list[int]], gables: list[
 
 
 def _convex(corners: F64) -> bool:
-    """Whether an outline that runs counter-clockwise never turns right."""
+    """Whether a counter-clockwise outline is convex."""
     step = np.roll(corners, -1, axis=0) - corners
     after = np.roll(step, -1, axis=0)
     return bool((step[:, 0] * after[:, 1] > step[:, 1] * after[:, 0]).all())

@@ -28,12 +28,12 @@ class BuildingFootprint:
     ----------
     name : in the file
     polygon : in the coordinates of the file
-    height, above : of its top and of its lower side over the ground, m
-    roof : part of the height that the roof takes, m; nan: not said
+    height, above : heights of its top and of its lower side over the ground, m
+    roof : height of the roof, part of ``height``, m; nan: not stated
     roof_shape, across : see `sarmitsuba.importing.roofs.make_roof`
     storey : height of a storey, m
-    wall_material, roof_material : as the file names them, or empty
-    is_part : of a building whose outline may stand in the file too
+    wall_material, roof_material : names in the file, or empty
+    is_part : whether it is part of a building, whose outline may be in the file too
     """
 
     name: str
@@ -51,7 +51,7 @@ class BuildingFootprint:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A building as plane polygons in space.
+    """Building given by plane polygons in space.
 
     Parameters
     ----------
@@ -65,18 +65,18 @@ class Solid:
 
 @dataclass(eq=False)
 class CitySource:
-    """Content of a file or folder.
+    """Content of a file or folder with a city.
 
     Parameters
     ----------
     name : of the file, start of every message
-    crs : of footprints and solids
+    crs : coordinate system of footprints and solids
     footprints, solids : buildings
-    meshes : parts in metres, upright, in the scene's frame
-    skipped, assumed : how many were left out, or taken for something that the file does not say, by reason
-    first : name of the first, by reason
-    notes : what was assumed
-    dem : the source is an elevation raster itself
+    meshes : parts in metres, z up, in the scene's frame
+    skipped, assumed : numbers of objects omitted, or completed by an assumption, by reason
+    first : name of the first such object, by reason
+    notes : lines on assumptions
+    dem : whether the source is itself an elevation raster
     """
 
     name: str
@@ -91,17 +91,17 @@ class CitySource:
     dem: Path | None = None
 
     def skip(self, reason: str, name: str) -> None:
-        """Count one that is left out."""
+        """Count an omitted object."""
         self.skipped[reason] += 1
         self.first.setdefault(reason, one_line(name, 40))
 
     def assume(self, reason: str, name: str) -> None:
-        """Count one of which something is assumed."""
+        """Count an object completed by an assumption."""
         self.assumed[reason] += 1
         self.first.setdefault(reason, one_line(name, 40))
 
     def said(self) -> list[str]:
-        """Lines about what was left out and assumed, and all notes."""
+        """Lines on omitted objects and assumptions, and all notes."""
         lines = [
             f"{self.name}: {what} {count} {reason} (first: {self.first[reason]})"
             for what, counts in (("left out", self.skipped), ("assumed for", self.assumed))
@@ -119,8 +119,8 @@ class SourceFormat:
     name : e.g. ``geojson``
     doc : description in one line
     suffixes : of its files, lower case, with the dot
-    read : of a file, or of a folder where ``folders`` says so
-    folders : a folder of such files is one city
+    read : reads a file, or a folder if ``folders``
+    folders : whether a folder of such files is one city
     """
 
     name: str
@@ -134,11 +134,11 @@ SOURCES: Registry[SourceFormat] = Registry("source of scenes", "sarmitsuba.impor
 
 
 def find_source(path: Path) -> SourceFormat:
-    """Format of a file or folder, by its suffix or by those in it.
+    """Format of a file by its suffix, or of a folder by the suffixes in it.
 
     Raises
     ------
-    SceneError : it is not there, or its suffix tells nothing
+    SceneError : it does not exist, or its suffix is unknown
     """
     try:
         there, folder = os.path.exists(path), os.path.isdir(path)
@@ -153,5 +153,5 @@ def find_source(path: Path) -> SourceFormat:
         if suffixes & set(entry.suffixes) and (entry.folders or not folder):
             return entry
     known = ", ".join(f"{entry.name} ({' '.join(entry.suffixes)})" for entry in SOURCES)
-    what = "a folder without files of a known kind" if folder else f'of unknown suffix "{path.suffix}"'
-    raise SceneError(f"{one_line(path.name)}: {what}; there are {known}")
+    what = "folder without files of a known format" if folder else f'unknown suffix "{path.suffix}"'
+    raise SceneError(f"{one_line(path.name)}: {what}; known formats: {known}")

@@ -1,4 +1,4 @@
-"""Building attributes from OpenStreetMap tags and equivalent properties of other maps."""
+"""Attributes of buildings from OpenStreetMap tags and equivalent properties of other maps."""
 
 import re
 from collections.abc import Mapping
@@ -23,13 +23,13 @@ _LEVELS = ("building:levels", "levels", "num_floors", "storeys")
 
 
 def is_building(tags: Tags) -> bool:
-    """Whether the tags are of a building or of a part of one that stands above the ground."""
+    """Whether the tags are those of a building, or of a part of a building, above the ground."""
     kind = str(tags.get("building") or tags.get("building:part") or "no")
     return kind != "no" and tags.get("location") != "underground"
 
 
 def metres(value: object) -> float:
-    """Metres of ``12``, ``12 m``, ``12,5`` or ``40'``; nan where it is no such length."""
+    """Length in metres from ``12``, ``12 m``, ``12,5`` or ``40'``; nan if malformed."""
     if isinstance(value, bool):
         return np.nan
     if isinstance(value, int | float):
@@ -43,9 +43,9 @@ def metres(value: object) -> float:
 def footprint(
     source: CitySource, name: str, polygon: "shapely.Polygon", tags: Tags, options: ImportOptions
 ) -> BuildingFootprint | None:
-    """A building of its tags; None, counted as skipped, where its heights contradict each other.
+    """Footprint of a building with the attributes in its tags; None, counted as skipped, if its heights contradict.
 
-    A ``height`` reaches from the ground to the top of the roof; ``building:levels`` do not count those of the roof.
+    A ``height`` extends from the ground to the top of the roof; ``building:levels`` exclude those of the roof.
     """
     storey = options.storey
     levels = _positive(source, name, tags, _LEVELS, _MOST_LEVELS, "storeys")
@@ -86,13 +86,13 @@ def footprint(
 def _positive(
     source: CitySource, name: str, tags: Tags, keys: tuple[str, ...], most: float, what: str
 ) -> float:
-    """First of the tags that is there; nan where there is none or it is no number above 0, which is counted."""
+    """Value of the first tag present; nan if none is, or (counted) if it is no number above 0."""
     value = next((tags[key] for key in keys if tags.get(key) not in (None, "")), None)
     if value is None:
         return np.nan
     number = metres(value)
     if not 0.0 < number <= most:
         if number != 0.0:
-            source.assume(f"{what} that are no number from 0 to {most:g}, as if not there", name)
+            source.assume(f"{what} that are no number from 0 to {most:g}, ignored", name)
         return np.nan
     return number

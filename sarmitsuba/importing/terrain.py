@@ -20,30 +20,30 @@ if TYPE_CHECKING:
     from rasterio.windows import Window
 
 
-# samples that are read; triangulating more takes minutes and gigabytes
+# most samples read; triangulating more takes minutes and gigabytes
 MOST_SAMPLES = 16_000_000
-# bytes of a block as it is unpacked; of a tile of 512 x 512 float64 it is 2 MB
+# most bytes of an unpacked block; a tile of 512 x 512 float64 has 2 MB
 _LARGEST_BLOCK = 1 << 28
-# GDAL looks for side files (.aux.xml, .ovr, .tfw ...) and takes georeference from them, which may lie anywhere
+# by default GDAL reads georeferences from side files (.aux.xml, .ovr, .tfw ...), which may refer to any path
 _ALONE = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_PAM_ENABLED": "NO",
     "GDAL_GEOREF_SOURCES": "INTERNAL",
 }
-# what is no height on the Earth, m
+# bounds of valid heights on the Earth, m
 _LOWEST, _HIGHEST = -12e3, 9e3
 
 
 @dataclass(frozen=True, eq=False)
 class HeightRaster:
-    """Heights on a grid, as read.
+    """Elevation raster: heights on a grid.
 
     Parameters
     ----------
     name : of the file
-    heights : (n_rows, n_columns) float64 m over the ellipsoid; nan where there is none
-    affine : (2, 3) float64; column and row (of the samples' middles) to the raster's coordinates
-    crs : of these
+    heights : (n_rows, n_columns) float64, m over the ellipsoid; nan for missing samples
+    affine : (2, 3) float64, from column and row (of sample centres) to coordinates
+    crs : coordinate system
     """
 
     name: str
@@ -52,17 +52,17 @@ class HeightRaster:
     crs: str
 
     def places(self, rows: I64, columns: I64) -> F64:
-        """(n, 2) longitude and latitude, deg, of samples."""
+        """Longitude and latitude of samples, (n, 2), deg."""
         xy = np.column_stack([columns, rows]) @ self.affine[:, :2].T + self.affine[:, 2]
         return Places(self.crs, self.name).geodetic(xy)
 
     def at(self, longitude_latitude: F64) -> F64:
-        """(n,) float64 m; heights between the samples, bilinear; nan outside and beside holes."""
+        """Heights interpolated bilinearly, (n,) float64, m; nan outside and next to missing samples."""
         xy = longitude_latitude
         if self.crs != WGS84:
             xy = projected(longitude_latitude, WGS84, self.crs, self.name)
         column, row = np.linalg.solve(self.affine[:, :2], (xy - self.affine[:, 2]).T)
-        # places on the last sample are inside, whatever rounding says
+        # positions on the last sample are inside, despite rounding
         n_rows, n_columns = self.heights.shape
         inside = (
             (column >= -1e-6) & (row >= -1e-6) & (column <= n_columns - 1 + 1e-6) & (row <= n_rows - 1 + 1e-6)
@@ -79,17 +79,17 @@ class HeightRaster:
 
 
 def read_raster(path: Path, geoid: float, around: F64 | None) -> HeightRaster:
-    """Read the first band of a GeoTIFF, and no other file: no side files, no other format under its name.
+    """Read the first band of a GeoTIFF; side files and other formats under its name are not read.
 
     Parameters
     ----------
     path : file
-    geoid : height of its zero over the ellipsoid, m
-    around : (2, 2) lowest and highest longitude and latitude, deg, of what is wanted; None: all
+    geoid : height of the raster's zero over the ellipsoid, m
+    around : (2, 2) lowest and highest longitude and latitude of the region to read, deg; None: all
 
     Raises
     ------
-    SceneError : rasterio is missing, or the raster cannot be read, has no place, no heights, or too many samples
+    SceneError : rasterio is missing, or the raster cannot be read, has no georeference, no heights, or too many samples
     """
     try:
         import rasterio
@@ -117,8 +117,8 @@ def read_raster(path: Path, geoid: float, around: F64 | None) -> HeightRaster:
                 n = int(window.height) * int(window.width)
                 if n > MOST_SAMPLES:
                     raise SceneError(
-                        f"{where}: {n} samples are more than {MOST_SAMPLES}; cut a part out or resample it, or give "
-                        "buildings or --anchor with --radius"
+                        f"{where}: {n} samples are more than {MOST_SAMPLES}; crop or resample it, or give buildings "
+                        "or --anchor with --radius"
                     )
                 rows, columns = file.block_shapes[0]
                 if rows * columns * file.count * np.dtype(file.dtypes[0]).itemsize > _LARGEST_BLOCK:
@@ -134,26 +134,26 @@ def read_raster(path: Path, geoid: float, around: F64 | None) -> HeightRaster:
         ) from error
     if min(heights.shape) < 2:
         raise SceneError(
-            f"{where}: {heights.shape[0]} x {heights.shape[1]} samples there; a terrain needs 2 x 2 at least"
+            f"{where}: {heights.shape[0]} x {heights.shape[1]} samples at the buildings; at least 2 x 2 are needed"
         )
     heights[~((heights > _LOWEST) & (heights < _HIGHEST))] = np.nan
     if np.isnan(heights).all():
         raise SceneError(
-            f"{where}: no height between {_LOWEST:g} m and {_HIGHEST:g} m there; check the band and its unit"
+            f"{where}: no sample between {_LOWEST:g} m and {_HIGHEST:g} m; check the band and its unit"
         )
     matrix = np.array([[transform.a, transform.b, transform.c], [transform.d, transform.e, transform.f]])
-    matrix[:, 2] += 0.5 * (matrix[:, 0] + matrix[:, 1])  # the transform is of the samples' corners
+    matrix[:, 2] += 0.5 * (matrix[:, 0] + matrix[:, 1])  # the transform refers to the corners of samples
     if abs(np.linalg.det(matrix[:, :2])) == 0.0:
-        raise SceneError(f"{where}: its samples have no place; write a transform into it")
+        raise SceneError(f"{where}: has no georeference; write a transform into it")
     return HeightRaster(where, heights + geoid, matrix, crs)
 
 
 def terrain_mesh(raster: HeightRaster, anchor: Anchor, tolerance: float) -> tuple[F64, I32, Network]:
-    """Terrain in the scene's frame: vertices (n, 3) m, faces upwards, and the network that they are of.
+    """Terrain in the scene's frame: vertices (n, 3) m, faces upwards, and the triangle network.
 
     Notes
     -----
-    Heights between samples are those of triangles; what stands on the ground (surface models) becomes terrain.
+    Heights between samples are those of triangles; objects in surface models become part of the terrain.
     """
     net = network(raster.heights, tolerance)
     z = raster.heights[net.rows, net.columns]
@@ -166,7 +166,7 @@ def terrain_mesh(raster: HeightRaster, anchor: Anchor, tolerance: float) -> tupl
 
 
 def _frame(around: F64) -> F64:
-    """(36, 2) points on the border of a rectangle."""
+    """Points on the border of a rectangle, (36, 2)."""
     t = np.linspace(0.0, 1.0, 10)[:-1]
     (x0, y0), (x1, y1) = around
     turn = [(x0 + t * (x1 - x0), y0 + 0 * t), (x1 + 0 * t, y0 + t * (y1 - y0))]
@@ -175,7 +175,7 @@ def _frame(around: F64) -> F64:
 
 
 def _whole(wanted: "Window", width: int, height: int, where: str) -> "Window":
-    """The window in whole samples, one more at each side, inside the raster."""
+    """Window in whole samples, one more at each side, inside the raster."""
     from rasterio.windows import Window
 
     left, top = max(int(wanted.col_off) - 2, 0), max(int(wanted.row_off) - 2, 0)

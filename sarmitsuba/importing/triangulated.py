@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I32, I64
 
-# times that the inner tolerance is lowered before every sample is taken
+# number of times that the inner tolerance is lowered before every sample is used
 _TRIES = 12
 
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Triangles over the samples of a raster.
+    """Triangle network over the samples of a raster.
 
     Parameters
     ----------
@@ -31,14 +31,14 @@ class Network:
 def network(heights: F64, tolerance: float) -> Network:
     r"""Triangle network within a tolerance of every sample, without gaps.
 
-    Right isosceles triangles are halved at the middle of their long side while a sample that is reached by halving lies
-    off by more than :math:`\tau`; the greatest deviation of all that lie below a middle is kept there, which makes
-    neighbours agree. Deviations of several halvings add up, so what is left is measured and :math:`\tau` lowered until
-    it holds.
+    Right isosceles triangles are bisected at the midpoint of their hypotenuse while a sample in the subdivided triangle
+    deviates by more than :math:`\tau`; every midpoint holds the greatest deviation of all its subdivisions, so that
+    neighbours agree. Deviations of several bisections add up: the remaining deviation is measured, and :math:`\tau`
+    lowered until it is within the tolerance.
 
     Parameters
     ----------
-    heights : (n_rows, n_columns) float64; nan where there is none, which leaves holes of whole samples
+    heights : (n_rows, n_columns) float64; nan for missing samples, which leave holes
     tolerance : largest deviation, in the heights' unit
 
     References
@@ -71,7 +71,7 @@ def _padded(heights: F64) -> F64:
 
 
 def _across(z: F64, s: int) -> tuple[tuple[slice, slice], F64]:
-    """Middles of squares of side 2 s, and the means of the ends of their long sides, which alternate."""
+    """Centres of squares of side 2 s, and the means of the ends of their diagonals, which alternate."""
     here = (slice(s, None, 2 * s), slice(s, None, 2 * s))
     n = (z.shape[0] - 1) // (2 * s)
     even = np.add.outer(np.arange(n), np.arange(n)) % 2 == 0
@@ -85,7 +85,7 @@ _CORNERS = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
 
 
 def _along(z: F64, s: int, axis: int) -> tuple[tuple[slice, slice], F64]:
-    """Middles of the sides of length 2 s along an axis, and the means of their ends."""
+    """Midpoints of the sides of length 2 s along an axis, and the means of their ends."""
     w = z if axis == 1 else z.T
     mean = 0.5 * (w[:: 2 * s, : -2 * s : 2 * s] + w[:: 2 * s, 2 * s :: 2 * s])
     here = (slice(None, None, 2 * s), slice(s, None, 2 * s))
@@ -93,13 +93,13 @@ def _along(z: F64, s: int, axis: int) -> tuple[tuple[slice, slice], F64]:
 
 
 def _deviation(z: F64, mean: F64) -> F64:
-    """Modulus; a hole beside a height is infinitely wrong, a hole in a hole is right."""
+    """Absolute deviation; infinite where either value is missing, zero where both are."""
     off = np.abs(z - mean)
     return np.where(np.isnan(off), np.where(np.isnan(z) & np.isnan(mean), 0.0, np.inf), off)
 
 
 def _errors(z: F64) -> F64:
-    """Of every sample as the middle of a long side: the greatest deviation there and below."""
+    """Greatest deviation of every sample, as a midpoint of a hypotenuse, and of its subdivisions."""
     off = np.zeros_like(z)
     side = z.shape[0] - 1
     s = 1
@@ -125,7 +125,7 @@ def _errors(z: F64) -> F64:
 
 
 def _interpolated(z: F64, active: NDArray[np.bool_]) -> F64:
-    """Heights of the triangles at every sample."""
+    """Heights of the triangles at all samples."""
     made = z.copy()
     s = (z.shape[0] - 1) // 2
     while s >= 1:
@@ -139,7 +139,7 @@ def _interpolated(z: F64, active: NDArray[np.bool_]) -> F64:
 
 
 def _triangles(active: NDArray[np.bool_]) -> I64:
-    """(n, 3, 2) rows and columns: ends of the long side, then the right angle."""
+    """Triangles (n, 3, 2) as rows and columns: ends of the hypotenuse, then the right angle."""
     side = active.shape[0] - 1
     todo = np.array([[[0, 0], [side, side], [0, side]], [[side, side], [0, 0], [side, 0]]], dtype=np.int64)
     done = []

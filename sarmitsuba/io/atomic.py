@@ -14,9 +14,9 @@ from typing import BinaryIO
 from sarmitsuba.errors import OutputError
 from sarmitsuba.unfinished import removed_if_stopped
 
-# no link is followed and no pipe waited for, where the system knows how
+# follow no links and wait for no pipes, where the system supports it
 _UNLINKED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-# pattern of the names of temporary files, unlike any other
+# pattern of the names of temporary files
 _PART = re.compile(r"\.sarmitsuba-part-(\d+)-\d+(\..*)?")
 _count = itertools.count()
 
@@ -34,7 +34,7 @@ def process_of_part(name: str) -> int | None:
 
 @contextmanager
 def atomic_path(target: Path | str, within: Path | None = None) -> Iterator[Path]:
-    """Yield a temporary path; rename it to ``target`` when the block ends well.
+    """Yield a temporary path; rename it to ``target`` when the block ends without an error.
 
     Any other end of the block (Ctrl-C included) removes the temporary file and leaves an older ``target`` unchanged.
 
@@ -46,13 +46,13 @@ def atomic_path(target: Path | str, within: Path | None = None) -> Iterator[Path
     Raises
     ------
     OutputError
-        The operating system refused: full disk, permissions, a missing folder.
+        Error of the operating system: full disk, permissions, a missing folder.
     """
     target = Path(target)
     # the suffix is kept: some writers choose the format by it
     temporary = (within or target.parent) / part_name(target.suffix)
     try:
-        # another user of the folder might have placed a link there, and writers would follow it
+        # another user of the folder could have placed a link there, which writers would follow
         temporary.unlink(missing_ok=True)
         with removed_if_stopped(partial(temporary.unlink, missing_ok=True)):
             yield temporary
@@ -75,7 +75,7 @@ def open_own(path: Path) -> BinaryIO:
     handle = os.open(path, os.O_RDWR | os.O_CREAT | _UNLINKED, 0o666)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
-        raise OSError(errno.EINVAL, "it is no regular file; remove it, or choose another -o")
+        raise OSError(errno.EINVAL, "it is not a regular file; remove it, or choose another -o")
     return os.fdopen(handle, "r+b", buffering=0)
 
 
@@ -90,12 +90,12 @@ def make_folder(folder: Path | str) -> Path:
 
 
 def reason_of(error: OSError) -> str:
-    """One line, with a remedy where there is an obvious one; HDF5 hides the number in its text."""
+    """Message in one line, with a remedy for common errors; HDF5 states the error number only in its text."""
     text = error.strerror or str(error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT) or "errno = 28" in str(error):
         return "no space left on the disk; free some or choose another output folder"
     if error.errno == errno.EFBIG or "errno = 27" in str(error):
-        return "the file is larger than this system or user may write"
+        return "the file exceeds the size limit of the system or the user"
     if error.errno == errno.ENAMETOOLONG:
-        return "the name is longer than this system takes; choose a shorter one"
+        return "the name is longer than the system allows; choose a shorter one"
     return " ".join(text.split())

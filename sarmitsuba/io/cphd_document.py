@@ -1,6 +1,6 @@
 """XML document of a CPHD 1.1 file.
 
-The library sarkit has the schema; this module fills in the values. Source: NGA.STND.0068-1_1.1.0,
+The library sarkit provides the schema, this module the values. Source: NGA.STND.0068-1_1.1.0,
 Compensated Phase History Data, design and implementation description.
 """
 
@@ -57,7 +57,7 @@ class GroundArea:
     origin : (3,) float64, m, file frame; scene reference point
     axes : (2, 3) horizontal unit vectors, the first along the flight, right-handed with up
     low, high : (2,) float64, m, corners along the axes from the origin
-    spacing : (2,) m, pixels of an image of it
+    spacing : (2,) m, pixel spacing of its image
     """
 
     origin: F64
@@ -75,14 +75,14 @@ class CphdRecording:
     ----------
     name : of the collection
     mode : of the radar
-    bistatic : whether the receiver is apart from the transmitter
+    bistatic : whether the receiver is separate from the transmitter
     channels : polarisations, transmit first
     vectors : (n_pulses,) structured array of per-vector parameters
     n_samples : frequencies per vector
     area : of the ground
-    anchor : of the file frame
+    anchor : geodetic position of the file frame's origin
     dwell : s; centre of dwell at the scene reference point, its slope along the flight in s/m, and dwell time
-    facts : further figures by name
+    facts : further values by name
     """
 
     name: str
@@ -98,7 +98,7 @@ class CphdRecording:
 
 
 def document(recording: CphdRecording) -> lxml.etree._ElementTree:
-    """The CPHD XML tree of a recording."""
+    """CPHD XML tree of a recording."""
     import lxml.etree
     import sarkit.cphd
 

@@ -13,12 +13,12 @@ Json = dict[str, "Json"] | list["Json"] | str | int | float | bool | None
 
 
 def to_json(value: object, *, strict: bool = False) -> Json:
-    """Return ``value`` made of dict, list, str, int, float, bool and None only.
+    """Convert ``value`` to dict, list, str, int, float, bool and None.
 
     Parameters
     ----------
     value : mappings, sequences, dataclasses, NumPy values, complex numbers (as ``[re, im]``), paths
-    strict : write NaN and infinities as text, because the JSON standard has no numbers for them
+    strict : write NaN and infinities as text, since the JSON standard has no such numbers
     """
 
     def convert(item: object) -> Json:
@@ -51,9 +51,9 @@ def json_value(text: str | bytes) -> Any:
     Raises
     ------
     ValueError
-        It is malformed, no UTF-8, or nested too deep.
+        It is malformed, not UTF-8, or nested too deeply.
     """
     try:
         return json.loads(text)
     except RecursionError:
-        raise ValueError("its entries are nested too deep") from None
+        raise ValueError("its entries are nested too deeply") from None

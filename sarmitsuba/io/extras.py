@@ -12,7 +12,7 @@ def formats_package(module: str, what: str) -> ModuleType:
     Parameters
     ----------
     module : dotted name
-    what : start of the error
+    what : start of the error message
 
     Raises
     ------

@@ -20,22 +20,22 @@ Content = Literal["raw", "image"]
 
 @dataclass(frozen=True)
 class FileFormat:
-    """File format with its write and read functions; None where it has none.
+    """File format with its write and read functions; None: not available.
 
-    Writers should go through :func:`sarmitsuba.io.atomic.atomic_path`, so that a file appears whole or not at all;
-    readers raise a ``DataError`` for a file that is damaged or of another kind.
+    Writers should use :func:`sarmitsuba.io.atomic.atomic_path`, so that a file appears completely or not at all;
+    readers raise a ``DataError`` for a file that is damaged or of another format.
 
     Parameters
     ----------
     name : e.g. ``hdf5``
     doc : purpose in one line
     suffixes : of its files, lower case, with the dot
-    write_raw, read_raw : of raw data
-    write_image, read_image : of images
-    folders : ``read_raw`` also takes a folder of such files, which are one recording
-    per_channel : an image of several channels is written to a file per channel, ``NAME_HH.suffix``
-    objection : why an image of a radar on a kind of grid (``slant``, ``ground``) cannot be written, known before it is
-        made, and what to do; empty where it can
+    write_raw, read_raw : functions for raw data
+    write_image, read_image : functions for images
+    folders : whether ``read_raw`` also accepts a folder of files of one recording
+    per_channel : whether an image of several channels is written to one file per channel, ``NAME_HH.suffix``
+    objection : reason, with a remedy, why an image of a radar on a kind of grid (``slant``, ``ground``) cannot be
+        written, for checks before a run; empty where it can
     """
 
     name: str
@@ -50,12 +50,12 @@ class FileFormat:
     objection: Callable[[Radar, str], str] | None = None
 
     def names(self, stem: str, channels: Sequence[str]) -> tuple[str, ...]:
-        """Files that an image of these channels is written to."""
+        """File names for an image of these channels."""
         ends = [f"_{channel}" for channel in channels] if self.per_channel and len(channels) > 1 else [""]
         return tuple(f"{stem}{end}{self.suffixes[0]}" for end in ends)
 
     def holds(self, content: Content) -> bool:
-        """True where it can write or read that content."""
+        """Whether it can write or read that content."""
         both = {"raw": (self.write_raw, self.read_raw), "image": (self.write_image, self.read_image)}
         return any(both[content])
 
@@ -69,7 +69,7 @@ def find_format(path: Path, content: Content, name: str | None = None) -> FileFo
     Raises
     ------
     DataError
-        There is none for that content.
+        No format for that content.
     """
     known = [entry for entry in FORMATS if entry.holds(content)]
     suffixes = {path.suffix.lower()}

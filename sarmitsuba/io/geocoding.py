@@ -9,14 +9,14 @@ from sarmitsuba.arrays import F32, F64
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
 
-# iterations from a map place to the image plane, whose ellipsoidal height varies by the Earth's curvature
+# iterations from a map position to the image plane, whose ellipsoidal height varies by the Earth's curvature
 _PASSES = 3
 
 
 def outline(image: SarImage) -> F64:
-    """(5, 3) float64: longitude and latitude (deg) and height (m) of the image's corners, closed, anticlockwise."""
+    """Corners of the image: longitude and latitude (deg) and height (m), (5, 3) float64, closed, anticlockwise."""
     grid = image.grid.in_frame(np.zeros(3))
-    # half a pixel out: pixels have an area; no slant range is shorter than the antenna's height
+    # half a pixel outwards, since pixels have an area; no slant range is shorter than the antenna's height
     azimuth, ranges = (
         axis[[0, -1]] + 0.5 * spacing * np.array([-1.0, 1.0])
         for axis, spacing in ((grid.azimuth, grid.azimuth_spacing), (grid.range, grid.range_spacing))
@@ -36,7 +36,7 @@ class NorthUp:
 
     Parameters
     ----------
-    magnitude : (n_channels, rows, columns) float32, square root of sigma0; NaN beside the image
+    magnitude : (n_channels, rows, columns) float32, square root of sigma0; NaN outside the image
     zone : EPSG number of the UTM zone (WGS-84)
     west, north : m, upper left corner of the upper left pixel
     spacing : m
@@ -50,7 +50,7 @@ class NorthUp:
 
 
 def utm_zone(longitude: float, latitude: float) -> int:
-    """EPSG number of the UTM zone on WGS-84 of a place in degrees; beyond 84 deg the polar stereographic one."""
+    """EPSG number of the WGS-84 UTM zone of a position in degrees; beyond 84 deg of the polar stereographic zone."""
     if latitude > 84.0:
         return 32661
     if latitude < -80.0:
@@ -64,12 +64,12 @@ def north_up(image: SarImage, spacing: float = 0.0) -> NorthUp:
 
     Parameters
     ----------
-    image : any grid, anchored
-    spacing : m; 0 = the larger pixel spacing of the image on the ground
+    image : on any grid, anchored
+    spacing : m; 0: the larger pixel spacing of the image on the ground
 
     Returns
     -------
-    power averaged over a map pixel where that holds several of the image, interpolated linearly between pixels
+    power, averaged over a map pixel that holds several image pixels, else interpolated linearly
 
     Notes
     -----

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 D = TypeVar("D", bound="DataclassInstance")
 
-# unit and meaning of every number, by field name, or by class and field where names have several meanings
+# unit and meaning of every number, by field name, or by class and field for names with several meanings
 FACTS: Mapping[str, tuple[str, str]] = {
     "Anchor.height": ("m", "of the origin of the frame, over the WGS-84 ellipsoid"),
     "across": ("1", "horizontal unit vector across the track, towards the side looked to"),
@@ -66,7 +66,7 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "velocity": ("m/s", "of the antenna, per pulse"),
     "wavelength": ("m", "at the centre frequency"),
 }  # fmt: skip
-# largest compression ratio: a dataset that claims more is damaged or malicious
+# largest compression ratio: a dataset that states more is damaged or malicious
 _MOST_COMPRESSION = 1100
 _ALLOWANCE = 1 << 20  # bytes allowed for a small dataset independent of its stored size
 
@@ -95,7 +95,7 @@ def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tup
 
 
 def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
-    """Read a dataclass from a group, every field with its declared type.
+    """Read a dataclass from a group; every field must have its declared type.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
     Raises
     ------
     DataError
-        A field is missing or of another type, or the file is of another program.
+        A field is missing or of another type, or the file was written by another program.
     """
     values = dict(known)
     hints = typing.get_type_hints(cls)
@@ -147,7 +147,7 @@ def dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     Raises
     ------
     DataError
-        It is missing, is stored in another file, or claims more data than are stored.
+        It is missing, is stored in another file, or states more data than are stored.
     """
     found = _item(group, name)
     if not isinstance(found, h5py.Dataset) or found.shape is None:
@@ -157,7 +157,7 @@ def dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     claimed = math.prod(found.shape) * found.dtype.itemsize
     stored = found.id.get_storage_size()
     if claimed > _MOST_COMPRESSION * stored + _ALLOWANCE:
-        raise DataError(f"{found.name} claims {claimed / 1e9:.3g} GB, and {stored} bytes are stored of it")
+        raise DataError(f"{found.name} states {claimed / 1e9:.3g} GB, but {stored} bytes are stored")
     return found
 
 
@@ -179,12 +179,12 @@ def numbers(group: h5py.Group, name: str) -> F64:
         raise DataError(f"{found.name} does not hold real numbers")
     value = np.asarray(found[()], dtype=np.float64)
     if not np.isfinite(value).all():
-        raise DataError(f"{found.name} holds numbers that are not finite")
+        raise DataError(f"{found.name} holds NaN or infinite numbers")
     return value
 
 
 def texts_of(group: h5py.Group, name: str) -> tuple[str, ...]:
-    """Text of an attribute, or its texts."""
+    """Text or texts of an attribute."""
     value = group.attrs.get(name)
     found = [value] if isinstance(value, str) else list(np.atleast_1d(value))
     if not all(isinstance(text, str) for text in found):
@@ -203,5 +203,5 @@ def _item(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset:
     if link is None:
         raise DataError(f"{where} is missing")
     if not isinstance(link, h5py.HardLink):
-        raise DataError(f"{where} refers to another place; copy the data there")
+        raise DataError(f"{where} is a link; copy the data there")
     return group[name]

@@ -1,4 +1,4 @@
-"""File object for libraries that crash on write errors: it stores the first error instead of raising it."""
+"""File object for libraries that crash on write errors: the first error is stored instead of raised."""
 
 import io
 import os
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 class GuardedFile(io.RawIOBase):
     """Random-access file whose writes appear to succeed; the first failure is stored in ``error``.
 
-    HDF5 1.14 crashes the process when a write fails while it still holds unwritten chunks (seen with a file
-    size limit). With this file it finishes, and the caller raises ``error`` afterwards.
+    HDF5 1.14 crashes the process if a write fails while chunks are still unwritten (observed with a file size limit).
+    With this file it finishes, and the caller raises ``error`` afterwards.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Journal file of arrays, each with a checksum, from which an interrupted run resumes.
 
 Layout: the magic line, then records. A record is a header of fixed size (magic, lengths of label and payload, CRC-32 of
-label and payload), the label as JSON, and the payload as its bytes. A record that is cut off or damaged ends the
-journal: it and the following ones are dropped, earlier ones are kept.
+both), the label as JSON, and the bytes of the payload. A truncated or damaged record ends the journal: it and the
+following ones are dropped, earlier ones are kept.
 """
 
 import json
@@ -29,7 +29,7 @@ Label = Mapping[str, Any]
 
 
 class Journal:
-    """An open journal.
+    """Open journal file.
 
     Parameters
     ----------
@@ -42,12 +42,12 @@ class Journal:
     Raises
     ------
     OutputError
-        The file is not a journal, or the operating system refused: full disk, permissions, a missing folder.
+        The file is not a journal, or error of the operating system: full disk, permissions, a missing folder.
 
     Notes
     -----
-    A record is complete in the file as soon as :meth:`append` returns, however the process ends. The system's cache is
-    not flushed: after a power failure the checksums show which records are complete.
+    A record is complete in the file when :meth:`append` returns, however the process ends. The system's cache is not
+    flushed: after a power failure the checksums identify the complete records.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -64,8 +64,8 @@ class Journal:
         ):  # an incomplete magic line is left by a process killed while creating the journal
             self._file.close()
             raise OutputError(
-                f"{self.path}: this file is not one that the program wrote here, and would be lost; move it, or choose "
-                "another -o"
+                f"{self.path}: would be overwritten, but was not written by the program here; move it, or choose another "
+                "-o"
             )
         self._end = len(MAGIC)
         if head == MAGIC:
@@ -78,7 +78,7 @@ class Journal:
             self.clear()
 
     def _sound(self) -> Iterator[tuple[dict[str, Any], int, int]]:
-        """Label, offset and bytes of the payload of every record up to the first damaged one."""
+        """Label of every record up to the first damaged one, with offset and size of its payload."""
         end = self.path.stat().st_size
         while True:
             header = self._file.read(_HEADER.size)
@@ -100,12 +100,12 @@ class Journal:
             yield label, offset, n_payload
 
     def append(self, label: Label, array: NDArray[Any]) -> None:
-        """Add a record: a JSON-able label and an array, of which the bytes are kept.
+        """Add a record: a label of JSON values, and the bytes of an array.
 
         Raises
         ------
         OutputError
-            The disk refused; earlier records are kept.
+            The record cannot be written; earlier records are kept.
         """
         text = json.dumps(label).encode()
         payload = memoryview(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
@@ -132,7 +132,7 @@ class Journal:
         self._write(MAGIC)
 
     def close(self) -> None:
-        """Close the file; its records stay."""
+        """Close the file; its records are kept."""
         self._file.close()
 
     def remove(self) -> None:
@@ -148,8 +148,8 @@ class Journal:
                 done += self._file.write(view[done:])
         except OSError as error:
             raise OutputError(
-                f"{self.path}: cannot write: {reason_of(error)}; what is finished is kept, and the same command "
-                "goes on from there"
+                f"{self.path}: cannot write: {reason_of(error)}; finished parts are kept, and the same command "
+                "continues from them"
             ) from error
         self._end += len(view)
 

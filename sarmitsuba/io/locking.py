@@ -17,14 +17,14 @@ except ImportError:  # Windows
 
 @contextmanager
 def sole_writer(folder: Path) -> Iterator[None]:
-    """Lock a folder for this process; temporary files of dead processes are removed.
+    """Lock a folder for this process, and remove temporary files of dead processes.
 
     The operating system releases the lock when the process ends, however it ends, without a lock file.
 
     Raises
     ------
     OutputError
-        Another process holds it.
+        Another process holds the lock.
 
     Notes
     -----
@@ -54,7 +54,7 @@ def _sweep(folder: Path) -> None:
         if process is not None and not _alive(process):
             with suppress(
                 OSError
-            ):  # folders are not temporary files; files that cannot be removed do no harm
+            ):  # folders are not temporary files; files that cannot be removed are harmless
                 path.unlink()
 
 

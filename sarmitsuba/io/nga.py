@@ -1,4 +1,4 @@
-"""Common parts of the NGA's formats CPHD and SICD: dates, names of modes and polarisations, sarkit's errors."""
+"""Common parts of the NGA formats CPHD and SICD: dates, names of modes and polarisations, sarkit's errors."""
 
 import datetime
 import logging
@@ -12,7 +12,7 @@ from sarmitsuba.errors import DataError
 if TYPE_CHECKING:
     import lxml.etree
 
-# an element of a document, as sarkit wraps it: a mapping by the names of the standard
+# element of a document as wrapped by sarkit: a mapping by the names of the standard
 Element: TypeAlias = Any
 
 # simulated flights have no date
@@ -22,7 +22,7 @@ OTHER_MODE = "DYNAMIC STRIPMAP"
 POLARISATIONS = {"H": "H", "V": "V", "R": "RHC", "L": "LHC"}
 LETTERS = {name: letter for letter, name in POLARISATIONS.items()}
 
-# exceptions of sarkit and lxml for damaged files; lxml's own are syntax errors
+# exceptions of sarkit and lxml for damaged files; those of lxml are syntax errors
 DAMAGED = (
     ArithmeticError,
     AssertionError,
@@ -38,12 +38,12 @@ DAMAGED = (
 
 
 def polarisations(channel: str, what: str) -> tuple[str, str]:
-    """The standard's names of what a channel transmits and receives.
+    """Names in the standard of the transmitted and the received polarisation of a channel.
 
     Raises
     ------
     DataError
-        It has none.
+        The standard has no such polarisation.
     """
     if any(letter not in POLARISATIONS for letter in channel):
         raise DataError(f"{what}: channel {channel} has no name in the standard; leave it out, or write HDF5")
@@ -52,7 +52,7 @@ def polarisations(channel: str, what: str) -> tuple[str, str]:
 
 @contextmanager
 def plain_xml() -> Iterator[None]:
-    """Context in which lxml, sarkit's XML reader, expands no entities and opens no other files or addresses.
+    """Context in which lxml, the XML reader of sarkit, expands no entities and opens no other files or addresses.
 
     jbpy's log messages about damaged NITF files are suppressed: the error is one line.
     """
@@ -73,11 +73,11 @@ def plain_xml() -> Iterator[None]:
 
 
 def refuse_document_type(tree: "lxml.etree._ElementTree", what: str) -> None:
-    """Raise a DataError where a document has a document type: neither standard has one, and it can hide content."""
+    """Raise a DataError where a document has a document type: the standards have none, and it can hide content."""
     if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
-        raise DataError(f"{what}: its document has a document type (<!DOCTYPE), which the standard has not")
+        raise DataError(f"{what}: its document has a document type (<!DOCTYPE), which the standard does not allow")
 
 
 def said(error: BaseException) -> str:
-    """A library's message in one line."""
+    """Message of a library in one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__

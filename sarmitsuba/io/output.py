@@ -1,4 +1,4 @@
-"""Output folders: files that the program wrote are replaced, others are never changed."""
+"""Output folders: files written by the program are replaced, other files are never changed."""
 
 import os
 import re
@@ -20,8 +20,8 @@ from sarmitsuba.regular_files import read_text
 from sarmitsuba.unfinished import removed_if_stopped
 
 MANIFEST = ".sarmitsuba.json"
-_ON_THE_WAY = -1  # size in the list of a file being written: it may be the old one, the new one or missing
-# names that commands write: a manipulated list cannot claim other files
+_ON_THE_WAY = -1  # size in the list of a file being written: it may be old, new or missing
+# names written by commands: a manipulated list cannot claim other files
 RESULTS = re.compile(
     r"(raw|image|second_on_first|quicklook|focusers|page|parameters|passes|quality|interferogram|heights|rcs|cost|"
     r"polarimetry|pauli|h_a_alpha|h_alpha_plane|m_chi|m_delta)"
@@ -31,20 +31,20 @@ _LARGEST_LIST = 1 << 23  # bytes; an import of ten thousand meshes takes less th
 
 
 class OutputFolder:
-    """Output folder with the list of files that the program wrote into it.
+    """Output folder with the list of files written by the program.
 
-    The list is a file in the folder: names with sizes in bytes, and the run hash. A file of another size, one that is
-    not in the list, and one that is not a regular file in the folder (a link) belongs to the user. So does every name
-    that no command writes: the list is not trusted.
+    The list is a file in the folder: names with sizes in bytes, and the run hash. Files of another size, files not in
+    the list, and files that are not regular (links) belong to the user; so does every name that no command writes,
+    since the list is not trusted.
 
     Parameters
     ----------
-    path : the folder, which exists
-    written : names that commands write into such a folder
+    path : of the existing folder
+    written : pattern of the names that commands write into such a folder
 
     Attributes
     ----------
-    run_hash : of the scene and settings whose results lie here or, where there are none, come here
+    run_hash : of the scene and settings of the present or, in an empty folder, the future results
     """
 
     def __init__(self, path: Path, written: re.Pattern[str] = RESULTS) -> None:
@@ -70,37 +70,37 @@ class OutputFolder:
             if strange:
                 others = f" and {len(strange) - 1} more" if len(strange) > 1 else ""
                 warnings.warn(
-                    f"{path / MANIFEST}: lists {strange[0]!r}{others}, which no command writes; the entry is ignored",
+                    f"{path / MANIFEST}: lists {strange[0]!r}{others}, which no command writes; ignored",
                     SarmitsubaWarning,
                     stacklevel=2,
                 )
 
     def owns(self, name: str) -> bool:
-        """Whether the program wrote that file, as it is now."""
+        """Whether the program wrote that file, and it is unchanged."""
         path = self.path / name
         return _is_plain(path) and self._bytes.get(name) in (_ON_THE_WAY, path.stat().st_size)
 
     @property
     def listed(self) -> tuple[str, ...]:
-        """Every name in the list, also of files that are not there or have changed since."""
+        """All names in the list, also of missing and changed files."""
         return tuple(self._bytes)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Unchanged files that the program wrote."""
+        """Unchanged files written by the program."""
         return tuple(name for name in self._bytes if self.owns(name))
 
     def check_names(self, names: Iterable[str]) -> None:
-        """Raise an OutputError where a file of the user's own has one of the names."""
+        """Raise an OutputError where a file of the user has one of the names."""
         for name in names:
             if os.path.lexists(self.path / name) and not self.owns(name):
                 raise OutputError(
-                    f"{self.path / name}: this file is not one that the program wrote here, and would be lost; move "
-                    "it, or choose another -o"
+                    f"{self.path / name}: would be overwritten, but was not written by the program here; move it, or choose "
+                    "another -o"
                 )
 
     def adopt(self, names: Iterable[str]) -> None:
-        """Treat regular files of these names as the program's own, at the user's request."""
+        """Treat regular files of these names as written by the program, at the user's request."""
         self.enter(*(name for name in names if _is_plain(self.path / name)))
 
     def check(self, run_hash: str, names: Iterable[str], *, force: bool) -> None:
@@ -109,13 +109,13 @@ class OutputFolder:
         Parameters
         ----------
         run_hash : of the scene and settings
-        names : of the files that will be written
+        names : of the files to be written
         force : replace results of another run hash
 
         Raises
         ------
         OutputError
-            The folder holds results of something else and ``force`` is off, or a file of the user's own is in the way.
+            The folder holds results of another run and ``force`` is off, or a file of the user would be overwritten.
         """
         self.check_names(names)
         if not self.names:
@@ -134,16 +134,16 @@ class OutputFolder:
         if needed > free:
             raise OutputError(
                 f"{self.path}: the results take at least {needed / 1e9:.3g} GB and {free / 1e9:.3g} GB are free; free "
-                "some, choose another -o, or ask for less (image extents, pulses, --no-error-bars)"
+                "some, choose another -o, or reduce the results (image extents, pulses, --no-error-bars)"
             )
 
     def clear(self, run_hash: str, keep: Iterable[Path] = ()) -> None:
-        """Remove the program's files, so that old and new results are never mixed.
+        """Remove files written by the program, so that old and new results are never mixed.
 
         Parameters
         ----------
-        run_hash : of the scene and settings whose results come now
-        keep : files that stay
+        run_hash : of the scene and settings of the new results
+        keep : files to keep
         """
         kept = [path for path in keep if os.path.exists(path)]
         stay = [name for name in self.names if any((self.path / name).samefile(other) for other in kept)]
@@ -151,7 +151,7 @@ class OutputFolder:
         self.drop([name for name in self._bytes if name not in stay])
 
     def enter(self, *names: str) -> None:
-        """Add written files to the list with their present sizes; missing ones are left out."""
+        """Add written files to the list with their present sizes; missing ones are omitted."""
         for name in names:
             if _is_plain(self.path / name):
                 self._bytes[name] = (self.path / name).stat().st_size
@@ -160,22 +160,22 @@ class OutputFolder:
         self._save()
 
     def announce(self, *names: str) -> None:
-        """Add files to the list before they are written, so that they stay the program's own if the process is killed.
+        """Add files to the list before they are written, so that they belong to the program if the process is killed.
 
         Raises
         ------
         OutputError
-            A file of the user's own has that name.
+            A file of the user has that name.
         """
         self.check_names(names)
         for name in names:
             if not self._written.fullmatch(name):
-                raise ValueError(f"{name}: no name of a result")
+                raise ValueError(f"{name}: not a name of a result")
         self._bytes |= dict.fromkeys(names, _ON_THE_WAY)
         self._save()
 
     def drop(self, names: Iterable[str]) -> None:
-        """Remove files that the program wrote, also from the list; others of these names are kept."""
+        """Remove files written by the program, also from the list; others of these names are kept."""
         for name in names:
             if self.owns(name):
                 (self.path / name).unlink()
@@ -189,7 +189,7 @@ class OutputFolder:
         Raises
         ------
         OutputError
-            A file of the user's own has that name.
+            A file of the user has that name.
         """
         path = self.path / name
         self.announce(name)
@@ -215,17 +215,17 @@ def _is_plain(path: Path) -> bool:
 
 @contextmanager
 def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Iterator[OutputFolder]:
-    """Yield the output folder. It is created if needed, and removed again if it stays empty.
+    """Yield the output folder. It is created if needed, and removed if it stays empty.
 
     Parameters
     ----------
     path : of the folder
-    written : names that commands write into such a folder
+    written : pattern of the names that commands write into such a folder
 
     Raises
     ------
     OutputError
-        It is a file, it cannot be made or written to, or another run is writing into it.
+        It is a file, it cannot be created or written, or another run is writing into it.
     """
     folder = Path(path)
     existed = os.path.isdir(folder)
@@ -244,7 +244,7 @@ def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Itera
 
     def remove_empty() -> None:
         if not existed:
-            with suppress(OSError):  # something is in it
+            with suppress(OSError):  # not empty
                 folder.rmdir()
 
     with removed_if_stopped(remove_empty):
@@ -258,7 +258,7 @@ def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Itera
 class OutputFile:
     """Output file named by the user: an existing file is replaced only with ``force``.
 
-    A file in its folder's list is a result like any other, and stays in that list.
+    A file in the list of its folder stays in that list.
 
     Parameters
     ----------

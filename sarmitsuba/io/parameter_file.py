@@ -18,7 +18,7 @@ def write(path: Path | str, facts: Mapping[str, object]) -> None:
 
 
 def read(path: Path | str) -> dict[str, Any]:
-    """Read the facts back."""
+    """Read the facts."""
     facts = json_value(read_text(path, errors="strict"))
     if not isinstance(facts, dict):
         raise ValueError(f"{path}: holds no JSON object")

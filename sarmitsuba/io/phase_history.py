@@ -21,11 +21,11 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.validity import FARTHEST
 from sarmitsuba.radar.waveform import Waveform
 
-# samples per range cell of the profiles: enough room between the band and its repetition for interpolation
+# samples per range cell of the profiles: a gap between the band and its repetition, for interpolation
 _OVERSAMPLING = 1.25
-# largest unevenness of the frequencies, in steps: pi times as much is the phase error at the ends of the swath, rad
+# largest deviation of the frequencies from uniform steps, in steps: times pi the phase error at the swath's ends, rad
 _UNEVEN = 1e-2
-# assumed speed for pulse times that a file does not contain, m/s; no image depends on it
+# assumed speed for missing pulse times, m/s; images do not depend on it
 _NOMINAL_SPEED = 100.0
 # share of the unambiguous swath covered by a default image
 _SWATH_SHARE = 0.7
@@ -118,7 +118,7 @@ class PhaseHistory:
 
 
 def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
-    """Concatenation of phase histories along the track.
+    """Concatenate phase histories along the track.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
     apart = [p.receiver for p in parts if p.receiver is not None]
     if apart and len(apart) < len(parts):
         raise DataError(
-            f"{first.source} ... {parts[-1].source}: some are bistatic, others monostatic; focus them separately"
+            f"{first.source} ... {parts[-1].source}: bistatic and monostatic files are mixed; focus them separately"
         )
     same = all(p.frequency.ndim == 1 and np.array_equal(p.frequency, first.frequency) for p in parts)
     frequency = (
@@ -163,8 +163,8 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
 def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
     r"""Raw data of phase histories, one per polarisation.
 
-    Every pulse becomes a range profile whose samples start at its own :math:`r_n - P / 2`, P the unambiguous swath
-    :math:`c / (2 \Delta f)`, so that an inverse transform on whole samples is exact for any r_n:
+    Every pulse becomes a range profile that starts at :math:`r_n - P / 2`, with the unambiguous swath
+    :math:`P = c / (2 \Delta f)`, so that an inverse transform on whole samples is exact for any r_n:
 
     .. math:: s_n(r) = \frac{K}{r_n^2} e^{-j 4 \pi f_c r_n / c} \frac{1}{N}
               \sum_k F_{kn} e^{j 4 \pi (f_{kn} - f_c) (r - r_n) / c}
@@ -175,9 +175,8 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
 
     Returns
     -------
-    RawData, range compressed, with an isotropic antenna, of two antennas the one with the longer track first; a focused
-    pixel has the amplitude of F, so that |pixel|^2 is in m^2 only where |F|^2 is
-    (:func:`sarmitsuba.image.calibration.calibrate`)
+    RawData, range compressed, with isotropic antennas, that of the longer track first; a focused pixel has the amplitude
+    of F, so that |pixel|^2 is in m^2 only if |F|^2 is (:func:`sarmitsuba.image.calibration.calibrate`)
 
     Raises
     ------
@@ -186,9 +185,9 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
 
     Notes
     -----
-    Ignores the antenna pattern. Echoes from beyond the unambiguous swath are aliased in the data. Pulse times are
-    nominal where the history has none. The spread R^2 is counted from r_n, that of two antennas from the point that
-    the ranges are referred to.
+    Ignores the antenna pattern. Echoes from beyond the unambiguous swath are aliased in the data. Missing pulse times
+    are replaced by nominal ones. The spreading loss R^2 is taken at r_n, for two antennas at the reference point of the
+    ranges.
     """
     for history in histories:
         history.check()
@@ -201,7 +200,7 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
             and np.array_equal(other.frequency, first.frequency)
         ):
             raise DataError(
-                f"{other.source}: its pulses or frequencies are not those of {first.source}; focus them separately"
+                f"{other.source}: pulses or frequencies differ from those of {first.source}; focus them separately"
             )
     histories = [_leading(history) for history in histories]
     first = histories[0]
@@ -230,7 +229,7 @@ def _same(one: F64 | None, other: F64 | None) -> bool:
 
 
 def _leading(history: PhaseHistory) -> PhaseHistory:
-    """The history with the antenna of the longer track first; ranges are reciprocal."""
+    """Phase history with the antenna of the longer track first; ranges are reciprocal."""
     if history.receiver is None:
         return history
     lengths = [
@@ -243,23 +242,23 @@ def _leading(history: PhaseHistory) -> PhaseHistory:
 
 
 def _check_order(history: PhaseHistory) -> None:
-    """Raise a DataError where the antenna turns back or stands still from one pulse to the next."""
+    """Raise a DataError where the antenna reverses or does not move from one pulse to the next."""
     step = np.diff(history.position, axis=0)
     still = np.flatnonzero(np.linalg.norm(step, axis=1) == 0.0)
     if still.size:
         raise DataError(
-            f"{history.source}: pulses {still[0]} and {still[0] + 1} stand at the same place; leave one of them out"
+            f"{history.source}: pulses {still[0]} and {still[0] + 1} have the same position; leave one of them out"
         )
     back = np.flatnonzero(np.einsum("ij,ij->i", step[:-1], step[1:]) < 0.0)
     if back.size:
         raise DataError(
-            f"{history.source}: the track turns back at {back.size} of {len(step)} steps, first at pulse "
-            f"{back[0] + 1}; sort the pulses in the order of flight, or focus passes apart"
+            f"{history.source}: the track reverses at {back.size} of {len(step)} steps, first at pulse "
+            f"{back[0] + 1}; sort the pulses in the order of flight, or focus passes separately"
         )
 
 
 def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
-    """Radar implied by the data: isotropic, its beam on the reference point of the ranges."""
+    """Radar implied by the data: isotropic antenna, boresight on the reference point of the ranges."""
     n_frequencies = history.samples.shape[0]
     step, center, bandwidth = _band(history)
     swath = SPEED_OF_LIGHT / (2.0 * step)
@@ -278,7 +277,7 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
     return Radar(
         mode="spotlight",
         track=track,
-        # the pulse is compressed already: its width matters for noise only
+        # the pulse is compressed: its width affects noise only
         waveform=Waveform(center, bandwidth, 1.0 / step),
         antenna=Antenna(),
         pointing=MODES["spotlight"].pointing(
@@ -302,7 +301,7 @@ def _band(history: PhaseHistory) -> tuple[float, float, float]:
 
 
 def _aim_point(history: PhaseHistory, swath: float) -> F64:
-    """Point at height 0 whose distances are the reference ranges: the origin, else the best one."""
+    """Point at height 0 whose distances are the reference ranges: the origin, else the best fit."""
     wanted = history.reference_range
     antennas = [one for one in (history.position, history.receiver) if one is not None]
 

@@ -1,11 +1,11 @@
 """XML document of a SICD 1.3 file.
 
-The library sarkit has the schema; this module fills in the values. Source: NGA.STND.0024-1_1.3.0,
+The library sarkit provides the schema, this module the values. Source: NGA.STND.0024-1_1.3.0,
 Sensor Independent Complex Data, design and implementation description.
 
 A ``ground`` grid is a uniform grid in a plane (``PLANE``), a ``slant`` grid one in range and zero-Doppler time
-(``RGZERO``). Rows go away from the radar; columns go so that the image is seen from above, along the flight where the
-radar looks right and against it where it looks left.
+(``RGZERO``). Rows increase away from the radar; columns so that the image is a view from above: along the flight for a
+right-looking radar, against it for a left-looking one.
 """
 
 from __future__ import annotations
@@ -34,22 +34,21 @@ if TYPE_CHECKING:
 UP = np.array([0.0, 0.0, 1.0])
 
 NAMESPACE = "urn:SICD:1.3.0"
-# smallest cosine of the inclination of a plane that counts as level, and largest acceleration, m / s^2, of a straight
-# track
+# least cosine of the inclination of a level plane, and largest acceleration, m / s^2, of a straight track
 _LEVEL, _STRAIGHT = 0.9999, 1e-6
-# half-power over noise-equivalent width of a uniform band; of the usual windows within 3 %
+# half-power over noise-equivalent width of a uniform band; for the usual windows within 3 %
 _UNIFORM_WIDTH = 0.885892941378905
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """The two directions of a file's pixels.
+    """Directions, spacings and spatial frequencies of a file's rows and columns.
 
     Parameters
     ----------
-    scp : (3,) m, file frame; scene centre point, that of the pixel ``pixel``
+    scp : (3,) m, file frame; scene centre point, at ``pixel``
     pixel : row and column of the scene centre point
-    turned : whether columns run against the flight
+    turned : whether columns increase against the flight
     units : (2, 3) unit vectors of rows and columns, file frame
     spacing : m, of rows and columns
     carrier : cycles/m, centre of the pixels' spatial frequencies along rows and columns
@@ -66,7 +65,7 @@ class Axes:
 
     @staticmethod
     def of(image: SarImage, flight: Collection) -> Axes:
-        """Axes of an image's pixels, with the pixel in its middle as scene centre point."""
+        """Axes of an image's pixels, with its central pixel as scene centre point."""
         grid = image.grid.in_frame(np.zeros(3))
         middle = (grid.shape[0] // 2, grid.shape[1] // 2)
         scp = grid.positions_on_line(middle[0])[middle[1]]
@@ -102,7 +101,7 @@ class Axes:
         )
 
     def ramp(self, shape: tuple[int, int]) -> tuple[F64, F64]:
-        """Phase of the carrier in cycles at every row and column of an array."""
+        """Carrier phase, cycles, at every row and column of an array."""
         rows, columns = (
             np.asarray((np.arange(n) - at) * step * k, dtype=np.float64)
             for n, at, step, k in zip(shape, self.pixel, self.spacing, self.carrier, strict=True)
@@ -111,7 +110,7 @@ class Axes:
 
 
 def center_time(flight: Collection, along: F64, point: F64) -> float:
-    """Time (s from the first pulse) of the middle of a point's aperture."""
+    """Time of the centre of a point's aperture, s from the first pulse."""
     middle = 0.5 * flight.duration
     if not flight.own_apertures:
         return middle
@@ -120,7 +119,7 @@ def center_time(flight: Collection, along: F64, point: F64) -> float:
 
 
 def document(image: SarImage, channel: str, flight: Collection, name: str) -> lxml.etree._ElementTree:
-    """The SICD XML tree of one channel of an image.
+    """SICD XML tree of one channel of an image.
 
     Parameters
     ----------
@@ -219,7 +218,7 @@ def _grid(top: Element, image: SarImage, axes: Axes, flight: Collection) -> None
         "Type": "PLANE" if image.grid.kind == "ground" else "RGZERO",
         "TimeCOAPoly": poly,
     }
-    # noise-equivalent cells: that of slant range seen along the rows
+    # noise-equivalent cells: that of slant range projected onto the rows
     slant = 2.0 * flight.signal.bandwidth / SPEED_OF_LIGHT
     cells = (image.range_resolution_cell * slant / axes.bandwidth[0], image.azimuth_resolution_cell)
     for i, name in enumerate(("Row", "Col")):
@@ -294,13 +293,13 @@ def _range_migration(top: Element, axes: Axes, flight: Collection) -> None:
 
 
 def image_of(top: Element, pixels: C64, what: str) -> SarImage:
-    """Image of a SICD document and its pixels, in a frame (east, north, up) whose level plane is the image's.
+    """Image of a SICD document and its pixels, in a frame (east, north, up) whose level plane is the image plane.
 
     Parameters
     ----------
     top : root of the document, an ``ElementWrapper``
     pixels : (rows, columns) complex64
-    what : start of every error
+    what : start of every error message
     """
     latitude, longitude, height = top["GeoData"]["SCP"]["LLH"]
     anchor = Anchor.of_degrees(latitude, longitude, height)
@@ -343,7 +342,7 @@ def image_of(top: Element, pixels: C64, what: str) -> SarImage:
     widths = [float(top["Grid"][name]["ImpRespWid"]) / _UNIFORM_WIDTH for name in ("Row", "Col")]
     letters = str(top["ImageFormation"]["TxRcvPolarizationProc"]).split(":")
     if any(name not in LETTERS for name in letters):
-        raise DataError(f"{what}: polarisation {':'.join(letters)} is not read; H, V, RHC and LHC are")
+        raise DataError(f"{what}: polarisation {':'.join(letters)} is not supported; supported: H, V, RHC, LHC")
     channel = "".join(LETTERS[name] for name in letters)
     return SarImage(
         data=data[None].astype(np.complex64),
@@ -366,7 +365,7 @@ def image_of(top: Element, pixels: C64, what: str) -> SarImage:
 
 
 def _level_anchor(top: Element, anchor: Anchor, kind: str, what: str) -> Anchor:
-    """Anchor, at most kilometres away, whose level plane is the image plane; for slant range, that of the flight."""
+    """Anchor, within kilometres, whose level plane is the image plane; for slant range the plane of the flight."""
     if kind == "ground":
         normal = np.cross(*(top["Grid"][name]["UVectECF"] for name in ("Row", "Col")))
     else:
@@ -374,12 +373,12 @@ def _level_anchor(top: Element, anchor: Anchor, kind: str, what: str) -> Anchor:
         normal = anchor.axes[2] - float(anchor.axes[2] @ forward) * forward
     normal = normal / np.linalg.norm(normal)
     if float(normal @ anchor.axes[2]) < _LEVEL:
-        raise DataError(f"{what}: the image plane is inclined; only level planes and slant range are read")
+        raise DataError(f"{what}: inclined image planes are not supported; supported: level planes and slant range")
     return Anchor(float(np.arcsin(normal[2])), float(np.arctan2(normal[1], normal[0])), anchor.height)
 
 
 def _pair(top: Element, name: str) -> tuple[float, float]:
-    """A parameter of rows and columns."""
+    """Parameter of rows and columns."""
     return float(top["Grid"]["Row"][name]), float(top["Grid"]["Col"][name])
 
 
@@ -391,18 +390,18 @@ def _kind(top: Element, what: str) -> Literal["ground", "slant"]:
     if kind == "RGZERO" and straight:
         return "slant"
     raise DataError(
-        f"{what}: pixels on a grid of type {kind} in the {plane} plane are not read; read are PLANE in the GROUND "
-        "plane, and RGZERO of a straight track"
+        f"{what}: a grid of type {kind} in the {plane} plane is not supported; supported: PLANE in the GROUND plane, "
+        "and RGZERO of a straight track"
     )
 
 
 def _constant(poly: F64 | None, what: str) -> float:
-    """Single coefficient of a polynomial; 1 where there is none."""
+    """Single coefficient of a polynomial; 1 where it is missing."""
     if poly is None:
         return 1.0
     if np.asarray(poly).size > 1:
         raise DataError(
-            f"{what}: radar cross section factors that vary over the image (RCSSFPoly) are not read"
+            f"{what}: a radar cross section factor that varies over the image (RCSSFPoly) is not supported"
         )
     return float(np.asarray(poly).ravel()[0])
 

@@ -11,22 +11,22 @@ from sarmitsuba.arrays import F32, F64, I64
 from sarmitsuba.mesh.pieces import SMOOTH_BEND, piece_sizes
 from sarmitsuba.mesh.welding import weld
 
-# bend (rad) times width (wavelengths) below which narrow flat strips go on into each other: an eighth of pi in phase
+# bend (rad) times width (wavelengths) below which narrow flat strips count as one surface: pi / 8 of phase
 LARGEST_BEND = 1.0 / 16.0
 # bend below which two triangles lie in one plane, rad
 FLAT_BEND = 1e-4
 N_EDGES = 4
-# sides of a facet that is cut into convex parts; those of a disc would be slivers
+# most sides of a facet that is cut into convex parts: those of a disc would be slivers
 MOST_SIDES = 24
-# triangles of the same facet so many edges away lend their boundary edges
+# number of edges away up to which triangles of the same facet contribute their boundary edges
 RINGS = 3
-# pairs of triangles that are compared at a time; bounds the memory
+# pairs of triangles compared at a time; bounds the memory
 PAIRS = 200_000
-# triangles whose neighbourhoods are looked up at a time
+# triangles whose neighbourhoods are searched at a time
 SLAB = 20_000
-# rounding of a coordinate in a file of float32, over the coordinate
+# relative rounding of a coordinate in a float32 file
 FLOAT32 = 2.0**-23
-# share of a triangle, seen across a boundary edge, that the edge must cover to limit it
+# least share of a triangle's width along a boundary edge that the edge must cover to limit it
 FACING = 0.5
 
 
@@ -38,10 +38,10 @@ class Facets:
     ----------
     edges : (n_faces, 4, 4) float32, up to four boundary edges ``(m_x, m_y, m_z, c)`` with ``m`` the unit vector in the
         plane, into the facet, and ``m . (p - corner 0) - c`` the distance from the edge in m; unused: ``(0, 0, 0, -1)``
-    part : (n_faces,) number of the facet, or of the convex part of one, that these edges belong to
-    creased : some boundary bends less than ``SMOOTH_BEND``
-    closed : (n_faces,) these edges bound the part all around, and all its triangles have the same
-    inner : (n_faces, 4) edges that cut a facet into convex parts: it goes on in its plane beyond
+    part : (n_faces,) number of the facet, or of its convex part, to which these edges belong
+    creased : whether some boundary bends less than ``SMOOTH_BEND``
+    closed : (n_faces,) whether these edges enclose the part, and are the same for all its triangles
+    inner : (n_faces, 4) cuts between convex parts: the facet continues in its plane beyond them
     """
 
     edges: F32
@@ -57,7 +57,7 @@ def boundary_edges(
     curved: NDArray[np.bool_] | None = None,
     wavelength: float = 0.0,
 ) -> F32:
-    """The edges alone, see :func:`facets`."""
+    """Boundary edges of each triangle, see :func:`facets`."""
     return facets(corners, vertex, curved, wavelength).edges
 
 
@@ -67,29 +67,30 @@ def facets(
     curved: NDArray[np.bool_] | None = None,
     wavelength: float = 0.0,
 ) -> Facets:
-    """Flat facet that each triangle belongs to, and its boundary edges.
+    """Flat facet of each triangle, and its boundary edges.
 
-    The surface goes on across an edge where both neighbours lie in one plane, or where they bend less than
-    ``SMOOTH_BEND`` and both stand for a curved surface or are so narrow that bend times width is below
-    ``LARGEST_BEND`` wavelengths (the strips of a cone, whose tip has no curvature). Every other edge is a boundary, a
-    crease of a degree too.
+    The surface continues across an edge where both neighbours lie in one plane, or where they bend less than
+    ``SMOOTH_BEND`` and both approximate a curved surface or are so narrow that bend times width is below
+    ``LARGEST_BEND`` wavelengths (the strips of a cone, whose tip has no curvature). Every other edge is a boundary,
+    even a crease of one degree.
 
     All triangles of a convex facet with up to four straight boundary edges have these. Other facets without inner
-    vertices are cut into triangles and convex quadrilaterals, which have theirs: the cuts are boundaries too, and what
-    tubes lose there to the left they have to the right. In facets cut finer a triangle has its own, and of the
-    triangles up to ``RINGS`` edges away those that it lies inside of and mostly faces, the nearest first.
+    vertices are cut into triangles and convex quadrilaterals with their own boundary edges: the cuts are boundaries
+    too, and the area that a tube loses on one side of a cut it has on the other. In finer meshed facets a triangle has
+    its own boundary edges, and those of triangles up to ``RINGS`` edges away that it lies inside of and mostly faces,
+    nearest first.
 
     Parameters
     ----------
     corners : (n_faces, 3, 3) float64, m
-    vertex : (3 n_faces,) welded vertex of every corner, None to work it out
-    curved : (n_faces,) triangles that stand for a curved surface, see :mod:`sarmitsuba.mesh.curvature`; None: none
+    vertex : (3 n_faces,) welded vertex of every corner; None: computed here
+    curved : (n_faces,) triangles that approximate a curved surface, see :mod:`sarmitsuba.mesh.curvature`; None: none
     wavelength : m; 0 makes every bend a boundary
 
     Notes
     -----
-    Ignores T-junctions (the edges there count as boundaries), in finely cut facets a fifth boundary edge, and that one
-    may limit part of a triangle only.
+    Ignores T-junctions (the edges there count as boundaries), a fifth boundary edge in finely meshed facets, and
+    boundary edges that limit only part of a triangle.
     """
     n = corners.shape[0]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -104,9 +105,9 @@ def facets(
     mate, mates_inward = _neighbours(vertex, inward)
     bend = np.einsum("fki,fki->fk", inward, mates_inward)  # -1: flat
     goes_on = (mate >= 0) & (bend < -np.cos(SMOOTH_BEND))
-    # sine of a tiny bend from the normals' difference, where the cosine has no digits left
+    # sine of a tiny bend from the difference of the normals: the cosine loses all digits
     off_plane = np.abs(np.einsum("fki,fi->fk", mates_inward, normal))
-    # float32 files turn small triangles far from the origin
+    # float32 files rotate small triangles far from the origin
     rounding = FLOAT32 * np.abs(corners).max(axis=(1, 2))
     height = np.linalg.norm(np.cross(along[:, 0], start[:, 2] - start[:, 0]), axis=1) * length[:, 0]
     height /= np.maximum(length.max(axis=1), 1e-300)
@@ -139,7 +140,7 @@ def facets(
         inner[shared[whole]] = _cuts(pairs, edges.mate, shared[whole], boundary)
         shared = shared[~whole]
     closed = ~(smooth & ~flat).any(axis=1)
-    # the whole facet, where a neighbour in the plane goes on into a curved surface
+    # the whole facet, where a neighbour in the plane continues as a curved surface
     closed = np.bincount(part, ~closed)[part] == 0
     closed[shared] = False
     for slab in np.array_split(shared, 1 + shared.size // SLAB):
@@ -164,7 +165,7 @@ class _TriangleEdges:
     along, inward : (n, 3, 3) unit vectors of edge k from corner k to the next
     length : (n, 3), m
     rounding : (n,), m, of the corners
-    sharp : (n, 3) facets end there
+    sharp : (n, 3) boundaries of facets
     mate : (n, 3) triangle of the same plane across the edge, -1 for none
     """
 
@@ -183,14 +184,14 @@ class _TriangleEdges:
 
 
 def _connected(mate: I64) -> I64:
-    """Number of the part that each triangle belongs to, with ``mate`` (n, 3) across its edges, -1 for none."""
+    """Connected part of each triangle, with ``mate`` (n, 3) across its edges, -1 for none."""
     row, k = np.nonzero(mate >= 0)
     links = coo_matrix((np.ones(row.size), (row, mate[row, k])), shape=(len(mate), len(mate)))
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def _simple_facets(edges: _TriangleEdges, faces: I64, boundary: F64) -> NDArray[np.bool_]:
-    """Fill in the rows of ``faces`` whose whole facet is convex with at most ``N_EDGES`` boundary edges; which are."""
+    """Fill in the rows of ``faces`` whose facet is convex with at most ``N_EDGES`` boundary edges; returns which."""
     facet = np.unique(edges.facet()[faces], return_inverse=True)[1]
     count = int(facet.max()) + 1
     origin = np.zeros((count, 3))
@@ -232,7 +233,7 @@ def _simple_facets(edges: _TriangleEdges, faces: I64, boundary: F64) -> NDArray[
 
 
 def _without_inner_vertices(edges: _TriangleEdges, facet: I64, faces: I64) -> NDArray[np.bool_]:
-    """Which of ``faces`` lie in a facet of few sides, cut into about as few triangles as its outline allows."""
+    """Whether each of ``faces`` lies in a facet of few sides with about as few triangles as its outline allows."""
     triangles = np.bincount(facet)
     outline = np.bincount(facet, edges.sharp.sum(axis=1))
     few = (triangles <= outline + 4) & (outline <= MOST_SIDES)
@@ -240,7 +241,7 @@ def _without_inner_vertices(edges: _TriangleEdges, facet: I64, faces: I64) -> ND
 
 
 def _paired(edges: _TriangleEdges, faces: I64) -> _TriangleEdges:
-    """Cut the facets of ``faces`` into triangles and convex pairs of them; the narrowest find their mates first."""
+    """Cut the facets of ``faces`` into triangles and convex pairs of triangles; the narrowest are paired first."""
     inside = np.zeros(len(edges.corners), dtype=bool)
     inside[faces] = True
     row, k = np.nonzero((edges.mate >= 0) & inside[:, None])
@@ -271,10 +272,10 @@ def _paired(edges: _TriangleEdges, faces: I64) -> _TriangleEdges:
 
 
 def _cuts(pairs: _TriangleEdges, mate: I64, faces: I64, boundary: F64) -> NDArray[np.bool_]:
-    """(len(faces), N_EDGES) boundary edges along which the facet goes on, with ``mate`` (n, 3) of the uncut facets."""
+    """(len(faces), N_EDGES) boundary edges that are cuts within a facet; ``mate`` (n, 3): of the uncut facets."""
     lines = boundary[faces]
     found = {cut: np.zeros(lines.shape[:2], dtype=bool) for cut in (True, False)}
-    # edges of the triangle itself and of the one that it makes a convex part with
+    # edges of the triangle itself and of its mate in the convex part
     other = np.where(pairs.mate[faces] >= 0, pairs.mate[faces], -1).max(axis=1)
     for owner in (faces, np.where(other >= 0, other, faces)):
         for k in range(3):
@@ -296,7 +297,7 @@ def _straight(
     own: I64,
     k: I64,
 ) -> I64:
-    """Number of the straight boundary edge that each sharp edge (``k`` of ``faces[own]``) is a piece of."""
+    """Number of the straight boundary edge of which each sharp edge (``k`` of ``faces[own]``) is a piece."""
     n = own.size
     face = faces[own]
     ends = np.concatenate([edges.ids[face, k], edges.ids[face, (k + 1) % 3]])
@@ -319,7 +320,7 @@ def _sums(group: I64, rows: F64) -> F64:
 
 
 def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
-    """(len(faces), N_EDGES, 4) boundary edges of each triangle, out of those of ``near`` (n, m), nearest first."""
+    """(len(faces), N_EDGES, 4) boundary edges of each triangle, chosen from those of ``near`` (n, m), nearest first."""
     n = len(faces)
     valid = edges.sharp[near].reshape(n, -1)
     inward = edges.inward[near].reshape(n, -1, 3)
@@ -334,7 +335,7 @@ def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
     height = np.einsum("nsi,npi->nsp", inward, points) - offset[:, :, None]
     valid &= (height > -slack[:, None, None]).all(axis=2)
     lowest = height.min(axis=2)
-    # how much of the triangle, seen across the edge, the edge covers; pieces of one straight edge together
+    # share of the triangle's width along the edge that the edge covers; pieces of one straight edge together
     position = np.einsum("nsi,npi->nsp", along, points) - np.einsum("nsi,nsi->ns", along, start)[:, :, None]
     low, high = position.min(axis=2), position.max(axis=2)
     cover = np.clip(np.minimum(high, length) - np.maximum(low, 0.0), 0.0, None) / np.maximum(
@@ -358,7 +359,7 @@ def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
 
 
 def _around(mate: I64, faces: I64) -> I64:
-    """(n, m) triangles of the same plane up to ``RINGS`` edges away and the triangle itself, each once; -1 pads."""
+    """(n, m) triangles of the same plane up to ``RINGS`` edges away, with the triangle itself; -1 pads."""
     front = faces[:, None]
     rings = []
     for _ in range(RINGS):
@@ -385,7 +386,7 @@ def _neighbours(vertex: I64, inward: F64) -> tuple[I64, F64]:
 
 
 def _twins(key: I64) -> tuple[I64, I64]:
-    """First and second index of every value that occurs just twice; values are not negative."""
+    """First and second index of every value that occurs exactly twice; values are not negative."""
     order = np.argsort(key, kind="stable")
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     pair = first[np.diff(first, append=len(key)) == 2]

@@ -10,7 +10,7 @@ from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.mesh.welding import weld
 
-# a triangle lower than this many roundings of its own coordinates is a line
+# height of a triangle, in roundings of its coordinates, below which it counts as a line
 _ROUNDINGS = 8.0
 
 
@@ -18,12 +18,12 @@ def clean_mesh(name: str, vertices: ArrayLike, faces: ArrayLike) -> tuple[F64, I
     """Return the mesh without zero-area and duplicate faces, and one note for each kind removed.
 
     A face and its flipped copy are duplicates too: surfaces are two-sided for radar, and two coinciding
-    sheets would return the field twice. Corners are compared by position, not by index. Which winding stays
-    does not depend on the order of the faces. Vertices that no face uses are dropped.
+    sheets would return the field twice. Corners are compared by position, not by index. The winding that is kept
+    does not depend on the order of the faces. Unused vertices are dropped.
 
     Parameters
     ----------
-    name : what messages call the mesh
+    name : name of the mesh in messages
     vertices : (n_v, 3) float, m, any frame
     faces : (n_f, 3) int, corner indices
 
@@ -36,12 +36,12 @@ def clean_mesh(name: str, vertices: ArrayLike, faces: ArrayLike) -> tuple[F64, I
     Raises
     ------
     SceneError
-        The mesh is empty, has vertices that are not finite or indices out of range, or nothing is left of it.
+        The mesh is empty, has non-finite vertices or indices out of range, or all its faces are removed.
 
     Notes
     -----
     Ignores coplanar overlap of faces with different corners, T-junctions and self-intersection: the tracer
-    takes the nearest surface, and they need no repair.
+    takes the nearest surface, so that no repair is needed.
     """
     joined = clean_meshes([name], [vertices], [faces])
     return joined.vertices, joined.faces, joined.notes
@@ -49,15 +49,15 @@ def clean_mesh(name: str, vertices: ArrayLike, faces: ArrayLike) -> tuple[F64, I
 
 @dataclass(frozen=True, eq=False)
 class JoinedMeshes:
-    """Cleaned meshes one after the other.
+    """Cleaned meshes in one pair of arrays.
 
     Parameters
     ----------
     vertices : (n_v, 3) float64, m
     faces : (n_f, 3) int32, into all vertices
-    mesh : (n_f,) int64, number of each face's mesh
+    mesh : (n_f,) int64, mesh of each face
     notes : of all meshes, in their order
-    repaired : (n_meshes,) bool, whether a note is of it
+    repaired : (n_meshes,) bool, whether the mesh has a note
     kept : (n_f,) int64, row of each face among those given, all meshes one after the other
     """
 
@@ -77,7 +77,7 @@ def clean_meshes(
     Raises
     ------
     SceneError
-        As of `clean_mesh`, about the first mesh that is wrong.
+        As of `clean_mesh`, for the first invalid mesh.
     """
     v, f, mesh, mesh_of_vertex = _joined(names, vertices, faces)
     n_meshes = len(names)
@@ -91,7 +91,7 @@ def clean_meshes(
             f'mesh "{names[i]}": all {n_given[i]} faces have zero area; check its scale and to_world'
         )
 
-    # a position of one mesh is another than the same position of the next
+    # equal positions in two meshes are different vertices
     position = weld(v)
     first, n_same, n_flipped = _unique_faces(position + mesh_of_vertex * (int(position.max()) + 1), f, mesh)
     f, mesh = f[first], mesh[first]
@@ -124,7 +124,7 @@ def clean_meshes(
 def _joined(
     names: Sequence[str], vertices: Sequence[ArrayLike], faces: Sequence[ArrayLike]
 ) -> tuple[F64, I64, I64, I64]:
-    """All vertices and faces, the mesh of every face and of every vertex; each mesh is checked."""
+    """Vertices and faces of all meshes, and the mesh of every face and vertex; each mesh is checked."""
     given = [(np.asarray(v, dtype=np.float64), np.asarray(f)) for v, f in zip(vertices, faces, strict=True)]
     for name, (v, f) in zip(names, given, strict=True):
         _check_form(name, v, f)
@@ -140,7 +140,7 @@ def _joined(
 
 
 def _check_form(name: str, v: F64, f: NDArray[np.generic]) -> None:
-    """Raise a SceneError where shapes or types cannot mean a mesh."""
+    """Raise a SceneError where shapes or types are not those of a mesh."""
     if v.ndim != 2 or v.shape[-1] != 3:
         raise SceneError(f'mesh "{name}": vertices have the shape {v.shape}, not (n, 3)')
     if v.shape[0] == 0 or f.size == 0:
@@ -152,7 +152,7 @@ def _check_form(name: str, v: F64, f: NDArray[np.generic]) -> None:
 
 
 def _check_numbers(name: str, v: F64, index: I64) -> None:
-    """Raise a SceneError where vertices are not finite or faces refer to none."""
+    """Raise a SceneError where vertices are not finite or faces refer to missing vertices."""
     bad = int((~np.isfinite(v)).any(axis=1).sum())
     if bad:
         count = f"{bad} of {v.shape[0]}"
@@ -164,7 +164,7 @@ def _check_numbers(name: str, v: F64, index: I64) -> None:
 
 
 def _zero_area(v: F64, f: I64) -> NDArray[np.bool_]:
-    """(n_f,) bool: the height over the longest edge is no more than the rounding of the coordinates."""
+    """(n_f,) bool: the height over the longest edge does not exceed the rounding of the coordinates."""
     a, b, c = v[f[:, 0]], v[f[:, 1]], v[f[:, 2]]
     cross = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     longest = np.maximum.reduce([np.linalg.norm(e, axis=1) for e in (b - a, c - a, c - b)])
@@ -174,9 +174,9 @@ def _zero_area(v: F64, f: I64) -> NDArray[np.bool_]:
 
 
 def _unique_faces(vertex: I64, f: I64, mesh: I64) -> tuple[I64, I64, I64]:
-    """Pick one face of each set of copies (ascending); per mesh the counts of same-wound and flipped ones that go.
+    """Indices (ascending) of one face of each set of copies; removed copies per mesh, of equal and opposite winding.
 
-    ``vertex`` labels the positions, each mesh with labels of its own.
+    ``vertex`` labels the positions, with different labels in different meshes.
     """
     ids = vertex[f]
     low = ids.argmin(axis=1)
@@ -185,7 +185,7 @@ def _unique_faces(vertex: I64, f: I64, mesh: I64) -> tuple[I64, I64, I64]:
     ids = np.take_along_axis(ids, shift, axis=1)
     flipped = ids[:, 1] > ids[:, 2]
     mid, high = np.minimum(ids[:, 1], ids[:, 2]), np.maximum(ids[:, 1], ids[:, 2])
-    # straight copies sort before flipped ones, so that the winding that stays does not depend on face order
+    # unflipped copies sort first, so that the winding that is kept does not depend on face order
     order = np.lexsort((flipped, high, mid, ids[:, 0]))
     same = (np.diff(np.stack([ids[order, 0], mid[order], high[order]]), axis=1) == 0).all(axis=0)
     copy = np.concatenate([[False], same])

@@ -7,7 +7,7 @@ from sarmitsuba.mesh.welding import weld
 
 
 def is_closed(vertices: F64, faces: I32) -> bool:
-    """True where every edge of the faces (n, 3) has as many faces on one side as on the other."""
+    """Whether every edge of the faces (n, 3) is used equally often in both directions."""
     corner = weld(vertices)[faces]
     edge = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
     edge = edge[edge[:, 0] != edge[:, 1]]
@@ -18,7 +18,7 @@ def is_closed(vertices: F64, faces: I32) -> bool:
 
 
 def enclosed_volume(vertices: F64, faces: I32) -> float:
-    """Volume within a closed mesh, m^3; negative where its normals point inwards."""
+    """Volume enclosed by a closed mesh, m^3; negative where its normals point inwards."""
     a, b, c = (vertices[faces[:, i]] - vertices[faces[0, 0]] for i in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6.0)
 

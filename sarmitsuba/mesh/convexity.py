@@ -1,16 +1,16 @@
-"""Proof that a triangle mesh is one closed convex body, which no ray hits twice from outside."""
+"""Test whether a triangle mesh is one closed convex body: a ray that it reflects never hits it again."""
 
 import numpy as np
 
 from sarmitsuba.arrays import F64, I32, I64
 
-# vertices this far from a plane lie in it, over the longest edge of the bounds: float64 rounding of a transformed mesh,
-# and float32 of a file
+# distance of a vertex from a plane, over the longest edge of the bounds, up to which it lies in the plane: float64
+# rounding of a transformed mesh, and float32 of a file
 SLACK = 1e-6
 
 
 def one_sided(normals: F64, corners: F64, points: F64, slack: float) -> bool:
-    """No plane of a face has points on both sides; tried on at most 64 faces, the first few of them first.
+    """Whether no plane of a face has points on both sides; tested on at most 64 faces, the first few of them first.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ def face_edges(faces: I32 | I64) -> I64:
 
 
 def is_convex_body(vertices: F64, faces: I32) -> bool:
-    """One closed convex surface.
+    """Whether a mesh is one closed convex surface.
 
-    Seen from its middle every face shows its back: every closed piece then covers the sphere of directions at least
-    once. All faces together cover it just once: it is one piece, and star-shaped. No edge is concave: a star-shaped
-    surface then is convex at every vertex too, and a closed surface that is convex everywhere near is convex (Tietze
-    and Nakajima). Edges count as concave beyond the slack; what a great many shallower ones add up to shows against
-    the planes of a few faces.
+    From the centre all faces show their back: every closed piece then covers the sphere of directions at least once.
+    All faces together cover it exactly once: the surface is one piece, and star-shaped. No edge is concave: a
+    star-shaped surface then is convex at every vertex too, and a closed locally convex surface is convex (Tietze and
+    Nakajima). Edges count as concave beyond the slack; the sum of many shallower ones is tested against the planes of
+    a few faces.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     order = np.argsort(key, kind="stable")
     key, face = key[order], np.tile(np.arange(len(f)), 3)[order]
     if len(key) % 2 or (key[::2] != key[1::2]).any() or (key[1:-1:2] == key[2::2]).any():
-        return False  # an edge of one face, or of more than two
+        return False  # an edge with one face, or with more than two
     first, second = face[::2], face[1::2]
     centre = (a + b + c) / 3.0
     towards = centre[second] - centre[first]
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     concave = np.einsum("ij,ij->i", normals[first] * outward[first, None], towards) > slack
-    # a dish of very many facets is deep where none of its edges is
+    # a dish of very many facets is deep although none of its edges is
     return not concave.any() and one_sided(normals, a + middle, points, slack)

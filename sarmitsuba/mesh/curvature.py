@@ -5,11 +5,11 @@ import numpy as np
 from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.mesh.welding import weld
 
-# farther than this from its facet (in wavelengths) a smooth surface through the corners would be another object
+# largest distance of the smooth surface from its facet, wavelengths: beyond it the facet is taken as flat
 LARGEST_SAGITTA = 1.0 / 8.0
-# a corner whose mean normal leans more than this from its facet's does not belong to one smooth surface
+# largest angle between a corner's mean normal and the facet's normal in a smooth surface
 LARGEST_LEAN = np.radians(30.0)
-_FLAT = 1e-6  # rad, bend of a facet below which it is flat
+_FLAT = 1e-6  # rad, bend below which a facet counts as flat
 
 
 def facet_curvature(
@@ -31,13 +31,13 @@ def facet_curvature(
     corners : (n_faces, 3, 3) float64, m
     group : (n_faces,) smooth group of each face
     wavelength : m
-    vertex : (3 n_faces,) welded vertex of every corner, None to work it out
+    vertex : (3 n_faces,) welded vertex of every corner; None: computed here
 
     Returns
     -------
     (n_faces, 8) float64, 1/m: S_xx, S_yy, S_zz, S_xy, S_xz, S_yz of the face's own normal, two unused; zero for flat
-        facets, and for those so large that the surface would lie more than an eighth of a wavelength off them: they
-        are taken at their face value. None when all are zero
+        facets, and for those so large that the surface would lie more than an eighth of a wavelength off them. None
+        when all are zero
 
     Notes
     -----
@@ -93,7 +93,7 @@ def facet_curvature(
 
 
 def _bent(normal: F64, group: I32 | I64) -> bool:
-    """True when some group's normals are not all alike."""
+    """Whether the normals of some group differ."""
     count = np.bincount(group)
     mean = np.stack([np.bincount(group, normal[:, i]) for i in range(3)], axis=1)
     length = np.linalg.norm(mean, axis=1)

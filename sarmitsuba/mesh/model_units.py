@@ -1,22 +1,22 @@
-"""Unit and up axis of a model that does not state them."""
+"""Estimate of the unit and the up axis of a model that does not state them."""
 
 import numpy as np
 
 from sarmitsuba.arrays import F64
 
-# well beyond the tallest building (828 m), m
+# height well above the tallest building (828 m), m
 TALLEST_WALL = 1200.0
-# what is as tall as that, as compact as a building and as steep is none: height over width, share of steep surface
+# a model of that height with the proportions of a building is not in metres: height over width, share of steep surface
 _COMPACT, _STEEP_SHARE = 0.2, 0.05
-# cosine of what counts as level, and how much more of it decides
+# least cosine of the tilt of a level surface, and the ratio of level areas that decides
 _LEVEL, _MORE = 0.9, 1.5
 
 
 def doubtful_unit(triangles: F64) -> str:
     """Reason why a model's unit cannot be the metre; empty where it can.
 
-    Walls higher than the tallest building say so, and bodies that are as tall, compact and steep. Mountains are flat
-    beside that.
+    Signs are walls higher than the tallest building, and bodies of such a height that are compact and steep;
+    mountains are wider and less steep.
 
     Parameters
     ----------

@@ -15,11 +15,11 @@ class ObjMesh:
 
     Parameters
     ----------
-    vertices : (n_v, 3) float64, all of the file's
+    vertices : (n_v, 3) float64, all vertices of the file
     faces : (n_f, 3) int64, in the order of the file, polygons as fans; checked against the number of vertices
-    group : (n_f,) int64, number of the material that a face has; -1 where the file names none up to there
+    group : (n_f,) int64, number of the face's material; -1 before the first ``usemtl``
     materials : names, in order of first use by ``usemtl``
-    objects : name of the first object (``o``) that each material, and last -1, is used in; empty without
+    objects : name of the first object (``o``) with each material, last of faces without a material; empty without
     """
 
     vertices: F64
@@ -30,16 +30,16 @@ class ObjMesh:
 
 
 def read_obj(path: Path) -> ObjMesh:
-    """Read places and faces; texture coordinates, normals, colours, lines and curves are left out.
+    """Read vertex positions and faces; texture coordinates, normals, colours, lines and curves are ignored.
 
     Raises
     ------
     ValueError
-        A number is none, or a face names no vertex.
+        A number is malformed, or a face refers to a missing vertex.
     """
     places: list[float] = []
     corners: list[int] = []
-    # by face: how many corners, vertices before it (which negative numbers count from), material
+    # by face: number of corners, number of vertices before it (negative indices count from there), material
     counts: list[int] = []
     before: list[int] = []
     groups: list[int] = []
@@ -68,11 +68,11 @@ def read_obj(path: Path) -> ObjMesh:
     try:
         index = np.array(corners, dtype=np.int64)
     except OverflowError:
-        raise ValueError("a face names a vertex that is not there") from None
+        raise ValueError("a face refers to a missing vertex") from None
     index = np.where(index < 0, index + np.repeat(np.array(before, dtype=np.int64), number), index - 1)
     if index.size and not 0 <= index.min() <= index.max() < len(vertices):
-        raise ValueError(f"a face names a vertex that is not there, of {len(vertices)}")
-    # fans: first corner, and every two that follow each other after it
+        raise ValueError(f"a face refers to a missing vertex (the file has {len(vertices)})")
+    # fans: the first corner with every two consecutive ones after it
     fans = np.maximum(number - 2, 0)
     owner = np.repeat(np.arange(len(number)), fans)
     step = np.arange(len(owner)) - np.repeat(np.cumsum(fans) - fans, fans)

@@ -7,12 +7,12 @@ from scipy.sparse.csgraph import connected_components
 
 from sarmitsuba.arrays import F64, I64
 
-# bend of an edge below which the surface goes on across it, rad
+# bend of an edge below which the surface continues across it, rad
 SMOOTH_BEND = np.radians(20.0)
 
 
 def piece_of(corners: F64, vertex: I64) -> I64:
-    """Number of the piece that each triangle belongs to.
+    """Smooth piece of surface to which each triangle belongs, as a number.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def piece_of(corners: F64, vertex: I64) -> I64:
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     pair = first[np.diff(first, append=len(key)) == 2]
     a, b = order[pair], order[pair + 1]
-    # wound alike, two neighbours walk their edge in opposite directions
+    # two neighbours of the same winding traverse their edge in opposite directions
     alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)
     bend = alike * np.einsum("ei,ei->e", normal[a // 3], normal[b // 3])
     joined = bend > np.cos(SMOOTH_BEND)
@@ -57,17 +57,17 @@ def piece_sizes(corners: F64, piece: I64) -> tuple[F64, F64]:
 
 
 def part_sizes(corners: F64, part: I64, area: F64, width: F64, curved: NDArray[np.bool_] | None) -> F64:
-    """Width of the convex part of a flat facet that tubes are cut to at each triangle, m, (n,) float64.
+    """Width of the convex part of a flat facet at each triangle, to which ray tubes are cut, m, (n,) float64.
 
-    That of the piece of surface where it curves, or is creased into more than ``MOST_PARTS``: rays then find parts
-    narrower than they are apart by chance, and stand for those they miss.
+    The width of the whole piece where it is curved, or creased into more than ``MOST_PARTS``: rays then hit parts
+    narrower than the ray spacing by chance, and represent the parts that they miss.
 
     Parameters
     ----------
     corners : (n, 3, 3) float64, m
     part : (n,) of :func:`sarmitsuba.mesh.boundary_edges.facets`
     area, width : (n,) m^2 and m, of each triangle's piece
-    curved : (n,) triangles that stand for a curved surface; None: none
+    curved : (n,) triangles that approximate a curved surface; None: none
     """
     own_area, own_width = piece_sizes(corners, part)
     whole = own_area * MOST_PARTS < area
@@ -86,19 +86,19 @@ def ray_needs(
 ) -> tuple[F64, F64]:
     r"""Largest ray spacing for each triangle, for coherent and for diffuse returns, m, (n,) each.
 
-    A piece of surface wants two rays across its width and ``RAYS_ACROSS`` across its size. For coherent returns
-    its bend within a tube must also stay small against the wavelength: with the radius of curvature :math:`\rho`
+    A piece of surface needs two rays across its width and ``RAYS_ACROSS`` across its size. For coherent returns
+    the sagitta within a tube must also stay small against the wavelength: with the radius of curvature :math:`\rho`
 
     .. math:: d = \sqrt{0.1 \lambda \rho} \geq \lambda / 4.5
 
-    That serves what faces the antenna. Limbs and rims of small round bodies want :math:`\lambda / 9`, see
+    That suffices for surfaces that face the antenna. Limbs and rims of small round bodies need :math:`\lambda / 9`, see
     :func:`round_bodies`.
 
     Parameters
     ----------
     area, width : (n,) m^2 and m, of each triangle's piece
     part_width : (n,) m, of :func:`part_sizes`
-    curvature : (n, 8) of :func:`sarmitsuba.mesh.curvature.facet_curvature`, None where nothing bends
+    curvature : (n, 8) of :func:`sarmitsuba.mesh.curvature.facet_curvature`; None: all facets are flat
     round_body : (n,) of :func:`round_bodies`
     wavelength : m
     """
@@ -121,12 +121,12 @@ def ray_needs(
 def slant_factor(corners: F64, antenna: F64) -> F64:
     r"""Factor on the diffuse ray spacing of each triangle for grazing incidence, (n,) float64 up to 1.
 
-    Of the rays that a piece wants by its size, the share :math:`c`, the cosine of incidence, meets it. Below
-    :math:`c_0` = ``SLANTED`` that is about one or none, and what it returns a matter of luck: there
+    Of the rays that a piece needs by its size, the share :math:`c`, the cosine of incidence, hits it. Below
+    :math:`c_0` = ``SLANTED`` that is about one ray or none, and its return is random: there
 
     .. math:: d' = d \sqrt{c / c_0}
 
-    keeps as many rays on it as there are at :math:`c_0`.
+    keeps the number of rays on it as at :math:`c_0`.
 
     Parameters
     ----------
@@ -147,23 +147,23 @@ def round_bodies(
     bent: NDArray[np.bool_],
     wavelength: float,
 ) -> NDArray[np.bool_]:
-    """Triangles of curved surfaces and of the flat facets that end at them, where few rays resolve limbs and rims.
+    """Triangles of small curved surfaces and of the flat facets that end at them, which need rays at limbs and rims.
 
     Towards the limb of a curved surface the phase over a tube grows with one over the cube of the cosine, and a flat
-    facet with a round rim (the end of a cylinder) is cut to a few straight edges only. Off its glints those strips tell
-    what a body returns: cylinders of 7 to 12 wavelengths came out 0.3 to 2.5 dB off with 4.5 rays per wavelength.
+    facet with a round rim (the end of a cylinder) is cut to a few straight edges only. Away from specular glints these
+    strips determine the return: cylinders of 7 to 12 wavelengths were 0.3 to 2.5 dB off with 4.5 rays per wavelength.
 
     Parameters
     ----------
     corners : (n, 3, 3) float64, m
     vertex : (3 n,) label of each corner's vertex
     part : (n,) flat facet of each triangle
-    bent : (n,) triangles that stand for a curved surface
+    bent : (n,) triangles that approximate a curved surface
     wavelength : m
 
     Returns
     -------
-    (n,) bool; each of the two kinds only where all of it together wants no more than ``ROUND_RAYS`` rays
+    (n,) bool; each of the two kinds only where all its triangles need no more than ``ROUND_RAYS`` rays
     """
     own = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     touches = np.isin(vertex, vertex.reshape(-1, 3)[bent]).reshape(-1, 3).any(axis=1) & ~bent
@@ -176,11 +176,11 @@ def round_bodies(
     return found
 
 
-# rays across a small piece of surface, each way: how many a lattice lays over it then varies little
+# rays across a small piece of surface, each way: the number of rays of a lattice on it then varies little
 RAYS_ACROSS = 5.0
-# cosine of incidence below which small pieces of surface want more rays than their size tells, and where that ends
+# cosine of incidence below which small pieces of surface need more rays than by their size, and least cosine
 SLANTED, LEAST_SLANT = 0.2, 0.01
-# a quarter of what all finer lattices of a small scene may have
+# a quarter of the rays allowed for all finer lattices of a small scene
 ROUND_RAYS = 150_000
-# convex flat parts that a piece of surface may have to be given rays for each of them
+# most convex flat parts of a piece of surface for which each part gets its own rays
 MOST_PARTS = 32.0

@@ -1,4 +1,4 @@
-"""Writing of PLY meshes, and fast reading of those in the plain binary layout."""
+"""PLY meshes: writing, and fast reading of the plain binary layout."""
 
 import re
 from pathlib import Path
@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from sarmitsuba.arrays import F64, I64
 
-# places, normals and colours of vertices, x, y and z first (texture coordinates split vertices), and faces of lists
-# alone: what exporters of triangles write
+# positions, normals and colours of vertices, x, y and z first (texture coordinates split vertices), and faces as lists
+# only: the layout that exporters of triangles write
 _HEADER = re.compile(
     rb"ply\r?\nformat binary_little_endian 1\.0\r?\n"
     rb"((?:comment [^\n]*\n|obj_info [^\n]*\n)*)"
@@ -32,7 +32,7 @@ _FACE = np.dtype([("n", "u1"), ("corner", "<i4", (3,))])
 
 
 def write_ply(path: Path, vertices: ArrayLike, faces: ArrayLike) -> None:
-    """Write a binary PLY file with double-precision vertices, so that what is read back is exact.
+    """Write a binary PLY file with double-precision vertices, so that reading it back is exact.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def write_ply(path: Path, vertices: ArrayLike, faces: ArrayLike) -> None:
 
 
 def read_ply(path: Path) -> tuple[F64, I64] | None:
-    """Read triangles of a binary file of the plain layout; None: it has another, and wants a reader of all layouts.
+    """Read triangles of a binary file of the plain layout; None: the file has another layout.
 
     A city has thousands of small files, and this takes a tenth of the time per file that general readers take.
 
@@ -77,7 +77,7 @@ def read_ply(path: Path) -> tuple[F64, I64] | None:
     stride = sum(np.dtype(_TYPES[each]).itemsize for each, _ in properties)
     n_vertices, n_faces = int(header[2]), int(header[4])
     first_face = header.end() + n_vertices * stride
-    # one byte that says three, and three numbers; lists of other lengths make another size
+    # a count byte of three, and three indices; lists of other lengths give another size
     if kind == "u1" or len(data) != first_face + 13 * n_faces:
         return None
     rows = np.frombuffer(data, _FACE, n_faces, first_face)

@@ -1,4 +1,4 @@
-"""Meshes of Mitsuba's own binary format, ``serialized``: triangles, deflated."""
+"""Triangles of Mitsuba's binary mesh format ``serialized``, which is compressed by zlib."""
 
 import struct
 import zlib
@@ -12,24 +12,24 @@ from sarmitsuba.regular_files import check_unpacked, read_bytes
 _FORMAT = 0x041C
 _VERSION_3, _VERSION_4 = 3, 4
 _NORMALS, _TEXTURE, _COLOURS, _DOUBLE = 0x0001, 0x0002, 0x0008, 0x2000
-# numbers of a vertex beside its place, by flag
+# values of a vertex beside its position, by flag
 _BESIDE = {_NORMALS: 3, _TEXTURE: 2, _COLOURS: 3}
 _LONGEST_NAME = 4096  # bytes of a shape's name
-# bytes that a mesh may unpack to: a scene takes 25 times as much memory, and triangles deflate tenfold at best
+# most bytes of an unpacked mesh: a scene takes 25 times as much memory, and triangles compress tenfold at best
 _LEAST_UNPACKED, _UNPACKED_PER_BYTE = 10_000_000, 20
-_PIECE = 1 << 16  # bytes that are unpacked at a time
+_PIECE = 1 << 16  # bytes unpacked at a time
 
 
 def read_serialized(path: Path, index: int) -> tuple[F64, I64]:
     """Read the triangles of one shape of a file.
 
     The format is that of Mitsuba's manual: format and version, then a zlib stream of flags, name (version 4), the
-    numbers of vertices and faces, the vertices' arrays in turn, and three indices a face. At the end stand the shapes'
-    offsets and their number.
+    numbers of vertices and faces, the arrays of the vertices, and three indices a face. The file ends with the offsets
+    of the shapes and their number.
 
     Parameters
     ----------
-    path : of an ordinary file
+    path : of a regular file
     index : of the shape, from 0
 
     Returns
@@ -40,15 +40,15 @@ def read_serialized(path: Path, index: int) -> tuple[F64, I64]:
     Raises
     ------
     ValueError
-        It is no such file, or ends too soon.
+        The file has another format or is truncated.
     DataError
-        Its header claims far more than a file of its size holds.
+        Its header states far more data than a file of its size holds.
     """
     data = read_bytes(path)
     start = _start(data, index)
     form, version = struct.unpack_from("<HH", data, start) if start + 4 <= len(data) else (0, 0)
     if form != _FORMAT or version not in (_VERSION_3, _VERSION_4):
-        raise ValueError("it is of another format or version")
+        raise ValueError("it has another format or version")
     stream = _Stream(data, start + 4)
     (flags,) = struct.unpack("<I", stream.take(4))
     if version == _VERSION_4:
@@ -71,17 +71,17 @@ def _start(data: bytes, index: int) -> int:
         return 0
     (count,) = struct.unpack_from("<I", data, len(data) - 4) if len(data) >= 4 else (0,)
     if not 0 <= index < count:
-        raise ValueError(f"shape_index = {index}, of {count} shapes")
+        raise ValueError(f"shape_index = {index}, but the file has {count} shapes (counted from 0)")
     (version,) = struct.unpack_from("<H", data, 2)
     form = "<Q" if version == _VERSION_4 else "<I"
     place = len(data) - 4 - struct.calcsize(form) * (count - index)
     if place < 0:
-        raise ValueError("it ends too soon")
+        raise ValueError("it is truncated")
     return int(struct.unpack_from(form, data, place)[0])
 
 
 class _Stream:
-    """Deflated bytes, unpacked no further than is asked for."""
+    """Compressed bytes, unpacked on demand."""
 
     def __init__(self, data: bytes, start: int) -> None:
         self._data, self._at = data, start
@@ -99,7 +99,7 @@ class _Stream:
             except zlib.error as error:
                 raise ValueError(str(error)) from None
             if not part and (self._unpack.eof or not packed):
-                raise ValueError("it ends too soon")
+                raise ValueError("it is truncated")
             parts.append(part)
             left -= len(part)
         return b"".join(parts)

@@ -9,28 +9,28 @@ from sarmitsuba.arrays import F64, I64
 from sarmitsuba.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.mesh.welding import weld
 
-# triangles of less height over their longest edge have no direction of their own
+# least height of a triangle over its longest edge: flatter ones have no reliable normal
 SLIVER = 1e-6
-# directions in a sheet, over half a circle, in which its width is known
+# number of directions in a sheet, over half a circle, in which its width is tabulated
 DIRECTIONS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class SharpEdges:
-    r"""Straight edges or pieces of such, each with the wedge around it.
+    r"""Straight edges or pieces of edges, each with its wedge.
 
-    Both faces count with both sides. The wedge is the larger sector between them: where two sheets meet, waves in the
-    smaller one see a corner, which has no fringe here.
+    The faces are two-sided. The wedge is the larger sector between them: where two sheets meet, the smaller sector is
+    a corner, whose fringe field is ignored.
 
     Parameters
     ----------
     middle : (n, 3) float64, m
     length : (n,) float64, m
     angle : (n,) float64, exterior angle over pi: 2 for the rim of a sheet, above 1
-    inward : (n, 2, 3) float64, unit vectors in both faces (of a rim, twice its own), across the edge and away from it
+    inward : (n, 2, 3) float64, unit vectors in both faces (equal at a rim), across the edge and away from it
     normal : (n, 2, 3) float64, unit normals of both faces into the exterior
-    weight : (n,) float64, share of the amplitude, where light fades out
-    span : (n, DIRECTIONS) float64, m, how far the sheet of a rim reaches in the middles of equal parts of the half
+    weight : (n,) float64, share of the amplitude in the taper of the illumination
+    span : (n, DIRECTIONS) float64, m, extent of the sheet of a rim in the mid directions of equal parts of the half
         circle from one end of the edge to the other, backwards along it first; infinite for wedges, and where unknown
     """
 
@@ -58,11 +58,11 @@ class SharpEdges:
         return SharpEdges(*(column[rows] for column in columns))
 
     def weighted(self, share: F64) -> "SharpEdges":
-        """The same with their amplitudes changed to a share (n,), those with none left out."""
+        """Edges with their amplitudes multiplied by a share (n,), without those of share 0."""
         return replace(self, weight=self.weight * share).of(share > 0.0)
 
     def cut(self, longest: float) -> "SharpEdges":
-        """The same in equal pieces of at most ``longest``, m."""
+        """Edges cut into equal pieces of at most ``longest``, m."""
         count = np.maximum(1, np.ceil(self.length / longest * (1.0 - 1e-9)).astype(np.int64))
         rows = np.repeat(np.arange(self.n), count)
         number = np.arange(rows.size) - np.repeat(np.cumsum(count) - count, count)
@@ -73,21 +73,21 @@ class SharpEdges:
 
 
 def sharp_edges(corners: F64, metal: NDArray[np.bool_]) -> SharpEdges:
-    """Find the sharp edges between metal triangles.
+    """Sharp edges of and between metal triangles.
 
-    An edge of one triangle is a rim. One of two is sharp where they bend by more than ``SMOOTH_BEND``: what bends less
-    stands for a curved surface.
+    An edge of one triangle is a rim. An edge of two is sharp where they bend by more than ``SMOOTH_BEND``; smaller
+    bends approximate a curved surface.
 
     Parameters
     ----------
-    corners : (n, 3, 3) float64, m, of all triangles that waves meet
+    corners : (n, 3, 3) float64, m, of all triangles
     metal : (n,) perfect conductors
 
     Notes
     -----
-    Ignores edges of three triangles and more, and those between metal and something else. Where triangles meet without
-    sharing both ends of an edge (T-junctions), each side looks like a rim: what touches a rim is found by
-    :func:`sarmitsuba.trace.edges.uncovered`.
+    Ignores edges of three triangles and more, and those between metal and another material. Where triangles meet
+    without sharing both ends of an edge (T-junctions), each side counts as a rim:
+    :func:`sarmitsuba.trace.edges.uncovered` removes rims that touch another object.
     """
     corners = np.asarray(corners, dtype=np.float64)
     side = np.roll(corners, -1, axis=1) - corners
@@ -118,7 +118,7 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_]) -> SharpEdges:
     opening = np.arccos(np.clip(np.einsum("ei,ei->e", inward[a], inward[b]), -1.0, 1.0))
     sharp = np.pi - opening > SMOOTH_BEND
     a, b, opening = a[sharp], b[sharp], opening[sharp]
-    # two sheets that lie on each other are one sheet's rim
+    # two coinciding sheets have one rim
     folded = opening < SLIVER
     rim = np.concatenate([rim, a[folded]])
     a, b, opening = a[~folded], b[~folded], opening[~folded]

@@ -1,4 +1,4 @@
-"""Smooth groups: faces that represent one curved or flat surface."""
+"""Smooth groups: sets of faces that represent one curved or flat surface."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,24 +8,24 @@ from scipy.sparse.csgraph import connected_components
 from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.mesh.welding import weld
 
-# edges shared by more faces than this (hubs of fans of billboards) join nothing
+# edges with more faces than this (hubs of fans of billboards) join no faces
 _MAX_FACES_AT_EDGE = 32
 
 
 def smooth_groups(
     vertices: ArrayLike, faces: ArrayLike, angle_deg: float = 20.0, mesh: I64 | None = None
 ) -> I32:
-    """Label the smooth pieces of surface: faces joined over shared edges that bend less than an angle.
+    """Labels of smooth pieces of surface: faces joined over shared edges that bend less than an angle.
 
     Edges are matched by the position of their ends, so meshes that repeat vertices at every corner work. The
-    bend does not depend on the winding: a neighbour wound the other way counts with its normal turned over.
+    bend does not depend on the winding: a neighbour of opposite winding counts with its normal reversed.
 
     Parameters
     ----------
     vertices : (n_v, 3) float, m
     faces : (n_f, 3) int, none of zero area
     angle_deg : largest bend that still joins, degrees
-    mesh : (n_f,) number of the mesh of every face, where there are several: faces of two are never joined
+    mesh : (n_f,) mesh of every face, if there are several: faces of different meshes are never joined
 
     Returns
     -------
@@ -44,7 +44,7 @@ def smooth_groups(
     normal = _unit_normals(v, f)
     ids = weld(v)[f]
     if mesh is not None:
-        # a place in one mesh is another than in the next; numbered without gaps, so that pairs of them fit 64 bits
+        # equal positions in two meshes are different vertices; numbered without gaps, so that pairs fit 64 bits
         _, ids = np.unique(ids + mesh[:, None] * (int(ids.max()) + 1), return_inverse=True)
         ids = ids.reshape(f.shape)
     start = ids.ravel()
@@ -56,7 +56,7 @@ def smooth_groups(
     key, forward = key[order], forward[order]
     owner = order // 3
 
-    # faces around one edge are neighbours in the sorted list; compare every pair of them
+    # faces at one edge are consecutive in the sorted list; compare every pair of them
     change = np.flatnonzero(np.diff(key)) + 1
     run = np.diff(np.concatenate([[0], change, [key.size]]))
     length = np.repeat(run, run)
@@ -70,7 +70,7 @@ def smooth_groups(
             break
         a, b = owner[candidate], owner[candidate + step]
         cosine = np.einsum("ij,ij->i", normal[a], normal[b])
-        # neighbours of one winding walk their common edge in opposite directions
+        # neighbours of the same winding traverse their common edge in opposite directions
         cosine = np.where(forward[candidate] == forward[candidate + step], -cosine, cosine)
         smooth = cosine > cos_limit
         rows.append(a[smooth])

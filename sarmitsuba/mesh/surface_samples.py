@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64, U32
 
-# cells that are worked on at a time; bounds the temporary arrays
+# cells processed at a time; bounds the temporary arrays
 CHUNK = 2_000_000
-# cells in the thickness of a layer that tells surfaces over one another apart
+# thickness, in cells, of the height layers that distinguish surfaces above one another
 LAYER_CELLS = 4.0
 
 
@@ -22,8 +22,8 @@ class SurfaceSamples:
     face : (n,) rows of the triangles
     point : (n, 3) float64, m
     normal : (n, 3) float64, unit normal by the triangle's winding
-    density : (n,) float64, points for each m^2 of surface there
-    key : (n,) uint32, a hash of each
+    density : (n,) float64, points per m^2 of surface
+    key : (n,) uint32, hash of each point
     """
 
     face: NDArray[np.intp]
@@ -39,22 +39,22 @@ class SurfaceSamples:
 
 
 def surface_samples(triangles: F64, cell: float, box: F64, seed: int) -> SurfaceSamples:
-    r"""One point in each cell of a lattice that a surface fills, at a random place in the cell.
+    r"""Random points on surfaces, one in each cell of a fixed lattice, at a random position in the cell.
 
     The cells are squares in the two axes that span a triangle best, the normal's largest component :math:`n_c` left
     out, so that there are
 
     .. math:: |n_c| / \mathrm{cell}^2
 
-    points for each unit of area. Where a point stands depends on its cell and on nothing else: another cut of the same
-    surface, or another look, has the same points.
+    points per unit of area. The position of a point depends on its cell alone: another triangulation of the same
+    surface, and another look, give the same points.
 
     Parameters
     ----------
     triangles : (n, 3, 3) float64, m
     cell : m, edge of the cells
     box : (2, 3) float64, m; only points within
-    seed : of the places
+    seed : of the positions
     """
     flat = _Flattened.of(triangles)
     low, high = flat.rectangles(box)
@@ -79,29 +79,29 @@ def surface_samples(triangles: F64, cell: float, box: F64, seed: int) -> Surface
 
 
 def spanned_area(triangles: F64, box: F64) -> float:
-    """Area of the rectangles whose cells `surface_samples` walks, m^2; arguments are its."""
+    """Area of the rectangles whose cells `surface_samples` visits, m^2; same arguments."""
     flat = _Flattened.of(triangles)
     low, high = flat.rectangles(box)
     return float(np.prod(np.maximum(high - low, 0.0), axis=1) @ flat.wide)
 
 
 def surface_density(normal: F64, cell: float) -> F64:
-    """Points for each m^2 of surfaces (n, 3) of these unit normals."""
+    """Points per m^2 of surfaces with unit normals (n, 3)."""
     return np.asarray(np.abs(normal).max(axis=1) / cell**2)
 
 
 @dataclass(frozen=True, eq=False)
 class _Flattened:
-    """Triangles in the two axes that span each best.
+    """Triangles projected onto the coordinate plane in which each has its largest area.
 
     Parameters
     ----------
-    axes, left_out : (n, 2) and (n,) numbers of these axes, and of the one left out
+    axes, left_out : (n, 2) and (n,) numbers of the axes of that plane, and of the axis normal to it
     corner : (n, 3, 2) float64, m
     normal : (n, 3) float64, unit normals
-    wide : (n,) whether there is any area
-    rows : three (n, 3) float64: the barycentric coordinates of corners 1 and 2 and the place along the axis left out
-        (m) are these rows times the place along the two axes (m) and one
+    wide : (n,) whether the area is not zero
+    rows : three (n, 3) float64: the barycentric coordinates of corners 1 and 2 and the coordinate along the axis left
+        out (m) are these rows times the coordinates along the two axes (m) and one
     """
 
     axes: NDArray[np.intp]
@@ -137,7 +137,7 @@ class _Flattened:
         return _Flattened(axes, left_out, corner, normal, wide, (first, second, height))
 
     def rectangles(self, box: F64) -> tuple[F64, F64]:
-        """Least and greatest place along the two axes, (n, 2) m, within a box (2, 3)."""
+        """Least and greatest coordinate along the two axes, (n, 2) m, within a box (2, 3)."""
         low = np.maximum(self.corner.min(axis=1), np.take(box[0], self.axes))
         high = np.minimum(self.corner.max(axis=1), np.take(box[1], self.axes))
         return low, high
@@ -152,7 +152,7 @@ def _in_cells(
     cell: float,
     seed: int,
 ) -> tuple[NDArray[np.intp], F64, U32]:
-    """Points of so many cells of each face from ``start`` on that lie in their triangle: faces, points, keys."""
+    """Points, in their triangle, of ``count`` cells of each face from ``start`` on: faces, points, keys."""
     stop = start + len(cells)
     within = np.arange(int(cells.sum())) - np.repeat(np.cumsum(cells) - cells, cells)
     row, column = np.divmod(within, np.repeat(count[start:stop, 1], cells))
@@ -178,13 +178,13 @@ def _in_cells(
     point = np.empty((face.size, 3))
     for axes, values in ((flat.axes[face, 0], x), (flat.axes[face, 1], y), (flat.left_out[face], height)):
         point[np.arange(face.size), axes] = values
-    # layers of a few cells tell surfaces apart that lie over one another
+    # layers of a few cells distinguish surfaces above one another
     layer = np.floor(height / (LAYER_CELLS * cell) + 0.4142).astype(np.int64).astype(np.uint32)
     return face, point, _mixed(key ^ (layer * np.uint32(0xC2B2AE3D) + np.uint32(0x68E31DA4)))
 
 
 def _mixed(x: U32) -> U32:
-    """One round of a 32-bit finaliser; every input bit reaches every output bit."""
+    """One round of a 32-bit hash finaliser; every input bit affects every output bit."""
     x = x ^ (x >> np.uint32(16))
     x = x * np.uint32(0x7FEB352D)
     x = x ^ (x >> np.uint32(15))

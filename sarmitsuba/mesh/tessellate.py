@@ -1,9 +1,9 @@
-r"""Mitsuba's analytic shapes as triangles, in their own coordinates, to a bounded chord error.
+r"""Tessellation of Mitsuba's analytic shapes, in their own coordinates, with a bounded chord error.
 
-Curved shapes are cut so fine that a facet with its corners on the surface would sink below it by no more than
-the ``sagitta``; then the corners are moved out a little so that the *mean* facet lies on the surface, because
-a mesh that lies inside its sphere returns too late a phase and too small an area. The largest distance from
-the true surface, inwards or outwards, stays below the sagitta.
+Curved shapes are divided until a facet with its corners on the surface lies below it by at most the ``sagitta``;
+then the corners are moved outwards so that the *mean* facet lies on the surface, because a mesh inside its sphere
+has too long a range and too small an area. The largest distance from the true surface, inwards or outwards, stays
+below the sagitta.
 """
 
 from functools import lru_cache
@@ -46,7 +46,7 @@ def disk(sagitta: float, radius: float = 1.0) -> Mesh:
 
     Notes
     -----
-    The polygon has the area of the disk, which is what its return at normal incidence depends on.
+    The polygon has the area of the disk, which determines the return at normal incidence.
     """
     n = _segments(radius, sagitta)
     a = 2.0 * np.pi / n
@@ -57,7 +57,7 @@ def disk(sagitta: float, radius: float = 1.0) -> Mesh:
 
 
 def cylinder(radius: float, z0: float, z1: float, sagitta: float) -> Mesh:
-    """Return the open barrel of a cylinder about the z axis, normals outwards.
+    """Return the open lateral surface of a cylinder about the z axis, normals outwards.
 
     Parameters
     ----------
@@ -92,9 +92,9 @@ def sphere(radius: float, sagitta: float, edge: float = np.inf) -> Mesh:
     ----------
     radius : of the sphere
     sagitta : bound of the distance from the true surface, same units
-    edge : bound of the longest edge, same units. Facets repeat nearly regularly, so they act as a grating and
-        its lobes add to the highlight: 0.3 dB at a sagitta of lambda / 32. Up to
-        0.55 lambda, that is rows of facets closer than lambda / 2, there is no lobe.
+    edge : bound of the longest edge, same units. Facets repeat nearly regularly and act as a grating, whose lobes add
+        to the highlight: 0.3 dB at a sagitta of lambda / 32. Up to 0.55 lambda (rows of facets closer than
+        lambda / 2) there is no grating lobe.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def sphere(radius: float, sagitta: float, edge: float = np.inf) -> Mesh:
     Notes
     -----
     All vertices have one radius, chosen so that the distance of the facets from the centre, averaged over
-    their area, is ``radius``: corners stand out by 3/4 of the chord height, facet centres lie 1/4 inside.
+    their area, is ``radius``: corners lie outside by 3/4 of the chord height, facet centres inside by 1/4.
     """
     found = _unit_sphere(_relative(radius, sagitta), edge / radius)
     if found is None:
@@ -118,8 +118,8 @@ def sphere(radius: float, sagitta: float, edge: float = np.inf) -> Mesh:
 # scenes have many spheres of one size
 @lru_cache(maxsize=2)
 def _unit_sphere(depth: float, edge: float) -> tuple[F64, I32, float] | None:
-    """Vertices on the unit sphere and faces, both read-only, and the facets' mean distance; None: too many."""
-    # icosahedron faces have the circumradius 37.4 deg; start coarse, then grow to the bound
+    """Vertices on the unit sphere and faces, both read-only, and the mean distance of the facets; None: too many."""
+    # icosahedron faces have the circumradius 37.4 deg; start coarse, then refine to the bound
     n = max(1, int(0.6 / np.arccos(max(1.0 - depth, -1.0))))
     while True:
         if 20 * n * n > _MAX_FACES:
@@ -141,7 +141,7 @@ def _relative(radius: float, sagitta: float) -> float:
 
 
 def _segments(radius: float, sagitta: float) -> int:
-    """Chords round a circle whose height stays within the sagitta; at least 6."""
+    """Number of chords of a circle whose height stays within the sagitta; at least 6."""
     depth = min(_relative(radius, sagitta), 0.5)
     n = max(6, int(np.ceil(np.pi / np.arccos(1.0 - depth) - 1e-9)))
     if 2 * n > _MAX_FACES:
@@ -188,7 +188,7 @@ def _geodesic(n: int) -> Mesh:
     v = np.einsum("pk,fkc->fpc", s, corner[faces]).reshape(-1, 3)
     v /= np.linalg.norm(v, axis=1, keepdims=True)
     f = (small[None] + np.arange(20)[:, None, None] * i.size).reshape(-1, 3)
-    # points on the edges of the icosahedron's faces are shared: weld on a grid far finer than their spacing
+    # points on the edges of the icosahedron are shared: weld on a grid far finer than their spacing
     grid = np.rint(v * 2.0**30).astype(np.int64)
     _, first, label = np.unique(
         (grid[:, 0] * 73856093) ^ (grid[:, 1] * 19349663) ^ (grid[:, 2] * 83492791),

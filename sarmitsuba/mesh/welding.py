@@ -6,12 +6,12 @@ from sarmitsuba.arrays import F64, I64
 
 
 def weld(v: F64) -> I64:
-    """(n_v,) int64 label of every position, equal for vertices at exactly the same place.
+    """(n_v,) int64 label of every position, equal for vertices with equal coordinates.
 
-    Labels depend on the positions alone, not on the order of the vertices: the rank of a 64-bit hash of the
-    three coordinates' bits, or of the coordinates themselves should two of them ever collide.
+    Labels depend on the positions alone, not on the order of the vertices: the rank of a 64-bit hash of the bits of
+    the three coordinates, or of the coordinates themselves if two hashes collide.
     """
-    bits = np.ascontiguousarray(v + 0.0).view(np.uint64)  # + 0.0 makes -0 and 0 the same bits
+    bits = np.ascontiguousarray(v + 0.0).view(np.uint64)  # + 0.0 turns -0 into 0
     with np.errstate(over="ignore"):
         h = np.zeros(v.shape[0], dtype=np.uint64)
         for k in range(3):  # splitmix64 rounds

@@ -1,4 +1,4 @@
-"""The scene's triangles as binary glTF, small enough to travel inside a page."""
+"""Triangles of a scene as binary glTF, small enough to be embedded in a page."""
 
 from dataclasses import dataclass, replace
 
@@ -11,22 +11,22 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.wires import WireTarget
 
-# faces that a browser still draws smoothly with software rendering; more are merged on a coarser and coarser grid
+# most faces drawn smoothly by a browser with software rendering; larger meshes are simplified on a grid
 MOST_FACES = 400_000
-# positions are stored on this grid, m: far below any pixel, and the zeros at the end of every number compress well
+# grid of stored positions, m: far below any pixel, and the trailing zeros compress well
 GRID = 2.0**-10
 
 
 @dataclass(frozen=True)
 class PageMesh:
-    """The scene as the page draws it.
+    """Mesh of a scene as drawn in a page.
 
     Parameters
     ----------
     glb : binary glTF, one mesh per pair of mesh and material, named ``<mesh number>/<material number>``; positions are
         in m from ``center``, axes east, north, up
-    n_faces : triangles in it
-    merged : edge of the grid that vertices were merged on, m; 0 where every triangle is as the radar saw it
+    n_faces : number of triangles
+    merged : edge of the grid on which vertices were merged, m; 0: all triangles are those of the simulation
     """
 
     glb: bytes
@@ -41,12 +41,12 @@ def page_mesh(geometry: Geometry, center: F64, most_faces: int = MOST_FACES) -> 
     ----------
     geometry : in any frame
     center : (3,) float64, m, in the same frame; the page's origin
-    most_faces : where there are more, vertices are merged on a grid until there are not
+    most_faces : largest number of faces; above it vertices are merged on a grid
 
     Notes
     -----
-    Merging vertices in the cells of a grid (vertex clustering) keeps large surfaces and drops what is smaller than a
-    cell. It changes what is drawn, never what the radar saw.
+    Merging vertices in the cells of a grid (vertex clustering) keeps large surfaces and removes details smaller than a
+    cell. It changes the drawing, not the simulation.
     """
     vertices, faces, kept, edge = _fewer(geometry.vertices - center, geometry.faces, most_faces)
     mesh_of = np.searchsorted(geometry.mesh_face_offset, kept, side="right") - 1
@@ -64,9 +64,9 @@ def page_mesh(geometry: Geometry, center: F64, most_faces: int = MOST_FACES) -> 
 
 
 def drawn(scene: Scene) -> tuple[Geometry, tuple[str, ...]]:
-    """What a page draws of a scene, in the file's frame, and the names of its materials.
+    """Geometry that a page draws of a scene, in the file's frame, and the names of its materials.
 
-    Its meshes, and its wires as one mesh of three-sided prisms.
+    It consists of the meshes, and of the wires as one mesh of three-sided prisms.
     """
     geometry, names = scene.geometry, tuple(material.name for material in scene.materials)
     vertices, faces = [geometry.vertices], [geometry.faces]
@@ -90,14 +90,14 @@ def drawn(scene: Scene) -> tuple[Geometry, tuple[str, ...]]:
     return replace(geometry, vertices=at, faces=np.concatenate(faces).astype(np.int32)), names
 
 
-# sides of a prism whose first three corners are one end's
+# faces of a prism whose first three corners are those of one end
 _PRISM_FACES = np.array(
     [f for i in range(3) for f in ([i, (i + 1) % 3, i + 3], [(i + 1) % 3, (i + 1) % 3 + 3, i + 3])]
 )
 
 
 def _prism(wire: WireTarget) -> F64:
-    """(6, 3) corners of a wire, no thinner than what a page can store."""
+    """Corners of the prism of a wire, (6, 3), at least as thick as the grid of stored positions."""
     axis = (wire.end - wire.start) / wire.length
     x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     x /= np.linalg.norm(x)
@@ -109,7 +109,7 @@ def _prism(wire: WireTarget) -> F64:
 def _fewer(
     vertices: F64, faces: I32, most_faces: int
 ) -> tuple[F64, NDArray[np.integer], NDArray[np.integer], float]:
-    """Vertices on a grid, faces that are left, their old numbers, and the edge of the grid (0: all are left)."""
+    """Vertices on a grid, remaining faces, their previous numbers, and the edge of the grid (0: not merged)."""
     numbers = np.arange(faces.shape[0])
     if faces.shape[0] <= most_faces:
         return np.asarray(np.round(vertices / GRID) * GRID), faces.astype(np.int64), numbers, 0.0

@@ -14,7 +14,8 @@ def on_plane(
 
     .. math:: |P - X| = R, \qquad (P - X) \cdot v = \dot R R, \qquad X_z = h
 
-    The second is a line in the plane, the first a circle; of their two meetings that on the look side counts.
+    The second is a line in the plane, the first a circle; of their two intersections the one on the look side is
+    returned.
 
     Parameters
     ----------
@@ -25,7 +26,7 @@ def on_plane(
 
     Returns
     -------
-    (n, 3) float64, m; NaN where the circle does not meet the line (nearer than the plane)
+    (n, 3) float64, m; NaN where circle and line do not intersect (the range is too short)
     """
     drop = position[2] - height
     level = velocity[:2]

@@ -1,4 +1,4 @@
-"""The ray paths behind the pixels of an image, few enough to travel inside a page."""
+"""Ray paths that contribute to the pixels of an image, few enough to be embedded in a page."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,13 +13,13 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import PathTable, PathTracer, joined
 from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 
-# paths kept in all, and of one bounce order in one cell of the image
+# largest number of paths in total, and of one bounce order in one cell of the image
 MOST_PATHS, MOST_PER_ORDER = 48_000, 3
-# cells along the edge of a part of the image that is traced at once
+# cells along the edge of a part of the image traced at once
 TILE = 256
-# cells weaker than the strongest by more than this are left out, dB
+# cells weaker than the strongest by more than this are omitted, dB
 FLOOR_DB = 70.0
-# orders that shares are given for; those above count with the last
+# number of bounce orders with their own share; higher orders count with the last
 ORDERS = 6
 
 
@@ -29,14 +29,14 @@ class PagePaths:
 
     Parameters
     ----------
-    pulses : numbers of the pulses that were traced
+    pulses : numbers of the traced pulses
     cell_size : (2,) edges of a cell in pixels, azimuth and range
     shape : cells in azimuth and range
-    cell : (n_cells,) int32 number of every cell that has paths, row after row, increasing
+    cell : (n_cells,) int32 number of every cell with paths, row by row, increasing
     first : (n_cells + 1,) int32; cell i has the paths ``first[i]:first[i + 1]``
-    found : (n_cells,) int32 paths that the cell has in all, kept or not
+    found : (n_cells,) int32 number of all paths of the cell, kept or not
     by_order : (n_cells, ORDERS) uint8 share of the cell's amplitudes per bounce order, in 1/255
-    table : the kept paths, cell after cell, strongest first in a cell
+    table : kept paths, cell by cell, strongest first in a cell
     share : (n,) float32 share of the path's amplitude in the sum of the amplitudes of its cell
     """
 
@@ -65,19 +65,19 @@ def page_paths(
 
     Parameters
     ----------
-    scene : that the image is of, in the frame of ``grid``
+    scene : scene of the image, in the frame of ``grid``
     grid : of the image
-    cell : edges of the resolution cells that paths are sorted into, m along the axes of ``grid``
-    channel : whose amplitudes count
+    cell : edges of the resolution cells, m along the axes of ``grid``
+    channel : polarisation of the amplitudes
     seed : of the run
-    most : paths kept; the brightest cells come first
-    tile : cells along the edge of a part of the image that is traced at once; takes memory, changes nothing
+    most : largest number of paths kept; the brightest cells come first
+    tile : cells along the edge of a part of the image traced at once; affects memory only
 
     Notes
     -----
-    A path stands in the image where its length and its range rate put it, as for
-    :func:`sarmitsuba.simulation.path_table.trace_paths` with ``near``. One pulse serves every pixel, except where the
-    beam passes over the image: there each part of it takes the pulse whose beam is on it.
+    The position of a path in the image follows from its length and its range rate, as for
+    :func:`sarmitsuba.simulation.path_table.trace_paths` with ``near``. One pulse is traced for all pixels, except where
+    the beam moves across the image: there each part of it takes the pulse whose beam illuminates it.
     """
     size = cell_pixels(grid, cell)
     shape = (-(-grid.shape[0] // size[0]), -(-grid.shape[1] // size[1]))
@@ -111,13 +111,14 @@ def page_paths(
 
 @dataclass(frozen=True, eq=False)
 class _PathTile:
-    """Paths of a part of the image: the strongest few of every order and cell, and what all of them add up to.
+    """Paths of a part of the image: the strongest few of every order and cell, and the sums over all.
 
     Parameters
     ----------
     table : kept paths
-    number, amplitude : of the kept paths; cell of the image, absolute value
-    total, power, found, by_order : per cell of the whole image; sums of amplitudes and powers, paths, sums per order
+    number, amplitude : cell in the image and absolute value of the kept paths
+    total, power, found, by_order : per cell of the whole image: sum of amplitudes, sum of powers, number of paths, sum
+        per order
     """
 
     table: PathTable
@@ -132,7 +133,7 @@ class _PathTile:
 def _tiles(
     shape: tuple[int, int], served: list[tuple[int, int, int]], edge: int
 ) -> list[tuple[int, int, int, int, int]]:
-    """Parts of the image, so that the paths of one fit into memory: pulse, first and last row and column of cells."""
+    """Parts of the image whose paths fit into memory: pulse, first and last row and column of cells."""
     found = []
     for pulse, top, bottom in served:
         rows = np.linspace(top, bottom, -(-(bottom - top) // edge) + 1).round().astype(int).tolist()
@@ -186,24 +187,24 @@ def _of_tile(
 
 
 def _reach(scene: Scene, pulse: int, spots: F64) -> float:
-    """Resolution cells from the middle of a part of the image, (3, 3, 3) m, that its paths stand away at most."""
+    """Radius in resolution cells of the gate around the middle of a part of the image, whose points are (3, 3, 3) m."""
     track, cell = scene.radar.track, scene.radar.waveform.range_cell
     leg = track.position[pulse] - spots.reshape(-1, 3)
     distance = np.linalg.norm(leg, axis=1)
     ahead = leg @ track.velocity[pulse] / np.linalg.norm(track.velocity[pulse])
     in_range = np.abs(distance - distance[4]).max() / cell
     in_azimuth = np.abs(ahead - ahead[4]).max() / azimuth_cell(scene)
-    # the gate is straight in range and rate where a part of the image is not quite
+    # the gate is a rectangle in range and range rate, a part of the image only approximately
     return float(1.1 * max(in_range, in_azimuth) + 4.0)
 
 
 def cell_pixels(grid: ImageGrid, cell: tuple[float, float]) -> tuple[int, int]:
-    """Pixels along the edges of a resolution cell, at least one."""
+    """Number of pixels along the edges of a resolution cell, at least one."""
     return max(1, round(cell[0] / grid.azimuth_spacing)), max(1, round(cell[1] / grid.range_spacing))
 
 
 def pixels_of(table: PathTable, scene: Scene, grid: ImageGrid, pulse: int) -> tuple[F64, F64]:
-    """Row and column, as fractions, where paths of a pulse stand in an image; NaN where they do not."""
+    """Fractional row and column of the paths of a pulse in an image; NaN outside it."""
     track = scene.radar.track
     spot = on_plane(
         track.position[pulse],
@@ -223,13 +224,13 @@ def pixels_of(table: PathTable, scene: Scene, grid: ImageGrid, pulse: int) -> tu
 
 
 def _served_rows(scene: Scene, grid: ImageGrid, size: int) -> list[tuple[int, int, int]]:
-    """Pulses to trace, each with the first and last row of cells that it serves."""
+    """Pulses to trace, each with its first and last row of cells."""
     radar = scene.radar
     track, n_rows = radar.track, -(-grid.shape[0] // size)
     reach = np.inf
     if np.isfinite(radar.half_aperture) and radar.mode_law.own_apertures:
         middle = grid.positions_on_line(grid.shape[0] // 2).mean(axis=0)
-        # half of what a pulse serves along the flight, m
+        # half of the length along the flight for which a pulse is traced, m
         reach = float(np.linalg.norm(track.center_position - middle)) * radar.half_aperture
     count = max(1, int(np.ceil(grid.shape[0] * grid.azimuth_spacing / reach)))
     if count == 1:
@@ -239,7 +240,7 @@ def _served_rows(scene: Scene, grid: ImageGrid, size: int) -> list[tuple[int, in
         row = min((top + bottom) * size // 2, grid.shape[0] - 1)
         line = grid.positions_on_line(row)[grid.shape[1] // 2] - track.position
         line /= np.linalg.norm(line, axis=1, keepdims=True)
-        # the pulse whose beam meets that row
+        # the pulse whose beam illuminates that row
         pulse = int(np.argmin(np.abs(np.einsum("ni,ni->n", line, radar.pointing.azimuth_axis))))
         served.append((pulse, top, bottom))
     return served
@@ -255,7 +256,7 @@ def _few(number: I64, order: NDArray[np.integer], amplitude: F64) -> I64:
 
 
 def _brightest(number: I64, amplitude: F64, power: F64, most: int) -> I64:
-    """Rows of the brightest cells, as many whole cells as there is room for; cell after cell, strongest first."""
+    """Rows of the brightest cells, as many whole cells as fit; cell by cell, strongest first."""
     rows = np.flatnonzero(power[number] > power.max(initial=0.0) * 10.0 ** (-0.1 * FLOOR_DB))
     place = np.empty(power.size, dtype=np.int64)
     place[np.argsort(-power, kind="stable")] = np.arange(power.size)

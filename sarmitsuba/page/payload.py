@@ -18,23 +18,23 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import KINDS
 from sarmitsuba.version import __version__
 
-# text, numbers and arrays, nested; arrays travel as binary
+# text, numbers and arrays, nested; arrays are stored as binary
 Value = Mapping[str, "Value"] | Sequence["Value"] | NDArray[np.generic] | str | int | float | bool | None
-# what is being worked on, for a person waiting
+# receives progress messages
 Say = Callable[[str], None]
 
-# the strongest pixel's value in the stored image: float16 then reaches 140 dB below it before it loses digits
+# value of the strongest pixel in the stored image: float16 then has full precision down to 140 dB below it
 STORED_PEAK = 1024.0
 
 
 def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> dict[str, Value]:
-    """Content of a page.
+    """Content of the page of one or several runs.
 
     Parameters
     ----------
-    runs : one look each; the first is shown first
-    channel : polarisation shown; None takes each run's first
-    say : receives a line as the work proceeds
+    runs : one radar pass each; the first is shown first
+    channel : polarisation shown; None: the first of each run
+    say : receives progress messages
     """
     grid = runs[0].image.grid.in_frame(np.zeros(3))
     center = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
@@ -60,7 +60,7 @@ def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> di
 
 
 def scene_payload(scene: Scene, mesh: PageMesh, center: F64) -> dict[str, Value]:
-    """Geometry, materials and ideal points, positions from the page's origin."""
+    """Geometry, materials and ideal points; positions relative to the page's origin."""
     geometry, materials = drawn(scene)
     return {
         "glb": np.frombuffer(mesh.glb, dtype=np.uint8),
@@ -94,7 +94,7 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         "paths": None,
     }
     if run.raw is not None and run.raw.radar.start_stop().receiver is not None:
-        say(f"{run.path}: the page does not focus the echoes of two antennas")
+        say(f"{run.path}: bistatic data are not focused in the page")
     elif run.raw is not None:
         windows = {
             key: str(image.metadata.get("focus", {}).get(key, "rectangular"))
@@ -118,7 +118,7 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
 
 
 def grid_payload(grid: ImageGrid, center: F64) -> dict[str, Value]:
-    """Axes of an image's grid, positions from the page's origin."""
+    """Axes of an image's grid; positions relative to the page's origin."""
     return {
         "kind": grid.kind,
         "shape": grid.shape,
@@ -138,7 +138,7 @@ def image_payload(image: SarImage, channel: str) -> dict[str, Value]:
         if layer.channel == channel:
             orders[layer.order] = orders.get(layer.order, np.zeros_like(plane)) + plane
     if not orders:
-        image.total(channel)  # says which there are
+        image.total(channel)  # raises an error that lists the channels
     peak = max(float(np.abs(plane).max()) for plane in orders.values())
     scale = STORED_PEAK / peak if peak > 0.0 else 1.0
     return {
@@ -157,7 +157,7 @@ def image_payload(image: SarImage, channel: str) -> dict[str, Value]:
 
 
 def _radar(radar: Radar, grid: ImageGrid, center: F64) -> dict[str, Value]:
-    """Track, beam and receive window, from the page's origin."""
+    """Track, beam and receive window; positions relative to the page's origin."""
     track, pointing, window = radar.track, radar.pointing, radar.window
     widths, beam = _beam(radar, grid)
     return {
@@ -179,7 +179,7 @@ def _radar(radar: Radar, grid: ImageGrid, center: F64) -> dict[str, Value]:
 
 
 def nested(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Value]:
-    """Numbers and arrays in one nest; ``band.gap`` goes into ``band``."""
+    """Numbers and arrays in one nested mapping; ``band.gap`` becomes ``gap`` within ``band``."""
     found: dict[str, dict[str, Value]] = {"": dict(header)}
     for name, array in arrays.items():
         inner, _, key = name.rpartition(".")
@@ -192,7 +192,7 @@ def nested(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]
 
 
 def _beam(radar: Radar, grid: ImageGrid) -> tuple[tuple[float, float], str]:
-    """Widths of the cone that is drawn, azimuth and elevation, rad, and what they are."""
+    """Widths of the drawn beam cone, azimuth and elevation, rad, and their description."""
     antenna = radar.antenna
     if antenna.pattern != "isotropic":
         return (antenna.azimuth_beamwidth, antenna.elevation_beamwidth), "antenna"
@@ -208,7 +208,7 @@ def _beam(radar: Radar, grid: ImageGrid) -> tuple[tuple[float, float], str]:
 
 
 def _paths(paths: PagePaths, scene: Scene, center: F64, channel: str) -> dict[str, Value]:
-    """Paths with their points one after the other; path i has ``order[i]`` of them."""
+    """Paths with their points concatenated; path i has ``order[i]`` points."""
     table = paths.table
     there = np.isfinite(table.points[:, :, 0])
     points = table.points[there] + scene.offset - center

@@ -1,4 +1,4 @@
-"""Recorded pulses as the page's backprojection reads them: cropped to the image, referred to its centre, quantised."""
+"""Range profiles for the page's backprojection: cropped to the image, referred to its centre, quantised."""
 
 from dataclasses import dataclass
 
@@ -14,46 +14,46 @@ from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# bins kept before and behind the image's own: what a range window's side lobes reach
+# range bins kept before and behind those of the image, for the side lobes of a range window
 _GUARD = 64
-# windows that a page offers beside those that its image was made with
+# windows offered by a page beside those of its image
 _OFFERED = ("rectangular", "taylor", "hamming")
-# places from one end of a window to the other at which the page is given it; linear between them to 1e-5
+# samples of a window stored in the page; linear interpolation is accurate to 1e-5
 _NODES = 1025
-# nodes of a measured beam's cuts that a page is given at most
+# most samples of a measured antenna cut stored in a page
 _CUT_NODES = 4097
-# points on each edge of the image at which its ranges are looked up
+# points on each edge of the image at which its ranges are evaluated
 _EDGE = 65
-# largest value of an int16 that has its negative
+# largest int16 value whose negative exists
 _FULL = 32767
 
-# what the page reads: JSON for the numbers, little-endian arrays for the rest
+# content for the page: JSON for the numbers, little-endian arrays for the rest
 Header = dict[str, "float | int | str | list[float] | list[str] | Header | None"]
 Arrays = dict[str, NDArray[np.generic]]
 
 
 @dataclass(frozen=True, eq=False)
 class PageProfiles:
-    r"""Range-compressed pulses of one channel, as ``web/backprojector.js`` reads them.
+    r"""Range-compressed pulses of one channel in the form used by ``web/backprojector.js``.
 
     .. math:: q_t(r) = \frac{R_{0,t}^2}{K} s_t(r) e^{+j 4 \pi R_{0,t} / \lambda}
 
     with :math:`R_{0,t}` the distance from the antenna to the image's centre and K the radar's amplitude constant: the
-    sum over pulses, over their weights' sum, is the calibrated image.
+    weighted mean over pulses is the calibrated image.
 
     Parameters
     ----------
     radar : as recorded
     antenna : (n_pulses, 3) float64, m, from the image's centre
-    first_bin : (n_pulses,) float64, m, slant range of bin 0 less the reference range
+    first_bin : (n_pulses,) float64, m, slant range of bin 0 minus the reference range
     samples : (n_pulses, n_bins, 2) int16, real and imaginary part
     scale : (n_pulses,) float32, m, value of one step of ``samples``
-    range_window, azimuth_window : those that the image was focused with
+    range_window, azimuth_window : with which the image was focused
 
     Notes
     -----
-    A sample's rounding is 2^-16 of its pulse's largest magnitude at most: -101 dB of it rms, and other in every
-    pulse. Echoes from beyond the crop's guard of bins are lost, with what their side lobes would have added.
+    The rounding error of a sample is at most 2^-16 of its pulse's largest magnitude, -101 dB rms, and independent from
+    pulse to pulse. Echoes from beyond the guard bins are lost, with their side lobes.
     """
 
     radar: Radar
@@ -70,7 +70,7 @@ class PageProfiles:
         return np.asarray(np.linalg.norm(self.antenna, axis=1))
 
     def payload(self) -> tuple[Header, Arrays]:
-        """Numbers and arrays of ``data`` by the names that the page gives them, nested ones with a dot."""
+        """Numbers and arrays of ``data`` by their names in the page, nested ones with a dot."""
         radar, n = self.radar, self.radar.track.n_pulses
         wave, window = radar.waveform, radar.window
         header: Header = {
@@ -118,7 +118,7 @@ class PageProfiles:
 
 
 def page_center(grid: ImageGrid) -> F64:
-    """(3,) float64, m, scene frame: the pixel in the image's middle, to which the page refers ranges."""
+    """Position of the central pixel, to which the page refers ranges, (3,) float64, m, scene frame."""
     rows, columns = grid.shape
     return np.asarray(grid.positions_on_line(rows // 2)[columns // 2])
 
@@ -131,26 +131,26 @@ def page_profiles(
     range_window: str | Window = "rectangular",
     azimuth_window: str | Window = "rectangular",
 ) -> PageProfiles:
-    """Cut, refer and quantise the range-compressed pulses of one channel.
+    """Crop the range-compressed pulses of one channel, refer them to the image's centre, and quantise them.
 
     Parameters
     ----------
     raw : range-compressed data, see :func:`sarmitsuba.focusing.range_compression.range_compress`
-    grid : image that the page is to focus; in the frame of the radar or of the file
-    channel : polarisation, None for the first
-    range_window, azimuth_window : those of the image, with which the page starts; the data themselves stay as they are
+    grid : of the image to focus in the page; in the frame of the radar or of the file
+    channel : polarisation; None: the first
+    range_window, azimuth_window : those of the image, with which the page starts; they are not applied to the data
 
     Raises
     ------
     DataError
-        Unknown window, the data are chirped, the channel is not there, or nothing of the image was recorded.
+        Unknown window or channel, the data are not range compressed, or no range of the image was recorded.
     """
     if raw.domain != "compressed":
         raise DataError("page: the data are not range compressed; call range_compress first")
     raw = standing_still(raw)
     radar, grid = raw.radar, grid.in_frame(raw.radar.offset)
     if radar.receiver is not None:
-        raise DataError("page: it focuses the echoes of one antenna, and these have two")
+        raise DataError("page: bistatic data are not focused in the page; give monostatic data")
     window = radar.window
     center = page_center(grid)
     antenna = radar.track.position - center
@@ -162,7 +162,7 @@ def page_profiles(
     first = np.floor((near - window.start_range) / window.sample_spacing).astype(np.int64) - _GUARD
     last = np.ceil((far - window.start_range) / window.sample_spacing).astype(np.int64) + _GUARD
     n_bins = int(min((last - first).max() + 1, window.n_samples))
-    first = np.clip(first, 0, window.n_samples - n_bins)  # only what was recorded
+    first = np.clip(first, 0, window.n_samples - n_bins)  # recorded samples only
 
     columns = first[:, None] + np.arange(n_bins)
     data = np.take_along_axis(raw.total(channel), columns, axis=1).astype(np.complex128)
@@ -186,7 +186,7 @@ def page_profiles(
 def _ranges(radar: Radar, grid: ImageGrid) -> tuple[F64, F64]:
     """Shortest and longest slant range of the image from every pulse, (n_pulses,) float64, m.
 
-    Looked up on a lattice that has the image's edges, to its own coarseness: the crop's guard is wider.
+    Evaluated on a lattice that includes the image's edges; its error is smaller than the guard of the crop.
     """
     rows, columns = (np.unique(np.linspace(0, n - 1, _EDGE).round().astype(np.int64)) for n in grid.shape)
     points = np.concatenate([grid.positions_on_line(int(row))[columns] for row in rows])

@@ -17,13 +17,13 @@ PAGE = "rcs.html"
 
 
 def rcs_payload(scene: Scene, sweep: RcsSweep, image: SarImage | None) -> dict[str, Value]:
-    """Content of the page of a sweep.
+    """Content of the page of an RCS sweep.
 
     Parameters
     ----------
     scene : the target
-    sweep : its RCS; the numbers of the page are these, unrounded
-    image : made from the sweep's arc, with the same channels; None where there is none
+    sweep : its RCS, shown unrounded
+    image : made from the sweep's arc, with the same channels; None: no image
     """
     middle, radius = target_middle(scene)
     center = middle + scene.offset
@@ -63,7 +63,7 @@ def _channel(sweep: RcsSweep, name: str) -> dict[str, Value]:
 
 
 def _image(image: SarImage, sweep: RcsSweep, center: F64) -> dict[str, Value]:
-    """Image of every channel; axes from the target's middle, or x and y of the file where the circle is whole."""
+    """Image of every channel; axes from the target's centre, or x and y of the file for a full circle."""
     grid = image.grid.in_frame(np.zeros(3))
     pixels = nested(*page_grid(image.grid))
     origin = grid.origin * [1.0, 1.0, 0.0] - (0.0 if sweep.aspects.whole_circle else center)
@@ -72,6 +72,6 @@ def _image(image: SarImage, sweep: RcsSweep, center: F64) -> dict[str, Value]:
     return {
         "grid": grid_payload(grid, center),
         "pixels": pixels,
-        # what a point returns, not what an area does
+        # radar cross section of points, not sigma0 of areas
         "channels": [image_payload(image, name) | {"cell_area": None} for name in sweep.result.channels],
     }

@@ -26,10 +26,10 @@ class RunFolder:
     ----------
     path : the folder
     image : focused
-    raw : range compressed; None where the run made none (methods ``image`` and ``raster``)
-    scene : None where the data are not of a scene file
+    raw : range compressed; None: the run made no raw data (methods ``image`` and ``raster``)
+    scene : None: the data do not belong to a scene file
     record : contents of parameters.json
-    notes : what is missing and why, one line each
+    notes : missing parts and their reasons, one line each
     """
 
     path: Path
@@ -47,25 +47,25 @@ class RunFolder:
 
 
 def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
-    """Read a folder of results.
+    """Read a run folder.
 
     Parameters
     ----------
     path : the folder
-    allow_outside : the scene that its record names may refer to files outside its own folder; what the record says of
-        that is not believed
+    allow_outside : whether the scene named in the record may refer to files outside its folder; the record's own
+        statement is ignored
 
     Raises
     ------
     DataError
-        There is no image or no record in it, or the scene is not the one that the results are of.
+        The folder holds no image or no record, or the scene has changed since the run.
     """
     record = _record(path)
     if record.get("command") == "rcs":
         raise DataError(f"{path}: this is a sweep of `rcs`; `rcs ... --page` makes its page")
     image_path = _result(path, "image")
     if image_path is None:
-        raise DataError(f"{path}: there is no image in it; give a folder that `render` or `focus` wrote")
+        raise DataError(f"{path}: holds no image; give a folder written by `render` or `focus`")
     image = read_image(image_path)
     notes = []
     scene_record, raw_path = record, _result(path, "raw")
@@ -77,7 +77,7 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
     if raw_path is None or not os.path.exists(raw_path):
         notes.append(f"{path}: no raw data; the page has no pulses to show and no image to build up")
     else:
-        # as the image's own data were, so that the page makes the same image of them
+        # as for the image, so that the page focuses the same image
         done = image.metadata.get("focus", {}).get("range_compression", "flat")
         raw = range_compress(read_raw(raw_path), method=done if done in COMPRESSIONS else "flat")
     scene = _scene(scene_record, allow_outside)
@@ -93,14 +93,14 @@ def _record(folder: Path) -> dict[str, Json]:
     try:
         facts = json_value(read_text(path, errors="strict"))
     except (OSError, ValueError) as error:
-        raise DataError(f"{folder}: {RECORD} cannot be read; give a folder that `render` wrote") from error
+        raise DataError(f"{folder}: {RECORD} cannot be read; give a folder written by `render`") from error
     if not isinstance(facts, dict):
-        raise DataError(f"{path}: this is not the record of a run")
+        raise DataError(f"{path}: is not the record of a run; give a folder written by `render` or `focus`")
     return facts
 
 
 def _result(folder: Path, stem: str) -> Path | None:
-    """The file of raw data or of the image, in whatever format; HDF5, which holds everything, first."""
+    """File of the raw data or the image in any format; HDF5, which holds all data, is preferred."""
     for entry in sorted(FORMATS, key=lambda entry: entry.name != "hdf5"):
         if entry.read_image if stem == "image" else entry.read_raw:
             for suffix in entry.suffixes:
@@ -110,7 +110,7 @@ def _result(folder: Path, stem: str) -> Path | None:
 
 
 def _scene(record: dict[str, Json], allow_outside: bool) -> Scene | None:
-    """The scene of a run, loaded again as it was."""
+    """Scene of a run, loaded again with the run's parameters."""
     from sarmitsuba.loader.from_mesh import MeshOptions
     from sarmitsuba.loader.library import resolve_radar
     from sarmitsuba.loader.load import load_scene
@@ -119,7 +119,7 @@ def _scene(record: dict[str, Json], allow_outside: bool) -> Scene | None:
     if not isinstance(source, str):
         return None
     if not os.path.exists(source):
-        raise DataError(f"{source}: the scene of these results is not there any more; render it again")
+        raise DataError(f"{source}: the scene of these results does not exist any more; render it again")
     definitions = {str(k): str(v) for k, v in given.items()} if isinstance(given, dict) else {}
     radar, mesh = record.get("radar_file"), record.get("mesh")
     options = None
@@ -140,11 +140,11 @@ def _scene(record: dict[str, Json], allow_outside: bool) -> Scene | None:
 
 
 def _check_same(path: Path, scene: Scene, raw: RawData) -> None:
-    """Raise a DataError where the scene file has another radar by now than the raw data have."""
+    """Raise a DataError where the track of the scene file has changed since the raw data were made."""
     now, then = scene.radar.in_file_frame().track, raw.radar.in_file_frame().track
     flown = then if raw.flown is None else raw.flown
-    # tol: positions are written and read as float64; a micrometre is far below any phase
+    # tol: positions are stored as float64; a micrometre has no visible phase
     if now.n_pulses != flown.n_pulses or np.abs(now.position - flown.position).max() > 1e-6:
         raise DataError(
-            f"{path}: {scene.path} has changed since these results were made: its track is another one; render it again"
+            f"{path}: the track of {scene.path} has changed since these results were made; render it again"
         )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.page.payload import Value
 
-# bare names that the vendored modules are known by; all others are named after their file
+# bare names of the vendored modules; all others are named after their file
 _VENDOR_NAMES = {
     "three.module.min.js": "three",
     "three.core.min.js": "three/core",
@@ -26,24 +26,24 @@ _VENDOR_NAMES = {
     "BufferGeometryUtils.js": "three/buffer_geometry",
     "SkeletonUtils.js": "three/skeleton",
 }
-# `from "./three.core.min.js"`: a module inside a data URL has no folder to look in
+# `from "./three.core.min.js"`: a module in a data URL has no folder
 _RELATIVE = re.compile(r"""(from\s*)(["'])\.{1,2}/(?:[\w./]*/)?([\w.]+\.js)\2""")
 
 _PART = re.compile(r"\{\{(\w+)\}\}")
-# scripts of the page that run; those of other types hold data
+# executable scripts of the page; those of other types hold data
 _SCRIPT = re.compile(r'<script type="(?:importmap|module)">(.*?)</script>', re.DOTALL)
-# what the modules make themselves: buffers read through blobs, pictures of canvases
+# sources that the modules create themselves: buffers read through blobs, pictures of canvases
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data: blob:; connect-src data: blob:; "
     "base-uri 'none'; form-action 'none'"
 )
 
-# arrays up to so many values, such as a point, are written as they are
+# arrays up to this number of values, such as a point, are written as JSON
 _SHORT = 12
 
 
 class Packer:
-    """Takes the arrays out of a nest of values and keeps them as compressed binary.
+    """Compressed binary store of the arrays in a nested value.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Packer:
         self.blobs: list[str] = []
 
     def pack(self, value: Value) -> object:
-        """The value with a reference in place of every array: ``{"$": number, "dtype": ..., "shape": [...]}``."""
+        """Replace every array in a value by a reference ``{"$": number, "dtype": ..., "shape": [...]}``."""
         if isinstance(value, np.ndarray):
             # JSON has no infinity
             whole = value.dtype.kind != "f" or bool(np.isfinite(value).all())
@@ -71,20 +71,20 @@ class Packer:
         plain = np.ascontiguousarray(array)
         if plain.dtype.byteorder == ">":
             plain = plain.astype(plain.dtype.newbyteorder("<"))
-        # bytes of equal rank together: those of sign and exponent are alike and compress
+        # bytes of equal rank together: those of sign and exponent are similar and compress well
         planes = plain.reshape(-1).view(np.uint8).reshape(-1, plain.dtype.itemsize).T.tobytes()
         self.blobs.append(base64.b64encode(gzip.compress(planes, 6, mtime=0)).decode())
         return {"$": len(self.blobs) - 1, "dtype": plain.dtype.name, "shape": list(plain.shape)}
 
 
 def write_page(path: Path, payload: Mapping[str, Value], page: str = "index.html") -> None:
-    """Write the page, whole or not at all.
+    """Write the page, completely or not at all.
 
     Parameters
     ----------
     path : of the HTML file
     payload : of :func:`sarmitsuba.page.payload.page_payload`, or of the function that belongs to ``page``
-    page : the HTML that it is filled into, in ``page/web``
+    page : HTML template in ``page/web``
     """
     packer = Packer()
     facts = json.dumps(packer.pack(payload), allow_nan=False, ensure_ascii=False)
@@ -110,9 +110,9 @@ def write_page(path: Path, payload: Mapping[str, Value], page: str = "index.html
 
 
 def _policy(scripts: Iterable[str]) -> str:
-    """Content security policy: no network, no inline script but those whose text is known here, no event attributes.
+    """Content security policy: no network, no inline script except those known here by hash, no event attributes.
 
-    Modules are data URLs, which no browser of today checks by hash when they are imported.
+    Modules are data URLs, which browsers do not check by hash on import.
     """
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
@@ -122,7 +122,7 @@ def _policy(scripts: Iterable[str]) -> str:
 
 
 def _modules(web: Traversable) -> dict[str, str]:
-    """Every module by the bare name it is imported by, as a data URL."""
+    """Modules as data URLs by the bare name used in imports."""
     found: dict[str, str] = {}
     for folder, prefix in ((web, "sarmitsuba/"), (web / "vendor", "three/")):
         for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):

@@ -130,7 +130,7 @@ def test_names_that_are_too_long_are_one_line(
 def test_a_record_with_names_that_are_too_long_is_one_line() -> None:
     from sarmitsuba.page.run_folder import _scene
 
-    with pytest.raises(DataError, match="is not there any more"):
+    with pytest.raises(DataError, match="does not exist any more"):
         _scene({"scene": LONGER, "definitions": {}}, False)
 
 

@@ -59,7 +59,7 @@ def test_what_makes_no_pair_is_one_line(pair: Path, tmp_path: Path, capsys: Any)
     bare = tmp_path / "bare"
     bare.mkdir()
     assert cli.main(["interferogram", str(image), str(bare), "-o", str(tmp_path / "o")]) == 2
-    assert "there is no image in it" in capsys.readouterr().err
+    assert "holds no image" in capsys.readouterr().err
     shutil.copy(pair / "second" / "raw.h5", bare / "raw.h5")
     assert cli.main(["focus", str(bare / "raw.h5"), "-o", str(bare), "--quiet"]) == 0
     (bare / "raw.h5").unlink()

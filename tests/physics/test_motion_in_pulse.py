@@ -264,7 +264,7 @@ def test_a_follower_moves_on_too() -> None:
     # tol: the delay is that of the way over the aim point
     np.testing.assert_allclose(moved, 7500.0 * 2.0 * 700e3 / LIGHT, rtol=1e-3)
     assert not radar.receives_itself and radar.start_stop().receiver is radar.receiver
-    with pytest.raises(DataError, match="page: it focuses the echoes of one antenna"):
+    with pytest.raises(DataError, match="page: bistatic data are not focused"):
         page_profiles(simulate(scene), focus_grid(scene))
     others = [one.name for one in FOCUSERS if not one.bistatic]
     assert others and all(

@@ -67,7 +67,7 @@ def test_a_folder_of_others_is_refused_before_the_source_is_read(
     make(tmp_path / "city_meshes")
     before = contents(tmp_path)
     monkeypatch.setattr("sarmitsuba.importing.convert.find_source", None)
-    with pytest.raises(OutputError, match=r"city_meshes: the meshes go into a folder of this name"):
+    with pytest.raises(OutputError, match=r"city_meshes: the meshes go here, but "):
         import_scene(tmp_path / "src", tmp_path / "city.xml", force=force)
     assert contents(tmp_path) == before
 

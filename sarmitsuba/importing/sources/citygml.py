@@ -1,4 +1,4 @@
-"""CityGML 1 to 3: buildings as plane polygons, of the finest level of detail up to 3."""
+"""CityGML 1 to 3: buildings as plane polygons, in the finest level of detail up to 3."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -27,15 +27,15 @@ _INSIDE = (
     "BuildingFurniture",
 )
 _LEVEL = re.compile(r"lod(\d)")
-# m or deg; no coordinate of a map and no height on the Earth is greater
+# m or deg; largest valid coordinate or height
 _FARTHEST = np.array([1e8, 1e8, 1.2e4])
-# steeper than 72 degrees is a wall
+# surfaces steeper than 72 degrees are walls
 _ROOF = 0.3
 
 
 @dataclass(frozen=True)
 class _FoundPolygon:
-    """A polygon with the level of detail and the surface that it stands under."""
+    """Polygon with its level of detail and the type of its surface."""
 
     level: int
     surface: str
@@ -43,11 +43,11 @@ class _FoundPolygon:
 
 
 def read_citygml(path: Path, options: ImportOptions) -> CitySource:
-    """Every building with its polygons.
+    """Read every building with its polygons.
 
     Raises
     ------
-    SceneError : it is no CityGML, or names no coordinate system and none is given
+    SceneError : the file is no CityGML, or neither the file nor the options name a coordinate system
     """
     require_shapely(path.name)
     root = read_xml(path)
@@ -60,7 +60,7 @@ def read_citygml(path: Path, options: ImportOptions) -> CitySource:
             f"{path.name}: names no coordinate system (srsName); give --crs EPSG:n, or --crs local"
         )
     source = CitySource(path.name, crs=crs)
-    # names in urn form have latitude first, RFC 5165
+    # names in urn form: latitude first, RFC 5165
     swapped = bool(names) and crs == WGS84 and "CRS84" not in names[0].upper()
     for number, building in enumerate(e for e in root.iter() if _local(e) == "Building"):
         name = next((v for k, v in building.attrib.items() if k.endswith("}id")), f"building {number}")
@@ -75,7 +75,7 @@ def read_citygml(path: Path, options: ImportOptions) -> CitySource:
                 if not rings:
                     raise ValueError
             except ValueError:
-                source.skip("polygons without rings of three corners on the Earth", name)
+                source.skip("polygons without a valid ring of three corners", name)
                 continue
             polygons.append((_part(one.surface, rings[0]), rings))
         if polygons:
@@ -90,7 +90,7 @@ def _local(element: ET.Element) -> str:
 
 
 def _polygons(element: ET.Element, level: int, surface: str) -> Iterator[_FoundPolygon]:
-    """Polygons below an element, without those of rooms; by a stack, files are nested as they like."""
+    """Polygons below an element, without those of rooms; by a stack, since the depth of nesting is unbounded."""
     todo = [(element, level, surface)]
     while todo:
         here, level, surface = todo.pop()
@@ -107,7 +107,7 @@ def _polygons(element: ET.Element, level: int, surface: str) -> Iterator[_FoundP
 
 
 def _outermost(element: ET.Element, name: str) -> Iterator[ET.Element]:
-    """Elements of a name below one, in order, without those within each other: each part of the file is read once."""
+    """Elements of a name below one, in order; those nested in another one are omitted."""
     todo = [element]
     while todo:
         here = todo.pop()
@@ -128,10 +128,10 @@ def _rings(polygon: ET.Element, swapped: bool) -> Iterator[F64]:
 
 
 def _part(surface: str, exterior: F64) -> str:
-    """Part of the scene: of the surface that it stands under, else by its slope."""
+    """Part of the scene by the type of the surface, else by its slope."""
     if surface:
         return _PARTS.get(surface, "walls")
-    corners = exterior - exterior[0]  # far from the origin the products lose their digits
+    corners = exterior - exterior[0]  # avoids cancellation far from the origin
     normal = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
     return "roofs" if normal[2] > _ROOF * float(np.linalg.norm(normal)) else "walls"
 

@@ -1,4 +1,4 @@
-"""GeoJSON: footprints of buildings with heights (RFC 7946), as OpenStreetMap and cities give them out."""
+"""GeoJSON (RFC 7946): footprints of buildings with heights, as published by OpenStreetMap and cities."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 def read_geojson(path: Path, options: ImportOptions) -> CitySource:
-    """Every polygon with the tags of a building; every polygon where none has.
+    """Read every polygon with the tags of a building; every polygon if none has such tags.
 
     Raises
     ------
-    SceneError : it is no GeoJSON
+    SceneError : the file is no GeoJSON
     """
     require_shapely(path.name)
     content = read_json(path)
@@ -36,7 +36,7 @@ def read_geojson(path: Path, options: ImportOptions) -> CitySource:
     tagged = any(is_building(tags) or "height" in tags for _, tags, _ in features)
     for name, tags, geometry in features:
         if tagged and not is_building(tags) and "height" not in tags:
-            source.skip("features that are no buildings", name)
+            source.skip("features other than buildings", name)
             continue
         polygons = list(_polygons(geometry))
         if not polygons:
@@ -55,7 +55,7 @@ _SHAPES = ("Polygon", "MultiPolygon", "GeometryCollection")
 
 
 def _crs(content: Mapping[str, object]) -> str:
-    """Of the member that RFC 7946 no longer has, else longitude and latitude."""
+    """Coordinate system from the member ``crs`` (removed in RFC 7946), else longitude and latitude."""
     crs = content.get("crs")
     properties = crs.get("properties") if isinstance(crs, Mapping) else None
     name = properties.get("name") if isinstance(properties, Mapping) else None
@@ -63,7 +63,7 @@ def _crs(content: Mapping[str, object]) -> str:
 
 
 def _features(content: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object], object]]:
-    """Name, tags and geometry of each."""
+    """Name, tags and geometry of each feature."""
     rows = content.get("features") if content["type"] == "FeatureCollection" else [content]
     for number, row in enumerate(rows if isinstance(rows, list) else []):
         if not isinstance(row, Mapping):
@@ -71,7 +71,7 @@ def _features(content: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str,
             continue
         given = row.get("properties")
         tags = dict(given) if isinstance(given, Mapping) else {}
-        inner = tags.get("tags")  # overpass and osmtogeojson keep OpenStreetMap's in a folder of their own
+        inner = tags.get("tags")  # overpass and osmtogeojson nest OpenStreetMap's tags here
         if isinstance(inner, Mapping):
             tags = {**tags, **inner}
         name = row.get("id", tags.get("@id", tags.get("id", f"feature {number}")))
@@ -79,7 +79,7 @@ def _features(content: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str,
 
 
 def _polygons(geometry: object) -> "Iterator[shapely.Polygon | str]":
-    """Polygons of a geometry, and the reasons why others are none."""
+    """Polygons of a geometry, and for invalid ones the reasons."""
     import shapely
 
     if not isinstance(geometry, Mapping):
@@ -98,7 +98,7 @@ def _polygons(geometry: object) -> "Iterator[shapely.Polygon | str]":
             shell, *holes = [[(float(x), float(y)) for x, y, *_ in ring] for ring in rings]
             yield shapely.Polygon(shell, holes)
         except (ValueError, TypeError, OverflowError, shapely.errors.ShapelyError):
-            yield "outlines that are no rings of three corners or more"
+            yield "outlines without a ring of at least three corners"
 
 
 SOURCES.register(SourceFormat("geojson", "footprints with heights", (".geojson", ".json"), read_geojson))

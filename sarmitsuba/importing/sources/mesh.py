@@ -11,9 +11,9 @@ from sarmitsuba.loader.mesh_files import MeshPart, read_parts
 
 
 def read_meshes(path: Path, options: ImportOptions) -> CitySource:
-    """Parts of all files, turned upright together and in metres.
+    """Read the parts of all files, converted to metres and z up.
 
-    A part without a material of its own has the name of its file.
+    A part without a material is named after its file.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def read_meshes(path: Path, options: ImportOptions) -> CitySource:
     kinds = {p.suffix.lower() in (".glb", ".gltf") for p in files}
     if len(kinds) > 1 and options.up == "auto":
         raise SceneError(
-            f"{path.name}: glTF, which has y up, beside other meshes; say --up y or --up z, or part them"
+            f"{path.name}: glTF, which has y up, beside other meshes; give --up y or --up z, or separate them"
         )
     matrix, said = upright(path.name, files[0].suffix, parts, MeshOptions(up=options.up, unit=options.unit))
     source.notes.append(said)

@@ -1,4 +1,4 @@
-"""OpenStreetMap's own XML: closed ways and multipolygons that are buildings."""
+"""OpenStreetMap XML: closed ways and multipolygons of buildings."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -13,11 +13,11 @@ from sarmitsuba.importing.tags import footprint, is_building
 
 
 def read_osm(path: Path, options: ImportOptions) -> CitySource:
-    """Every building of an extract.
+    """Read every building of an extract.
 
     Raises
     ------
-    SceneError : it is no such file
+    SceneError : the file is no OpenStreetMap XML
     """
     require_shapely(path.name)
     import shapely
@@ -40,7 +40,7 @@ def read_osm(path: Path, options: ImportOptions) -> CitySource:
         elif tags.get("type") == "multipolygon":
             rings, holes = (_joined(_members(element, role, ways)) for role in ("outer", "inner"))
         else:
-            continue  # a relation of type building groups outlines that stand in the file themselves
+            continue  # a relation of type building groups outlines that are in the file themselves
         try:
             shells = [
                 shapely.Polygon([_place(nodes[ref]) for ref in ring]) for ring in rings if ring[0] == ring[-1]
@@ -49,7 +49,7 @@ def read_osm(path: Path, options: ImportOptions) -> CitySource:
                 shapely.Polygon([_place(nodes[ref]) for ref in ring]) for ring in holes if ring[0] == ring[-1]
             ]
         except (KeyError, ValueError, IndexError, shapely.errors.ShapelyError):
-            source.skip("buildings with corners that are not in the file or no numbers", name)
+            source.skip("buildings with missing or malformed corners", name)
             continue
         if len(shells) < len(rings) or not shells:
             source.skip("outlines that do not close", name)
@@ -63,7 +63,7 @@ def read_osm(path: Path, options: ImportOptions) -> CitySource:
 
 
 def _place(node: ET.Element) -> tuple[float, float]:
-    """Longitude and latitude, deg; a KeyError or ValueError where they are none."""
+    """Longitude and latitude, deg; raises KeyError or ValueError where missing or malformed."""
     longitude, latitude = float(node.attrib["lon"]), float(node.attrib["lat"])
     if not (abs(longitude) <= 360.0 and abs(latitude) <= 90.0):
         raise ValueError
@@ -71,13 +71,13 @@ def _place(node: ET.Element) -> tuple[float, float]:
 
 
 def _members(relation: ET.Element, role: str, ways: dict[str, list[str]]) -> list[list[str]]:
-    """Nodes of the ways that have a role; none is outer."""
+    """Nodes of the ways with a role; an empty role counts as outer."""
     refs = [m.get("ref", "") for m in relation.iter("member") if (m.get("role") or "outer") == role]
     return [list(ways[ref]) for ref in refs if ways.get(ref)]
 
 
 def _joined(ways: list[list[str]]) -> list[list[str]]:
-    """Ways put together where their ends meet; rings end where they began."""
+    """Rings joined from ways with common ends; the last node of a ring repeats the first."""
     done, open_ends = [], [way for way in ways]
     while open_ends:
         ring = open_ends.pop()

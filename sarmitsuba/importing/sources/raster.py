@@ -1,4 +1,4 @@
-"""An elevation raster alone: terrain without buildings."""
+"""Elevation raster without buildings."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from sarmitsuba.importing.source_format import SOURCES, CitySource, SourceFormat
 
 
 def read_terrain(path: Path, options: ImportOptions) -> CitySource:
-    """Nothing but the terrain, which the conversion reads."""
+    """Empty source with a reference to the raster, which the conversion reads."""
     return CitySource(path.name, dem=path)
 
 

@@ -1,1 +1,1 @@
-"""The file formats that come with the package, one file each; see :mod:`sarmitsuba.io.formats`."""
+"""File formats, one per file; see :mod:`sarmitsuba.io.formats`."""

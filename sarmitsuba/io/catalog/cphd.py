@@ -1,11 +1,11 @@
-r"""CPHD 1.1, the NGA's standard for compensated phase history data: writing and reading of raw data; see docs/files.md.
+r"""CPHD 1.1, the NGA standard for compensated phase history data: writing and reading of raw data; see docs/files.md.
 
-A file holds per channel one vector of frequency samples per pulse, referred to the scene reference point,
+A file holds one vector of frequency samples per channel and pulse, referred to the scene reference point,
 
 .. math:: F_{kn} = \sum_p a_p e^{-j 2 \pi f_k (\tau_{pn} - \tau_n)}
 
 with the two-way delays of the scatterer and of the reference point, and per vector the Earth-fixed antenna position.
-The echoes are calibrated: the amplitude a_p of a point is the root of its radar cross section, in m.
+The echoes are calibrated: the amplitude a_p of a point is the square root of its radar cross section, m.
 """
 
 from collections.abc import Mapping
@@ -38,12 +38,12 @@ if TYPE_CHECKING:
     import lxml.etree
 
 
-# length of the transformed profile over the receive window: the standard wants 1.1 of what is said to be good, and
-# profiles end in the side lobes of points at their edge
+# length of the transformed profile over the receive window: the standard requires 1.1 times the stated valid part, and
+# profiles contain side lobes of points at the edge
 _PADDING = 1.2
-# m; a receiver within the distance that an antenna flies between transmission and reception is the same antenna
+# largest distance, m, between transmission and reception for which both are by the same antenna
 _SAME_ANTENNA = 1e-3
-# share of the total time above which one aperture serves all pixels
+# share of the total time above which one aperture is used for all pixels
 _WHOLE = 0.98
 
 
@@ -53,15 +53,15 @@ def write_raw(path: Path, raw: RawData) -> None:
     Raises
     ------
     DataError
-        The echoes are not range compressed, or sarkit is missing.
+        The data are not range compressed, or sarkit is missing.
     """
     sarkit = formats_package("sarkit.cphd", f"{path}: CPHD files need")
     if raw.domain != "compressed":
         raise DataError(
-            f"{path}: CPHD holds compensated echoes, these are {raw.domain}; range compress them first"
+            f"{path}: CPHD needs range-compressed data, these are {raw.domain}; range compress them first"
         )
     radar = raw.radar.in_file_frame()
-    # where antennas move within the pulse, echoes appear shifted: ranges are told without the boresight's shift
+    # antennas that move within the pulse shift echoes: the shift of the boresight is removed from the ranges
     radar = replace(radar, window=radar.start_stop().window)
     vectors = _vectors(radar)
     frequency = _frequencies(radar)
@@ -194,14 +194,14 @@ def read_raw(path: Path) -> RawData:
     Raises
     ------
     DataError
-        The file is damaged or of another kind, samples are over time in place of frequency, or sarkit is missing.
+        The file is damaged or of another format, its samples are over time instead of frequency, or sarkit is missing.
 
     Notes
     -----
-    Monostatic data are focused from the middle between where a pulse was sent and where it was received; the two-way
-    range differs from the true one by the square of half that distance over the range (0.5 mm from orbit), the same
-    for all points to within thousandths of that. Vectors that the file marks as having no signal are left out.
-    Tropospheric delay is not applied. Antenna patterns are not read.
+    Monostatic data are focused from the midpoint between the positions at transmission and reception; the two-way range
+    differs from the true one by the square of half their distance over the range (0.5 mm from orbit), equal for all
+    points to within thousandths. Vectors marked as without signal are omitted. Tropospheric delay is not applied.
+    Antenna patterns are not read.
     """
     sarkit = formats_package("sarkit.cphd", f"{path}: CPHD files need")
     try:
@@ -215,7 +215,7 @@ def read_raw(path: Path) -> RawData:
             helper = sarkit.XmlHelper(tree)
             if helper.load("{*}Global/{*}DomainType") != "FX":
                 raise DataError(
-                    f"{path}: samples over time of arrival (TOA) are not read; write them over frequency (FX)"
+                    f"{path}: samples over time of arrival (TOA) are not supported; write them over frequency (FX)"
                 )
             sign = helper.load("{*}Global/{*}SGN")
             latitude, longitude, height = helper.load("{*}SceneCoordinates/{*}IARP/{*}LLH")
@@ -232,7 +232,7 @@ def read_raw(path: Path) -> RawData:
                 signal, vectors = reader.read_channel(name)
                 letters = [node.findtext(f"{{*}}Polarization/{{*}}{one}Pol") for one in ("Tx", "Rcv")]
                 if any(one not in LETTERS for one in letters):
-                    raise DataError(f"{path}: polarisation {letters} is not read; H, V, RHC and LHC are")
+                    raise DataError(f"{path}: polarisation {letters} is not supported; supported: H, V, RHC, LHC")
                 channel = "".join(LETTERS[one] for one in letters)
                 histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two))
         missing = [
@@ -255,7 +255,7 @@ def read_raw(path: Path) -> RawData:
 
 
 def _check_header(path: Path, header: Mapping[str, str]) -> None:
-    """Raise a DataError where a block stated in the header is not within the file."""
+    """Raise a DataError where a block stated in the header exceeds the file."""
     size = path.stat().st_size
     for block in ("XML", "PVP", "SIGNAL"):
         first, length = (int(header[f"{block}_BLOCK_{what}"]) for what in ("BYTE_OFFSET", "SIZE"))
@@ -272,7 +272,7 @@ def _check_size(path: Path, tree: "lxml.etree._ElementTree", vector_bytes: int) 
     for node in tree.findall("{*}Data/{*}Channel"):
         vectors, samples = (int(node.findtext(f"{{*}}Num{what}")) for what in ("Vectors", "Samples"))
         if vectors <= 0 or samples <= 0:
-            raise DataError(f"{path}: a channel of {vectors} vectors with {samples} samples holds nothing")
+            raise DataError(f"{path}: a channel of {vectors} vectors with {samples} samples is empty")
         promised += vectors * (2 * samples + vector_bytes)  # two bytes a sample at least
     if not 0 < promised <= path.stat().st_size:
         raise DataError(
@@ -281,12 +281,12 @@ def _check_size(path: Path, tree: "lxml.etree._ElementTree", vector_bytes: int) 
 
 
 def _lit_in_turn(radar: Radar, center: F64, length: F64) -> Radar:
-    """The radar as stripmap where the file's dwell times are short and their centres move with the flight.
+    """Stripmap radar of a file whose dwell times are short and whose aperture centres move with the flight.
 
     Parameters
     ----------
     radar : spotlight on the reference point
-    center, length : polynomials of the middle (s) and length (s) of a point's aperture over the image's axes
+    center, length : polynomials of the centre (s) and length (s) of a point's aperture over the image's axes
     """
     track = radar.track
     whole = float(track.time[-1] - track.time[0])
@@ -330,7 +330,7 @@ def _read_channel(
     anchor: Anchor,
     two: bool,
 ) -> PhaseHistory:
-    """The phase history of one channel in the anchor's frame."""
+    """Phase history of one channel in the anchor's frame."""
     names = vectors.dtype.names or ()
     good = vectors["SIGNAL"] == 1 if "SIGNAL" in names else np.ones(vectors.size, dtype=bool)
     if not good.any():
@@ -357,7 +357,7 @@ def _read_channel(
 
 
 def _complex(signal: NDArray[Any]) -> C64:
-    """Samples of any of the standard's formats as complex64."""
+    """Samples in any format of the standard as complex64."""
     if signal.dtype.names:
         return np.asarray(signal["real"].astype(np.float32) + 1j * signal["imag"].astype(np.float32))
     return signal.astype(np.complex64)

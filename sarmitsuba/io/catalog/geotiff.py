@@ -1,4 +1,4 @@
-"""Cloud-optimised GeoTIFF: the magnitude of an image on a map; see docs/files.md."""
+"""Cloud-optimised GeoTIFF: magnitude of an image on a map; see docs/files.md."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from sarmitsuba.version import __version__
 
 
 def write_image(path: Path, image: SarImage) -> None:
-    """Write the square root of sigma0, a band per channel, north up in the UTM zone, with overviews.
+    """Write the square root of sigma0, one band per channel, north up in the UTM zone, with overviews.
 
     Raises
     ------

@@ -4,9 +4,9 @@ HDF5 because it is a published standard that MATLAB, Julia, IDL, C and Python re
 stores its own structure and units, and reads a range of pulses without the rest (chunks). Complex numbers are
 the usual compound of ``r`` and ``i``.
 
-One dataset per channel is *the* image (``/image/VV``) or *the* echoes (``/echoes/VV``). Its parts are stored
-separately: bounce orders in ``/orders/VV/2``, ray subsets in ``/subsets/1``. ``/layers`` names the planes of an object
-in memory; the sums are written in addition and not read.
+One dataset per channel is the complete image (``/image/VV``) or echoes (``/echoes/VV``). Parts are stored separately:
+bounce orders in ``/orders/VV/2``, ray subsets in ``/subsets/1``. ``/layers`` names the planes of an object in memory;
+sums are written in addition and not read.
 """
 
 import json
@@ -52,9 +52,9 @@ _ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "d
 _CHUNK_BYTES = 1 << 20  # HDF5's default chunk cache holds one such chunk
 _PATH = re.compile(r"/(?:subsets/([12])/)?(?:(?:image|echoes)/(\w+)|orders/(\w+)/([1-9]\d{0,5}))")
 _SUBSETS = (
-    "Two independent sets of the rays, from which error bars are made. Each holds its share (attribute) of the whole: "
-    "they add up to the planes of the same name outside this group, which are what to use. Divided by its share, a "
-    "subset is a coarser estimate of its own."
+    "Two independent subsets of the rays, for error bars. Each holds its share (attribute) of the whole: their sum is "
+    "the plane of the same name outside this group, which is the one to use. Divided by its share, a subset is a "
+    "coarser independent estimate."
 )
 _ORDERS = "Parts of every channel by number of bounces; over all bounces they add up to the channel."
 _POSITION = {
@@ -68,14 +68,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class _Kind:
-    """Kind of a file's planes.
+    """Description of a file's planes.
 
     Parameters
     ----------
     root : group of the channels
-    axes : of a plane
-    unit, description : of its numbers
-    scales : datasets with the axes' coordinates; empty where there is none
+    axes : names of the axes of a plane
+    unit, description : of its values
+    scales : datasets with the coordinates of the axes; empty: none
     """
 
     root: str
@@ -108,7 +108,7 @@ def write_image(path: Path | str, image: SarImage) -> None:
         for name in ("wavelength", "azimuth_resolution_cell", "range_resolution_cell", "incidence_angle"):
             groups.write_number(group, name, getattr(image, name))
         area = image.cell_area
-        # a single row where all rows are equal
+        # a single row if all rows are equal
         groups.write_number(group, "cell_area", area[0] if area.strides[0] == 0 else area.astype(np.float32))
         _write_planes(file, _IMAGE, image.data, image.layers)
         _write_metadata(file, image.metadata)
@@ -239,10 +239,10 @@ def _write(path: Path | str, content: str, fill: Callable[[h5py.File], None]) ->
 
 
 def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File, bool], T]) -> T:
-    """Result of ``load`` for the file with its planes; it is tried first without them in a separate process."""
+    """Result of ``load`` for the file with its planes, after a trial without them in a separate process."""
     path = Path(path)
     if not os.path.isfile(path):
-        raise DataError(f"{path}: no such file; give the {wanted} file that `sarmitsuba render` wrote")
+        raise DataError(f"{path}: no such file; give the {wanted} file written by `sarmitsuba render`")
 
     def read(planes: bool) -> T:
         with h5py.File(path, "r") as file:
@@ -256,7 +256,7 @@ def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File
             return load(file, planes)
 
     try:
-        with h5py_lock:  # no other thread may hold it when the process forks
+        with h5py_lock:  # must not be held by another thread at the fork
             survive(path, lambda: read(planes=False))
         return read(planes=True)
     except (
@@ -291,15 +291,15 @@ def _write_planes(file: h5py.File, kind: _Kind, data: C64, layers: Sequence[Laye
         ]
         if path in made and picks != made[path]:
             raise DataError(
-                f"layers: {path} would be one of its own parts; keep all orders and subsets apart, or none"
+                f"layers: {path} is both a sum and a part; keep either all orders and subsets separate, or none"
             )
         made[path] = picks
     if len(set(paths)) < len(paths):
-        raise DataError("layers: two have the same channel, order and subset; add them up")
+        raise DataError("layers: two have the same channel, order and subset; sum them")
     _make_scales(file, kind)
     for path, picks in made.items():
         plane = data[picks[0]]
-        if len(picks) > 1:  # one plane at a time: no copy of all that are added
+        if len(picks) > 1:  # one plane at a time, without a copy of all of them
             plane = plane.copy()
             for i in picks[1:]:
                 plane += data[i]
@@ -312,7 +312,7 @@ def _write_planes(file: h5py.File, kind: _Kind, data: C64, layers: Sequence[Laye
         for name in file["subsets"]:
             file[f"subsets/{name}"].attrs["share"] = SUBSET_SHARES[int(name)]
     file["layers"] = paths
-    file["layers"].attrs["description"] = "planes that the program keeps apart when it reads this file"
+    file["layers"].attrs["description"] = "planes kept separate when the file is read"
 
 
 def _path_of(layer: Layer, root: str) -> str:
@@ -340,7 +340,7 @@ def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: C64) -> None:
 
 
 def _read_planes(file: h5py.File, kind: _Kind, planes_too: bool) -> tuple[C64, tuple[Layer, ...]]:
-    """Planes named in ``/layers``, or without it the channels; empty zeros unless wanted."""
+    """Planes named in ``/layers``, or without it the channels; without ``planes_too`` zeros without memory."""
     if groups.has(file, "layers"):
         names = groups.dataset(file, "layers").asstr()[()]
         paths = [str(name) for name in np.atleast_1d(names)]
@@ -364,13 +364,13 @@ def _read_planes(file: h5py.File, kind: _Kind, planes_too: bool) -> tuple[C64, t
             raise DataError(f"{path} is {plane.dtype} of shape {plane.shape}, not a plane of complex64")
         planes.append(plane)
     if not planes or len({plane.shape for plane in planes}) > 1:
-        raise DataError("there are no planes, or planes of several shapes")
+        raise DataError("no planes, or planes of several shapes")
     shape = (len(planes), *planes[0].shape)
     check_unpacked(math.prod(shape) * planes[0].dtype.itemsize, file.id.get_filesize())
     if not planes_too:
         for plane in planes:
             if plane.chunks is not None:
-                plane.id.get_num_chunks()  # goes through their index
+                plane.id.get_num_chunks()  # reads the index of chunks
         return np.broadcast_to(np.complex64(0.0), shape), tuple(layers)
     data = np.empty(shape, dtype=np.complex64)
     for row, plane in zip(data, planes, strict=True):
@@ -381,7 +381,7 @@ def _read_planes(file: h5py.File, kind: _Kind, planes_too: bool) -> tuple[C64, t
 def _write_metadata(file: h5py.File, metadata: Mapping[str, object]) -> None:
     file["metadata"] = json.dumps(to_json(metadata))
     file["metadata"].attrs["encoding"] = "JSON"
-    file["metadata"].attrs["description"] = "how it was made: settings, effects, notes, seconds"
+    file["metadata"].attrs["description"] = "origin of the data: settings, effects, notes, seconds"
 
 
 def _read_metadata(file: h5py.File) -> dict[str, Any]:
@@ -401,7 +401,7 @@ def _check_shape(where: str, shapes: Mapping[str, tuple[int, ...]], found: objec
 FORMATS.register(
     FileFormat(
         "hdf5",
-        "everything, to be read again; the standard of scientific data",
+        "complete data, readable again; the standard of scientific data",
         (".h5", ".hdf5"),
         write_raw=write_raw,
         read_raw=read_raw,

@@ -1,4 +1,4 @@
-"""MATLAB files with phase histories, as the public AFRL Gotcha volumetric data set is stored; see docs/files.md.
+"""MATLAB files with phase histories, in the layout of the public AFRL Gotcha volumetric data set; see docs/files.md.
 
 A struct ``data`` holds, per file (one degree of azimuth there), ``fp`` (frequency x pulse), ``freq``, the antenna's
 ``x``, ``y``, ``z`` and the motion-compensation range ``r0`` per pulse.
@@ -27,16 +27,16 @@ from sarmitsuba.radar.polarisation import CHANNELS
 _STRUCT = "data"
 _NEEDED = ("fp", "freq", "x", "y", "z", "r0")
 _PER_PULSE = ("x", "y", "z", "r0", "th", "phi")
-# names of a second antenna's position, x, y, z then being that of the other: a transmitter's, and a receiver's
+# names of a second antenna's coordinates: of the transmitter or of the receiver; x, y, z are those of the other antenna
 _TRANSMITTER = (("xt", "yt", "zt"), ("tx", "ty", "tz"))
 _RECEIVER = (("xr", "yr", "zr"), ("rx", "ry", "rz"))
 _CHANNEL = re.compile(rf"(?:^|[_\-.])({'|'.join(CHANNELS)})$", re.IGNORECASE)
 
 
 def read_raw(path: Path) -> RawData:
-    """Read one file, or a folder of them: in the order of their names (numbers count as numbers), per polarisation.
+    """Read one file, or a folder of files in natural order of their names, per polarisation.
 
-    The polarisation is what the file's name ends with, ``_HH``, ``_HV``, ``_RH`` ...; without it VV.
+    The polarisation is the ending of the file's name, ``_HH``, ``_HV``, ``_RH`` ...; without it VV.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def read_raw(path: Path) -> RawData:
     """
     files = sorted(path.glob("*.mat"), key=_natural) if os.path.isdir(path) else [path]
     if not files:
-        raise DataError(f"{path}: there is no .mat file in this folder")
+        raise DataError(f"{path}: no .mat file in this folder")
     parts: dict[str, list[PhaseHistory]] = {}
     for file in files:
         history = read_history(file)
@@ -54,7 +54,7 @@ def read_raw(path: Path) -> RawData:
 
 
 def read_history(path: Path) -> PhaseHistory:
-    """The phase history of one file."""
+    """Phase history of one file."""
     if not os.path.isfile(path):
         raise DataError(f"{path}: no such file; give a MATLAB file with phase histories, or a folder of them")
     try:
@@ -72,7 +72,7 @@ def _history(path: Path) -> PhaseHistory:
             f"{path}: {_STRUCT} has no {', '.join(missing)}; it has {', '.join(sorted(fields)) or 'no fields'}"
         )
     second = _second_antenna(path, fields)
-    if "af" in fields:  # the same text for every file, so that it is shown once
+    if "af" in fields:  # same text for all files: shown once
         warnings.warn(
             "phase histories: an autofocus solution, data.af, is not applied", SarmitsubaWarning, stacklevel=2
         )
@@ -114,7 +114,7 @@ def _history(path: Path) -> PhaseHistory:
 
 
 def _second_antenna(path: Path, fields: Mapping[str, object]) -> tuple[str, ...]:
-    """Names of the second antenna's coordinates; empty where one antenna sends and receives."""
+    """Names of the second antenna's coordinates; empty if one antenna transmits and receives."""
     found = [names for names in (*_TRANSMITTER, *_RECEIVER) if any(name in fields for name in names)]
     if not found:
         return ()
@@ -122,8 +122,8 @@ def _second_antenna(path: Path, fields: Mapping[str, object]) -> tuple[str, ...]
     if len(found) > 1 or missing:
         there = ", ".join(name for names in found for name in names if name in fields)
         raise DataError(
-            f"{path}: {there}: one antenna apart from x, y, z is taken, a transmitter (xt, yt, zt) or a "
-            "receiver (xr, yr, zr), with all three coordinates"
+            f"{path}: {there}: beside x, y, z one more antenna is supported, a transmitter (xt, yt, zt) or a receiver "
+            "(xr, yr, zr), with all three coordinates"
         )
     return found[0]
 
@@ -133,7 +133,7 @@ def _fields(path: Path) -> dict[str, object]:
     try:
         content = scipy.io.loadmat(path, variable_names=[_STRUCT])
     except NotImplementedError as error:
-        raise DataError(f"{path}: is of MATLAB's version 7.3; save it in MATLAB with -v7") from error
+        raise DataError(f"{path}: has MATLAB format 7.3; save it in MATLAB with -v7") from error
     except (
         ArithmeticError,
         AssertionError,
@@ -150,17 +150,17 @@ def _fields(path: Path) -> dict[str, object]:
     ) as error:  # exceptions of loadmat for damaged files
         reason = one_line(error, 300)
         raise DataError(
-            f"{path}: cannot be read as a MATLAB file, is it whole?: {reason or type(error).__name__}"
+            f"{path}: cannot be read as a MATLAB file, it may be damaged: {reason or type(error).__name__}"
         ) from error
     struct = content.get(_STRUCT)
     if not isinstance(struct, np.ndarray) or struct.dtype.names is None or struct.size != 1:
-        raise DataError(f"{path}: there is no struct {_STRUCT!r} of one element in it")
+        raise DataError(f"{path}: has no struct {_STRUCT!r} of one element")
     cell = struct.reshape(-1)[0]
     return {name: cell[name] for name in struct.dtype.names}
 
 
 def _numbers(path: Path, name: str, value: object) -> NDArray[np.number]:
-    """An array of numbers; a cell of one element is replaced by its content."""
+    """Array of numbers; a cell of one element is replaced by its content."""
     array = np.asarray(value)
     while array.dtype == object and array.size == 1:
         array = np.asarray(array.reshape(-1)[0])

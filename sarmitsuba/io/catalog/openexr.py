@@ -1,7 +1,7 @@
-"""OpenEXR picture of a complex image, for image tools: float32 channels with names.
+"""OpenEXR files of complex images, for image tools: named float32 channels.
 
-Rows are in display order, as in the quick-look: the flight direction up, range to the right. The first
-row is the last of the array; ``row_azimuth_m`` in the header counts them.
+Rows are in display order as in the quick-look: flight direction up, range to the right. The first row is the last of
+the array; ``row_azimuth_m`` in the header states the azimuth of the rows.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ from sarmitsuba.version import __version__
 
 
 def named_planes(image: SarImage) -> dict[str, C64]:
-    """Planes by EXR layer: ``VV``, and ``VV.order1`` ... where bounce orders are kept apart; subsets are added."""
+    """Planes by EXR layer: ``VV``, and ``VV.order1`` ... if bounce orders are kept separate; subsets are summed."""
     planes = {channel: image.total(channel) for channel in image.channels}
     for channel in image.channels:
         orders = {layer.order for layer in image.layers if layer.channel == channel and layer.order > 0}
@@ -44,12 +44,12 @@ def write(path: Path | str, image: SarImage) -> None:
     with atomic_path(path) as temporary:
         try:
             OpenEXR.File(header, channels).write(str(temporary))
-        except RuntimeError as error:  # OpenEXR's own word for a failed write
+        except RuntimeError as error:  # raised by OpenEXR for failed writes
             raise OutputError(f"{path}: cannot write: {' '.join(str(error).split())}") from error
 
 
 def _where(image: SarImage) -> dict[str, object]:
-    """Header of the pixels' positions, frame of the scene's file; only vectors keep double precision in EXR.
+    """Header with the pixel positions, in the frame of the scene's file; only vectors have double precision in EXR.
 
     Notes
     -----

@@ -1,8 +1,8 @@
-"""SICD 1.3, the NGA's standard for complex images (NITF): writing and reading; see docs/files.md.
+"""SICD 1.3, the NGA standard for complex images (NITF): writing and reading; see docs/files.md.
 
 One file holds one polarisation. Pixels are those of the image times ``exp(-j 2 pi K . x)`` with the centre K of their
-spatial frequencies (``KCtr``) and x counted from the scene centre point: the standard needs them at baseband, while
-backprojected pixels are at the carrier.
+spatial frequencies (``KCtr``) and x relative to the scene centre point: the standard requires baseband pixels, while
+backprojected pixels have the carrier.
 """
 
 from pathlib import Path
@@ -23,12 +23,12 @@ from sarmitsuba.radar.radar import Radar
 
 
 def write_image(path: Path, image: SarImage) -> None:
-    """Write an image; several channels go into separate files, ``NAME_HH.nitf`` and so on.
+    """Write an image; several channels are written to separate files, ``NAME_HH.nitf`` and so on.
 
     Raises
     ------
     DataError
-        The image has no flight metadata, its slant-range pixels are from a track that is not straight and level, or
+        The image has no flight metadata, its pixels are in slant range of a track that is not straight and level, or
         sarkit is missing.
     """
     sarkit = formats_package("sarkit.sicd", f"{path}: SICD files need")
@@ -56,7 +56,7 @@ def write_image(path: Path, image: SarImage) -> None:
 
 
 def objection(radar: Radar, kind: str) -> str:
-    """Reason why an image on a kind of grid cannot be written, known before it is made; empty where it can."""
+    """Reason why an image on a kind of grid cannot be written, for checks before a run; empty where it can."""
     return _without_grid(kind, Collection.read({**signal_facts(radar), **flight_facts(radar)}, "the radar"))
 
 
@@ -64,13 +64,13 @@ def _without_grid(kind: str, flight: Collection) -> str:
     if kind != "slant" or flight.straight_and_level:
         return ""
     return (
-        "the track is curved or climbs, and SICD has no grid for slant-range pixels then; set image_grid = ground in "
-        "the range_film (-D range_film.image_grid=ground), or focus the raw data with --grid ground"
+        "SICD has no slant-range grid for a track that is curved or climbs; set image_grid = ground in the range_film "
+        "(-D range_film.image_grid=ground), or focus the raw data with --grid ground"
     )
 
 
 def baseband(pixels: C64, axes: Axes) -> C64:
-    """Baseband pixels (rows, columns) of the file from (azimuth, range) pixels."""
+    """Convert pixels (azimuth, range) to the baseband pixels (rows, columns) of the file."""
     array = (pixels[::-1] if axes.turned else pixels).T
     rows, columns = axes.ramp(array.shape)
     return np.asarray(array * np.exp(-2j * np.pi * rows)[:, None] * np.exp(-2j * np.pi * columns)).astype(
@@ -84,12 +84,12 @@ def read_image(path: Path) -> SarImage:
     Raises
     ------
     DataError
-        The file is damaged or of another kind, its pixels stand on another grid, or sarkit is missing.
+        The file is damaged or of another format, its pixels are on another grid, or sarkit is missing.
 
     Notes
     -----
-    ``sigma0`` takes the incidence angle of the scene centre point at every pixel; radiometric polynomials other than a
-    constant RCS factor are not applied.
+    ``sigma0`` uses the incidence angle of the scene centre point at every pixel; of the radiometric polynomials only a
+    constant RCS factor is applied.
     """
     sarkit = formats_package("sarkit.sicd", f"{path}: SICD files need")
     try:
@@ -109,7 +109,7 @@ def read_image(path: Path) -> SarImage:
             pixels = pixels["real"] + 1j * pixels["imag"].astype(np.float32)
         if not np.iscomplexobj(pixels):
             raise DataError(
-                f"{path}: pixels given by amplitude and phase tables are not read; convert to RE32F_IM32F"
+                f"{path}: pixels by amplitude and phase tables are not supported; convert them to RE32F_IM32F"
             )
         return image_of(sarkit.ElementWrapper(tree.getroot()), pixels.astype(np.complex64), str(path))
     except DAMAGED as error:
