@@ -1,1 +1,1 @@
-"""Calibrated complex images, their radiometry and their quality."""
+"""Calibrated complex images, their radiometry and quality."""

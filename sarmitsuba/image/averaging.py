@@ -1,4 +1,4 @@
-"""Means of neighbouring pixels: over blocks that lie side by side, or over a window centred on every pixel."""
+"""Means of neighbouring pixels: over adjacent blocks, or over a window centred on every pixel."""
 
 from typing import Literal
 
@@ -10,7 +10,7 @@ from sarmitsuba.arrays import F64
 
 
 def block_means(values: NDArray[np.floating], block: tuple[int, int]) -> F64:
-    """Means over blocks of rows and columns; remainders at the far ends are dropped.
+    """Means over blocks of rows and columns; incomplete blocks at the far ends are dropped.
 
     Their centres are those of :func:`block_middles`.
     """
@@ -20,7 +20,7 @@ def block_means(values: NDArray[np.floating], block: tuple[int, int]) -> F64:
 
 
 def block_middles(axis: F64, n: int) -> F64:
-    """(size // n,) middles of blocks of n pixels, from the (size,) middles of the pixels."""
+    """Centres of blocks of n pixels, (size // n,), from the centres of the pixels, (size,)."""
     blocks = axis.size // n
     return np.asarray(axis[: blocks * n].reshape(blocks, n).mean(axis=1))
 
@@ -28,12 +28,12 @@ def block_middles(axis: F64, n: int) -> F64:
 def sliding_means(
     values: NDArray[np.floating], widths: tuple[float, float], rim: Literal["nearest", "reflect"]
 ) -> F64:
-    r"""Means over a window of ``widths`` pixels (rows, columns) whose middle is the middle of every pixel.
+    r"""Means over a window of ``widths`` pixels (rows, columns) centred on every pixel.
 
     .. math:: \bar x_i = \frac{1}{w} \sum_j x_j \, |[i - w/2, i + w/2] \cap [j - 1/2, j + 1/2]|
 
-    A pixel at the window's end counts by its part inside, so that a window of an even or fractional number of pixels
-    causes no shift.
+    A pixel at the window's end is weighted by its part inside, so that windows of an even or fractional number of
+    pixels cause no shift.
 
     Parameters
     ----------

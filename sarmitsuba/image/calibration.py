@@ -16,7 +16,7 @@ QUANTITIES: tuple[str, ...] = ("rcs", "sigma0", "beta0", "gamma0")
 def backscatter(image: SarImage, quantity: Quantity = "sigma0", channel: str | None = None) -> F64:
     r"""Intensity of an image as a radiometric quantity, linear, (n_azimuth, n_range) float64.
 
-    ``rcs``: m^2 of a point at its peak; ``sigma0``: per ground area, :math:`\sigma^0 = |I|^2 / A`;
+    ``rcs``: of a point at its peak, m^2; ``sigma0``: per ground area, :math:`\sigma^0 = |I|^2 / A`;
     ``beta0``: per slant-plane area, :math:`\beta^0 = \sigma^0 / \sin\theta_i`; ``gamma0``: per area across the line of
     sight, :math:`\gamma^0 = \sigma^0 / \cos\theta_i`.
 

@@ -1,4 +1,4 @@
-"""Image quality: point targets, coherence, error against a reference, looks."""
+"""Image quality: impulse response, coherence, error against a reference, equivalent number of looks."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ from sarmitsuba.arrays import C128, F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 
-# samples of a cut per pixel of the chip
+# samples of a cut per pixel
 _FINE = 32
 
 
 @dataclass(frozen=True)
 class CutMetrics:
-    """Impulse response along one line through the peak.
+    """Quality measures of the impulse response along one line through the peak.
 
     Parameters
     ----------
     irw : m, -3 dB width
-    pslr_db : highest sidelobe beyond the first nulls over the peak
-    islr_null_db : energy beyond the first nulls over that between them
-    islr_2irw_db : energy beyond ``|x| = irw`` over that within, as far as ``extent``
-    islr_20irw_db : as ``islr_2irw_db``, with side lobes counted only to ``|x| = 10 irw``; NaN where the chip is smaller
+    pslr_db : peak sidelobe ratio: highest sidelobe beyond the first nulls over the peak
+    islr_null_db : integrated sidelobe ratio: energy beyond the first nulls over that between them
+    islr_2irw_db : energy beyond ``|x| = irw``, up to ``extent``, over that within
+    islr_20irw_db : as ``islr_2irw_db``, with side lobes up to ``|x| = 10 irw``; NaN where the chip is smaller
     extent : m, slant range of the cut
     """
 
@@ -45,7 +45,7 @@ class PointTargetMetrics:
     azimuth_position, range_position : m in the grid's coordinates, of the interpolated peak
     azimuth_index, range_index : the same in pixels
     rcs : m^2, |peak|^2
-    phase : rad, of the peak (with the image's own range carrier at that place)
+    phase : rad, of the peak (with the image's range carrier at that position)
     azimuth, range : cuts along the azimuth and range lobes
     """
 
@@ -69,8 +69,8 @@ class Chip:
 
     Notes
     -----
-    The spectrum is centred first (circular centroid of its energy along each axis), so that a carrier, as every
-    focused image has, does not matter. The chip is taken as periodic: keep the target far from its edges.
+    The spectrum is centred first (circular centroid of its energy along each axis), which removes the carrier of a
+    focused image. The chip is taken as periodic: keep the target far from its edges.
     """
 
     def __init__(self, data: NDArray[np.number], row: int = 0, column: int = 0) -> None:
@@ -135,9 +135,9 @@ def point_target(
     ----------
     data : (n_azimuth, n_range) complex
     azimuth_spacing, range_spacing : pixel spacings, m
-    near : (row, column) near the target; default: the brightest pixel. With ``near``, the brightest within 4 pixels
+    near : (row, column) within 4 pixels of the target; default: the brightest pixel
     chip : edge of the analysed square, pixels
-    azimuth_direction, range_direction : (azimuth, range) in metres along the sidelobes; turned when squinted
+    azimuth_direction, range_direction : (azimuth, range) in metres along the sidelobes; rotated by squint
 
     Returns
     -------
@@ -165,7 +165,7 @@ def point_target(
     piece = Chip(data[row : row + chip, column : column + chip], row, column)
     if min(piece.data.shape) < 8 or not np.abs(piece.data).max() > 0.0:
         raise DataError(
-            "point target: the image around it is smaller than 8 pixels or empty; choose a point farther inside"
+            "point target: the chip around it is smaller than 8 pixels or empty; choose a point farther inside"
         )
     top, left = piece.peak(float(i), float(j))
     value = complex(piece.at([top], [left])[0])
@@ -202,7 +202,7 @@ def point_target_in(
     channel : default the first
     near : (azimuth, range) in the grid's coordinates, m; default: the brightest pixel
     chip : edge of the analysed square, pixels
-    squint_angle : rad, positive forward; turns the cuts onto the lobes of a squinted image on a slant grid
+    squint_angle : rad, positive forward; rotates the cuts onto the lobes of a squinted image on a slant grid
     """
     grid = image.grid
     start = np.array([grid.azimuth[0], grid.range[0]])
@@ -235,7 +235,7 @@ def _start(center: int, size: int, chip: int) -> int:
 
 
 def _cut(piece: Chip, peak: tuple[float, float], direction: F64, spacing: F64) -> CutMetrics:
-    """Metrics along a line through the peak; the cut ends where it leaves the chip."""
+    """Metrics along a line through the peak, up to the edges of the chip."""
     rate = direction / np.linalg.norm(direction) / spacing  # pixels per metre
     origin = np.array([piece.row, piece.column])
     room = np.minimum(np.array(peak) - origin, origin + np.array(piece.data.shape) - 1 - np.array(peak))
@@ -304,7 +304,7 @@ def coherence(a: NDArray[np.number], b: NDArray[np.number]) -> float:
 
 
 def image_error_db(a: NDArray[np.number], reference: NDArray[np.number]) -> float:
-    r"""Relative error of an image, :math:`20 \log_{10} (\|a - b\| / \|b\|)`, dB; -inf when they are equal."""
+    r"""Relative error of an image, :math:`20 \log_{10} (\|a - b\| / \|b\|)`, dB; -inf if both are equal."""
     x, y = _pair(a, reference)
     norm = float(np.linalg.norm(y))
     if norm == 0.0:
@@ -314,7 +314,7 @@ def image_error_db(a: NDArray[np.number], reference: NDArray[np.number]) -> floa
 
 
 def equivalent_number_of_looks(intensity: NDArray[np.number]) -> float:
-    r"""Looks of a homogeneous area from its intensity, :math:`\langle I \rangle^2 / \mathrm{var}(I)`."""
+    r"""Equivalent number of looks of a homogeneous area, :math:`\langle I \rangle^2 / \mathrm{var}(I)`."""
     values = np.asarray(intensity, dtype=np.float64)
     variance = float(values.var())
     return float(values.mean() ** 2 / variance) if variance > 0.0 else float("inf")

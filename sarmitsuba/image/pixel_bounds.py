@@ -1,4 +1,4 @@
-"""Bounds of an image's numbers, checked for every file before use."""
+"""Bounds of an image's grid and calibration, checked for every file before use."""
 
 import numpy as np
 
@@ -8,9 +8,9 @@ from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.validity import check_anchor, check_bounds
 
 _FARTHEST = 1e10  # m
-# tolerance of unit vectors, and of steps along an axis over their mean: stored in float32
+# relative tolerance of unit vectors, and of steps along an axis, which may be stored in float32
 _ROUGH = 1e-3
-# float64 rounding of a coordinate over its size, in steps
+# float64 rounding errors allowed in a step
 _ROUNDING = 8.0 * np.finfo(np.float64).eps
 
 
@@ -27,25 +27,25 @@ def check_grid(grid: ImageGrid) -> None:
         One line: name, value and bounds.
     """
     if grid.kind not in ("slant", "ground"):
-        raise DataError(f'image grid: kind "{one_line(grid.kind)}" is neither slant nor ground')
+        raise DataError(f'image grid: kind "{one_line(grid.kind)}" is unknown; choose slant or ground')
     for name in ("azimuth", "range"):
         axis = getattr(grid, name)
         if axis.ndim != 1 or not axis.size or not (np.abs(axis) <= _FARTHEST).all():
-            raise DataError(f"image grid: {name} of shape {axis.shape} is no axis of finite metres")
+            raise DataError(f"image grid: {name} of shape {axis.shape} is not one axis of finite numbers, m")
         steps = np.diff(axis)
         if not steps.size:
             continue
         uneven = _ROUGH * steps.mean() + _ROUNDING * np.abs(axis).max()
         if not (steps > 0.0).all() or np.ptp(steps) > uneven:
             raise DataError(
-                f"image grid: {name} goes in steps of {steps.min():g} to {steps.max():g} m; they must be even, and "
+                f"image grid: {name} has steps of {steps.min():g} to {steps.max():g} m; they must be uniform and "
                 "above 0"
             )
     vectors = np.stack([grid.along, grid.across])
     if vectors.shape != (2, 3) or not np.allclose(vectors @ vectors.T, np.eye(2), rtol=0.0, atol=_ROUGH):
-        raise DataError("image grid: along and across must be unit vectors, square to each other")
+        raise DataError("image grid: along and across must be orthogonal unit vectors")
     if not (np.abs([*grid.origin, *grid.offset, grid.height]) <= _FARTHEST).all():
-        raise DataError(f"image grid: origin, offset or height lies beyond {_FARTHEST:g} m, or is none")
+        raise DataError(f"image grid: origin, offset or height is beyond {_FARTHEST:g} m or not a number")
     check_anchor(grid.anchor)
 
 

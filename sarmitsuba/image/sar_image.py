@@ -1,4 +1,4 @@
-"""Focused complex image and its grid."""
+"""Focused complex image and its pixel grid."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ Quantity = Literal["sigma0", "rcs"]
 
 @dataclass(frozen=True, eq=False)
 class ImageGrid:
-    """Grid of the pixels' positions in the scene.
+    """Grid of pixel positions in the scene.
 
     ``slant``: zero-Doppler coordinates of a straight reference track: along-track position x from ``origin``
     (the mid-aperture antenna position) and slant range r of closest approach, on the horizontal plane z = ``height``.
@@ -33,8 +33,8 @@ class ImageGrid:
     origin : (3,) float64, m, scene frame
     along, across : (3,) float64 horizontal unit vectors, scene frame; across points to the look side
     height : m, scene frame
-    offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
-    anchor : place on the Earth of the origin of the frame of the user's file
+    offset : (3,) float64, m; positions in the frame of the user's file are these + offset
+    anchor : geodetic position of the origin of the frame of the user's file
     """
 
     kind: Literal["slant", "ground"]
@@ -48,11 +48,11 @@ class ImageGrid:
     anchor: Anchor = field(default_factory=Anchor)
 
     def in_frame(self, offset: F64) -> "ImageGrid":
-        """The grid in the frame of another offset; zeros: the frame of the user's file.
+        """Grid in the frame of another offset; zeros: the frame of the user's file.
 
         Parameters
         ----------
-        offset : (3,) float64, m; that of the radar whose data are focused here
+        offset : (3,) float64, m; that of the radar whose data are focused
         """
         shift = self.offset - offset
         if not shift.any():
@@ -81,7 +81,7 @@ class ImageGrid:
         return float(self.range[1] - self.range[0]) if self.range.size > 1 else 1.0
 
     def across_distance(self) -> F64:
-        """(n_range,) float64 horizontal across-track distance of each range column from ``origin``, m."""
+        """Horizontal across-track distance of each range column from ``origin``, (n_range,) float64, m."""
         if self.kind == "ground":
             return self.range
         drop = self.origin[2] - self.height
@@ -94,18 +94,18 @@ class ImageGrid:
         return np.asarray(np.sqrt(square))
 
     def positions_on_line(self, row: int) -> F64:
-        """(n_range, 3) float64 scene-frame positions of one azimuth row."""
+        """Scene-frame positions of one azimuth row, (n_range, 3) float64, m."""
         flat = self.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, self.height])
         return np.asarray(
             flat + self.azimuth[row] * self.along + self.across_distance()[:, None] * self.across
         )
 
     def geodetic(self) -> F64:
-        """(n_azimuth, n_range, 3) float64 WGS-84 latitude and longitude (rad) and height (m) of every pixel."""
+        """WGS-84 latitude, longitude (rad) and height (m) of every pixel, (n_azimuth, n_range, 3) float64."""
         return self.anchor.to_geodetic(self.positions() + self.offset)
 
     def positions(self) -> F64:
-        """(n_azimuth, n_range, 3) float64 scene-frame position of every pixel."""
+        """Scene-frame position of every pixel, (n_azimuth, n_range, 3) float64, m."""
         flat = self.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, self.height])
         return np.asarray(
             flat
@@ -116,7 +116,7 @@ class ImageGrid:
 
 @dataclass(frozen=True, eq=False)
 class SarImage:
-    """A calibrated complex image: ``|pixel|^2`` is the radar cross section in m^2 of a point target at its peak.
+    """Calibrated complex image: ``|pixel|^2`` is the radar cross section, m^2, of a point target at its peak.
 
     Parameters
     ----------
@@ -124,15 +124,15 @@ class SarImage:
     layers : n_layers labels
     grid : positions of the pixels
     wavelength : m
-    azimuth_resolution_cell, range_resolution_cell : noise-equivalent widths of the impulse response, m; the range one
-        is in slant range
+    azimuth_resolution_cell, range_resolution_cell : noise-equivalent widths of the impulse response, m; range in slant
+        range
     incidence_angle : (n_range,) float64, rad, at mid-aperture on the grid's plane; converts RCS to sigma0
-    metadata : JSON-able facts
+    metadata : values for JSON
 
     Notes
     -----
-    ``sigma0 = |pixel|^2 / (azimuth_resolution_cell * range_resolution_cell / sin(incidence_angle))``: distributed
-    clutter of normalised cross section sigma0 has that mean on flat ground. Terrain slope is ignored.
+    ``sigma0 = |pixel|^2 / (azimuth_resolution_cell * range_resolution_cell / sin(incidence_angle))``: its mean over
+    clutter on flat ground is the normalised cross section. Terrain slope is ignored.
     """
 
     data: C64
@@ -159,39 +159,38 @@ class SarImage:
         return png
 
     def save(self, path: Path | str, *, format: str | None = None) -> None:
-        """Write to a file (``.h5`` keeps everything), as :func:`sarmitsuba.write_image` does."""
+        """Write to a file (``.h5`` holds all data), as :func:`sarmitsuba.write_image`."""
         late("sarmitsuba.io", "write_image")(self, path, format=format)
 
     @staticmethod
     def load(path: Path | str, *, format: str | None = None) -> "SarImage":
-        """Read from a file, as :func:`sarmitsuba.read_image` does."""
+        """Read from a file, as :func:`sarmitsuba.read_image`."""
         image = late("sarmitsuba.io", "read_image")(path, format=format)
         assert isinstance(image, SarImage)
         return image
 
     def to_xarray(self) -> object:
-        """The channels as an ``xarray.DataArray`` (channel, azimuth, range), complex64, m (root of RCS).
+        """Image as an ``xarray.DataArray`` (channel, azimuth, range), complex64, m (square root of RCS).
 
-        Coordinates carry their units; latitude and longitude (deg) belong to every pixel. Needs xarray (the extra
-        ``formats``).
+        Coordinates have units; every pixel has latitude and longitude (deg). Needs xarray (the extra ``formats``).
         """
         return late("sarmitsuba.io.labelled", "labelled_image")(self)
 
     def plot(self, path: Path | str | None = None, *, channel: str | None = None) -> object:
         """Quick-look of a channel (default: the first) as a Matplotlib ``Figure``, written to ``path`` if given.
 
-        The figure belongs to no window; notebooks show it. For its options see :mod:`sarmitsuba.view.quicklook`.
+        The figure opens no window; notebooks show it. For its options see :mod:`sarmitsuba.view.quicklook`.
         """
         return late("sarmitsuba.view.notebook", "image_figure")(self, path, channel)
 
     def to_db(self, channel: str | None = None, quantity: Quantity = "sigma0", floor: float = -np.inf) -> F64:
-        """(n_azimuth, n_range) float64, dB of 1 (``sigma0``) or of 1 m^2 (``rcs``); nothing falls below ``floor``."""
+        """Intensity in dB of 1 (``sigma0``) or of 1 m^2 (``rcs``), at least ``floor``, (n_azimuth, n_range) float64."""
         return to_db(_power(self, channel, quantity), floor)
 
     def multilook(
         self, azimuth: int, range: int, channel: str | None = None, quantity: Quantity = "sigma0"
     ) -> "Multilook":
-        """Mean power of blocks of ``azimuth`` x ``range`` pixels; remainders at the far ends are dropped.
+        """Mean power of blocks of ``azimuth`` x ``range`` pixels; incomplete blocks at the far ends are dropped.
 
         Raises
         ------
@@ -213,7 +212,7 @@ class SarImage:
 
     @property
     def anchor(self) -> Anchor:
-        """Place on the Earth of the origin of the file's frame."""
+        """Geodetic position of the origin of the file's frame."""
         return self.grid.anchor
 
     @property
@@ -226,15 +225,15 @@ class SarImage:
         return sum_of_channel(self.data, self.layers, channel, "image")
 
     def rcs(self, channel: str | None = None) -> F64:
-        """Squared magnitude of every pixel, m^2."""
+        """Radar cross section: squared magnitude of every pixel, m^2."""
         return np.abs(self.total(channel).astype(np.complex128)) ** 2
 
     @property
     def cell_area(self) -> F64:
-        """Ground area of the resolution cell, m^2, (n_azimuth, n_range) float64: sigma0 is RCS over it.
+        """Ground area of the resolution cell, m^2, (n_azimuth, n_range) float64: sigma0 is RCS over this area.
 
-        The azimuth cell is that of the image's centre; where the focuser recorded how it varies over range (a fixed
-        aperture has a cell proportional to range) and over rows (which may lack part of the aperture), that is applied.
+        The azimuth cell is that of the image's centre, multiplied by its variation over range (for a fixed aperture the
+        cell is proportional to range) and over rows (which may lack part of the aperture) if the focuser recorded it.
         """
         azimuth = np.full(self.grid.range.shape, self.azimuth_resolution_cell)
         fit = self.metadata.get("focus", {}).get("azimuth_cell_polynomial")
@@ -256,12 +255,12 @@ class SarImage:
 
 def _power(image: SarImage, channel: str | None, quantity: Quantity) -> F64:
     if quantity not in ("sigma0", "rcs"):
-        raise DataError(f"image: quantity {quantity!r} is unknown; it is sigma0 or rcs")
+        raise DataError(f"image: quantity {quantity!r} is unknown; choose sigma0 or rcs")
     return image.rcs(channel) if quantity == "rcs" else image.sigma0(channel)
 
 
 def to_db(power: F64, floor: float = -np.inf) -> F64:
-    """Power in dB; zero is ``floor``."""
+    """Power in dB, at least ``floor``."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.maximum(10.0 * np.log10(power), floor))
 
@@ -273,8 +272,8 @@ class Multilook:
     Parameters
     ----------
     power : (n_azimuth, n_range) float64, linear
-    azimuth, range : float64, m, middles of the blocks on the image's axes
-    channel, quantity : ``sigma0``, or ``rcs`` in m^2, of which polarisation
+    azimuth, range : float64, m, centres of the blocks on the image's axes
+    channel, quantity : polarisation; ``sigma0``, or ``rcs`` in m^2
     """
 
     power: F64
@@ -287,5 +286,5 @@ class Multilook:
         return f"Multilook({self.channel} {self.quantity}: {self.azimuth.size} x {self.range.size} blocks)"
 
     def to_db(self, floor: float = -np.inf) -> F64:
-        """The power in dB; nothing falls below ``floor``."""
+        """Power in dB, at least ``floor``."""
         return to_db(self.power, floor)

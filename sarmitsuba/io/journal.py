@@ -64,8 +64,8 @@ class Journal:
         ):  # an incomplete magic line is left by a process killed while creating the journal
             self._file.close()
             raise OutputError(
-                f"{self.path}: would be overwritten, but was not written by the program here; move it, or choose another "
-                "-o"
+                f"{self.path}: this file was not written by the program here, and would be lost; move it, or choose "
+                "another -o"
             )
         self._end = len(MAGIC)
         if head == MAGIC:

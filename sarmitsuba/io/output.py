@@ -20,7 +20,7 @@ from sarmitsuba.regular_files import read_text
 from sarmitsuba.unfinished import removed_if_stopped
 
 MANIFEST = ".sarmitsuba.json"
-_ON_THE_WAY = -1  # size in the list of a file being written: it may be old, new or missing
+_INCOMPLETE = -1  # size in the list of a file being written: it may be old, new or missing
 # names written by commands: a manipulated list cannot claim other files
 RESULTS = re.compile(
     r"(raw|image|second_on_first|quicklook|focusers|page|parameters|passes|quality|interferogram|heights|rcs|cost|"
@@ -78,7 +78,7 @@ class OutputFolder:
     def owns(self, name: str) -> bool:
         """Whether the program wrote that file, and it is unchanged."""
         path = self.path / name
-        return _is_plain(path) and self._bytes.get(name) in (_ON_THE_WAY, path.stat().st_size)
+        return _is_plain(path) and self._bytes.get(name) in (_INCOMPLETE, path.stat().st_size)
 
     @property
     def listed(self) -> tuple[str, ...]:
@@ -95,8 +95,8 @@ class OutputFolder:
         for name in names:
             if os.path.lexists(self.path / name) and not self.owns(name):
                 raise OutputError(
-                    f"{self.path / name}: would be overwritten, but was not written by the program here; move it, or choose "
-                    "another -o"
+                    f"{self.path / name}: this file was not written by the program here, and would be lost; move "
+                    "it, or choose another -o"
                 )
 
     def adopt(self, names: Iterable[str]) -> None:
@@ -171,7 +171,7 @@ class OutputFolder:
         for name in names:
             if not self._written.fullmatch(name):
                 raise ValueError(f"{name}: not a name of a result")
-        self._bytes |= dict.fromkeys(names, _ON_THE_WAY)
+        self._bytes |= dict.fromkeys(names, _INCOMPLETE)
         self._save()
 
     def drop(self, names: Iterable[str]) -> None:

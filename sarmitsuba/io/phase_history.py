@@ -175,8 +175,8 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
 
     Returns
     -------
-    RawData, range compressed, with isotropic antennas, that of the longer track first; a focused pixel has the amplitude
-    of F, so that |pixel|^2 is in m^2 only if |F|^2 is (:func:`sarmitsuba.image.calibration.calibrate`)
+    RawData, range compressed, with isotropic antennas, that of the longer track first; a focused pixel has the
+    amplitude of F, so that |pixel|^2 is in m^2 only if |F|^2 is (:func:`sarmitsuba.image.calibration.calibrate`)
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""The studio: a web page on this machine with sliders that simulates a scene again at every change."""
+"""The studio: a local web page with sliders that simulates a scene again at every change."""

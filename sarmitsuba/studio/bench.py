@@ -1,7 +1,6 @@
-"""State of the studio as a scene file, and its simulated view.
+"""Slider state of the studio as a scene file, and its simulated view.
 
-A state is written as a scene file and simulated from that file, so that the file which a user saves gives the same
-image to the bit.
+A state is written as a scene file and simulated from it, so that a saved file gives an identical image.
 """
 
 import dataclasses
@@ -29,13 +28,13 @@ from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
 from sarmitsuba.timing import Clock
 
-# that of the command `render`
+# default window of the command `render`
 WINDOW = "taylor"
-# rays of the RCS that is shown; `rcs` takes more
+# rays of the displayed RCS; `rcs` uses more
 RCS_RAYS = 100_000
-# of a scene whose file holds no radar
+# radar of a scene whose file has none
 RADAR = "airborne_x"
-# what a surface keeps of its parameters when it is made of something else: how rough it is
+# parameters of a surface that are kept when its material changes: its roughness
 _MADE_OF = ("material", "permittivity_real", "permittivity_imag", "conductivity")
 
 
@@ -45,7 +44,7 @@ class BenchState:
 
     Parameters
     ----------
-    source : scene file that the geometry comes from
+    source : scene file of the geometry
     look_angle_deg, heading_deg : of the radar, as in ``sar_antenna``
     look_side : of the flight direction
     mode : of the beam, as in ``sar_antenna``
@@ -54,8 +53,8 @@ class BenchState:
     resolution : m, slant-range and azimuth cell
     polarisation : one channel
     max_depth : most bounces; 0 = automatic
-    size : factor on all coordinates of the file
-    materials : of surfaces by the ids of their BSDFs; those that are not named stay as they are
+    size : scale factor of all coordinates of the file
+    materials : of surfaces by the ids of their BSDFs; others are unchanged
     method : of simulation
     """
 
@@ -80,10 +79,10 @@ class View:
 
     Parameters
     ----------
-    state, scene : what was simulated
-    image : on the ground
-    rcs : of everything in the scene from the middle of the aperture, bounce orders apart
-    seconds : that simulating and loading took
+    state, scene : simulated state and its scene
+    image : on a ground grid
+    rcs : of the whole scene from the middle of the aperture, by bounce order
+    seconds : time for loading and simulating
     """
 
     state: BenchState
@@ -94,17 +93,17 @@ class View:
 
 
 def first_state(source: str) -> BenchState:
-    """The state that shows a scene as its own radar sees it; a scene without a radar is seen by ``airborne_x``.
+    """Initial state of a scene with the radar of its file, or ``airborne_x`` if it has none.
 
     Raises
     ------
     SceneError, RadarError
-        The scene cannot be read, or is a mesh.
+        The scene cannot be read, or is a mesh file.
     """
     path = resolve(source)
     if is_mesh_file(path):
         raise SceneError(
-            f"{path.name}: the studio takes scene files; write one that names the mesh in a shape, such as "
+            f"{path.name}: the studio needs a scene file; write one with the mesh as a shape, such as "
             f'<shape type="ply"><string name="filename" value="{path.name}"/></shape>'
         )
     has_radar = any(node.get("type") == "sar_antenna" for node in _parsed(path).iter("sensor"))
@@ -126,20 +125,20 @@ def first_state(source: str) -> BenchState:
 
 
 def surfaces(source: Path) -> tuple[str, ...]:
-    """Ids of the BSDFs of a scene file, whose materials can be changed."""
+    """Ids of the BSDFs of a scene file whose materials can be changed."""
     return tuple(node.attrib["id"] for node in _parsed(source).findall("bsdf") if "id" in node.attrib)
 
 
 def scene_xml(state: BenchState) -> str:
-    """The state as a scene file.
+    """Text of the scene file of a state.
 
-    Radar and integrator are those of the studio; shapes and BSDFs are those of the source, scaled about the
-    origin and made of what the state says. Paths of meshes are absolute.
+    Radar and integrator are those of the studio; shapes and BSDFs are those of the source, scaled about the origin,
+    with the materials of the state. Paths of meshes are absolute.
 
     Raises
     ------
     SceneError
-        The source is not well-formed XML, or a material is given to a surface that is not there.
+        The source is not well-formed XML, or a material is given for an unknown surface.
     """
     root = _parsed(state.source)
     for kind in ("sensor", "integrator", "film"):
@@ -148,7 +147,7 @@ def scene_xml(state: BenchState) -> str:
     known = surfaces(state.source)
     for name, material in state.materials.items():
         if name not in known:
-            raise SceneError(f'{state.source.name}: there is no bsdf "{name}"; there are {", ".join(known)}')
+            raise SceneError(f'{state.source.name}: has no bsdf "{name}"; it has {", ".join(known)}')
         _made_of(next(node for node in root.findall("bsdf") if node.get("id") == name), material)
     for shape in root.findall("shape"):
         if state.size != 1.0:
@@ -168,7 +167,7 @@ def scene_xml(state: BenchState) -> str:
 
 
 def command(path: Path) -> str:
-    """The command line that makes the studio's image from a saved state."""
+    """Command line that renders the studio's image from a saved state."""
     source, out = shlex.quote(str(path)), shlex.quote(str(path.with_suffix("")))
     return f"python -m sarmitsuba render {source} -o {out} --no-error-bars --window {WINDOW}"
 
@@ -183,7 +182,7 @@ def save(state: BenchState, folder: Path, stem: str = "bench") -> Path:
 
 
 def view_of(state: BenchState, folder: Path, *, clock: Clock = time.perf_counter) -> View:
-    """Simulate a state from the scene file that it is, written into a folder.
+    """Write the scene file of a state into a folder, and simulate it.
 
     Raises
     ------
@@ -197,7 +196,7 @@ def view_of(state: BenchState, folder: Path, *, clock: Clock = time.perf_counter
     image = render(scene, range_window=WINDOW, azimuth_window=WINDOW)
     line = scene.radar.track.center_position - scene.radar.aim_point
     azimuth, elevation = np.arctan2(line[1], line[0]), np.arctan2(line[2], np.hypot(line[0], line[1]))
-    # scatterers as wide as the image's: a third of a wavelength, as for many aspects, would take most of the time
+    # the scatterer cell of the image: a third of a wavelength, as for many aspects, would take most of the time
     settings = dataclasses.replace(scene.settings, scatterer_cell=0.5 * state.resolution)
     rcs = rcs_sweep(
         dataclasses.replace(scene, settings=settings),
@@ -251,7 +250,7 @@ def _element(kind: str, plugin: str, values: Mapping[str, str | float | int]) ->
 
 
 def _made_of(node: ET.Element, material: str) -> None:
-    """Give a BSDF another material; its roughness stays where it has any."""
+    """Change the material of a BSDF; its roughness is kept."""
     ours = node.get("type") == RADAR_MATERIAL.plugin
     for child in list(node):
         if not ours or child.get("name") in _MADE_OF:
@@ -261,7 +260,7 @@ def _made_of(node: ET.Element, material: str) -> None:
 
 
 def _scaled(shape: ET.Element, size: float) -> None:
-    """Scale a shape about the origin, after all that places it."""
+    """Scale a shape about the origin, after its other transforms."""
     transform = next((node for node in shape.findall("transform") if node.get("name") == "to_world"), None)
     if transform is None:
         transform = ET.SubElement(shape, "transform", {"name": "to_world"})

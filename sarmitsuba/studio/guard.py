@@ -1,4 +1,4 @@
-"""Access control of the studio's page: only this machine, its own page, and the secret address."""
+"""Access control of the studio's page: this machine, its own page, and the secret address only."""
 
 import hmac
 import http
@@ -20,15 +20,15 @@ Answer = Callable[[object, Request], Response | None]
 
 
 class Guard:
-    """Checks every request, that of a web socket too, before the page's server sees it.
+    """Check of every request, also of web sockets, before the page's server.
 
-    A request must ask for a loopback host (others come by names that an attacker made to point here), come from a page
-    of that host or from none, and carry the secret: in the address the first time, afterwards as a cookie that no other
-    site is sent.
+    A request must address a loopback host (other names may be an attacker's names of this machine), originate from a
+    page of that host or from none, and contain the secret: first in the address, afterwards in a cookie that is not
+    sent to other sites.
 
     Attributes
     ----------
-    token : the secret, made anew for every start
+    token : the secret, new at every start
     """
 
     def __init__(self) -> None:
@@ -40,18 +40,18 @@ class Guard:
         origin = request.headers.get("Origin")
         try:
             asked, page = urlsplit(f"//{host}").hostname, None if origin is None else urlsplit(origin).netloc
-        except ValueError:  # no address at all
+        except ValueError:  # not an address
             return "this host is not served"
         if asked not in LOOPBACK:
             return "this host is not served"
         if page not in (None, host):
-            return "other pages may not use this one"
+            return "requests from other pages are refused"
         if not (self._in_address(request) or self._in_cookie(request)):
-            return "open the address that the command has printed"
+            return "open the address printed by the command"
         return ""
 
     def around(self, answer: Answer | None) -> Answer:
-        """The server's answer to those who may have it."""
+        """The server's answer, for accepted requests only."""
 
         def guarded(connection: object, request: Request) -> Response | None:
             reason = self.refusal(request)
@@ -68,7 +68,7 @@ class Guard:
 
     @contextmanager
     def installed(self) -> Iterator[None]:
-        """Servers of web sockets that are started meanwhile are guarded; viser has no setting for it."""
+        """Guard web socket servers started within the context; viser has no setting for it."""
         module = websockets.asyncio.server
         plain = module.serve
 
@@ -98,9 +98,9 @@ class Guard:
 
 
 def check_host(host: str) -> None:
-    """Raise a SarmitsubaError for an address that other machines reach."""
+    """Raise a SarmitsubaError for an address that other machines can reach."""
     if host not in LOOPBACK:
         raise SarmitsubaError(
-            f"studio: --host {host} could be reached by others; it is served to this machine alone "
-            f"({', '.join(LOOPBACK)}), and from elsewhere through `ssh -L 8080:127.0.0.1:8080`"
+            f"studio: --host {host} can be reached by other machines; choose one of {', '.join(LOOPBACK)}, and from "
+            "elsewhere use `ssh -L 8080:127.0.0.1:8080`"
         )

@@ -1,7 +1,7 @@
-"""3-D view of the studio as plain arrays: bodies, radar on its track, beam, image on the ground.
+"""3-D view of the studio as arrays: bodies, radar on its track, beam, image on the ground.
 
-The radar is brought near: its distance from the aim point shrinks to a few sizes of the scene, all its directions stay
-true.
+The radar is drawn closer: its distance from the aim point is reduced to a few diameters of the scene, in its true
+direction.
 """
 
 from collections.abc import Iterator
@@ -14,13 +14,13 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 
-# distance of the radar that is shown, in diameters of the scene
+# displayed distance of the radar, in diameters of the scene
 NEARNESS = 1.1
 # sides of the beam
 SIDES = 48
-# m over m of the scene's diameter; how far above the ground the image lies, so that neither shines through
+# height of the image above the ground over the scene's diameter, which avoids flicker
 LIFT = 1e-3
-# red, green, blue of surfaces in turn
+# red, green, blue of successive surfaces
 COLOURS = (
     (176, 158, 130),
     (150, 160, 175),
@@ -51,13 +51,13 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class BeamCone:
-    """The radar and what it lights, at one pulse.
+    """Radar and its illuminated area at one pulse.
 
     Parameters
     ----------
-    antenna : (3,) m, scene frame, brought near
-    middle : (3,) m, where the boresight meets the image's plane
-    rim : (SIDES, 3) m, outline of what the image shows, moved along with the boresight
+    antenna : (3,) m, scene frame, drawn closer
+    middle : (3,) m, intersection of the boresight with the image plane
+    rim : (SIDES, 3) m, outline of the imaged area, moved with the boresight
     """
 
     antenna: F64
@@ -66,7 +66,7 @@ class BeamCone:
 
     @property
     def mesh(self) -> tuple[F64, I32]:
-        """The cone from the antenna to the rim: vertices (SIDES + 1, 3) m and faces."""
+        """Cone from the antenna to the rim: vertices (SIDES + 1, 3) m and faces."""
         i = np.arange(SIDES, dtype=np.int32)
         faces = np.stack([np.full(SIDES, SIDES, dtype=np.int32), i, np.roll(i, -1)], axis=1)
         return np.concatenate([self.rim, self.antenna[None]]), faces
@@ -74,11 +74,11 @@ class BeamCone:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A picture that lies in the scene.
+    """Picture on a plane of the scene.
 
     Parameters
     ----------
-    colours : (rows, columns, 3) uint8; rows go against ``up``, columns along ``right``
+    colours : (rows, columns, 3) uint8; rows increase against ``up``, columns along ``right``
     center, right, up : (3,) m and unit vectors, scene frame
     width, height : m
     """
@@ -92,7 +92,7 @@ class Plane:
 
 
 def bodies(scene: Scene) -> Iterator[Body]:
-    """The scene's triangles, material by material."""
+    """Triangles of a scene by material."""
     geometry = scene.geometry
     used = np.unique(geometry.face_material)
     for i, material in enumerate(used):
@@ -107,7 +107,7 @@ def bodies(scene: Scene) -> Iterator[Body]:
 
 
 def beam_at(scene: Scene, share: float) -> BeamCone:
-    """The radar and its beam at a share of the aperture, 0 at its first pulse and 1 at its last."""
+    """Radar and beam at a fraction of the aperture, 0 at its first pulse and 1 at its last."""
     radar, image = scene.radar, scene.image
     pulse = round(share * (radar.track.n_pulses - 1))
     target = np.array([image.center_x, image.center_y, image.height])
@@ -128,13 +128,13 @@ def beam_at(scene: Scene, share: float) -> BeamCone:
 
 
 def track_shown(scene: Scene) -> F64:
-    """(n_pulses, 3) m, scene frame: the track, brought near."""
+    """Displayed track, drawn closer, (n_pulses, 3) m, scene frame."""
     radar = scene.radar
     return np.asarray(radar.aim_point + _shrink(scene) * (radar.track.position - radar.aim_point))
 
 
 def image_plane(image: SarImage, grey: U8, diameter: float) -> Plane:
-    """The image as it lies on the ground.
+    """Image as a picture on the ground.
 
     Parameters
     ----------
@@ -155,14 +155,14 @@ def image_plane(image: SarImage, grey: U8, diameter: float) -> Plane:
 
 
 def _aim(radar: Radar, height: float) -> F64:
-    """Where the middle of the aperture's line of sight meets the image's plane, m."""
+    """Intersection of the line of sight at mid-aperture with the image plane, m."""
     position = radar.track.center_position
     line = radar.aim_point - position
     return np.asarray(position + line * ((height - position[2]) / line[2]))
 
 
 def _shrink(scene: Scene) -> float:
-    """Distance that is shown over the true one; 1 where the radar is near already."""
+    """Ratio of the displayed and the true distance of the radar, at most 1."""
     radar = scene.radar
     distance = float(np.linalg.norm(radar.track.center_position - radar.aim_point))
     extent = max(scene.geometry.diameter, scene.image.extent_azimuth, scene.image.extent_range)

@@ -1,7 +1,7 @@
 """Web page of the studio: sliders beside a 3-D view of the scene; the only module that uses viser.
 
-Sliders only say that something has changed. Whoever calls :meth:`Studio.serve` simulates, always the newest state, so
-that a slider that is dragged never waits for states that it has left behind.
+Sliders only signal a change. The thread in :meth:`Studio.serve` simulates, always the newest state, so that a dragged
+slider never waits for outdated states.
 """
 
 import dataclasses
@@ -29,8 +29,8 @@ from sarmitsuba.view.display import Display, PictureOptions, prepare
 from sarmitsuba.view.quicklook import panel, pixels
 
 AS_IT_IS = "as in the file"
-_LARGEST = 2048  # pixels of the longer side of the image on the ground
-_SIZE = 10.0  # of every scene as it is shown: near and far enough for the browser's camera
+_LARGEST = 2048  # pixels of the longer side of the displayed image
+_SIZE = 10.0  # displayed size of every scene, in the clipping range of the browser's camera
 _BEAM, _TRACK = (40, 110, 220), (20, 60, 140)
 
 
@@ -40,15 +40,15 @@ class Studio:
     Parameters
     ----------
     source : scene file or name of a shipped scene
-    folder : for what the user saves
-    host, port : that the page is served at; a loopback address
+    folder : for saved scenes
+    host, port : address of the page; a loopback address
 
     Attributes
     ----------
-    state : that the sliders ask for
-    view : that was simulated last, None before the first
-    saved : what the save button has written last
-    controls : sliders and boxes by the field of the state that they change; those of surfaces as ``material NAME``
+    state : of the sliders
+    view : last simulated view; None before the first
+    saved : last saved file
+    controls : sliders and boxes by the field of the state; those of surfaces as ``material NAME``
     """
 
     def __init__(self, source: str, folder: Path, host: str = "127.0.0.1", port: int = 8080) -> None:
@@ -66,30 +66,30 @@ class Studio:
         with _without_banner(), self._guard.installed():
             self.server = viser.ViserServer(host=host, port=port, label="sarmitsuba studio", verbose=False)
         self.server.scene.set_up_direction("+z")
-        # no share button: it would open the page to the world through a server elsewhere
+        # no share button: it would publish the page through an external server
         self.server.gui.configure_theme(control_width="large", show_share_button=False)
         self.server.gui.main_panel.dock_right()
         self._build()
 
     @property
     def address(self) -> str:
-        """Where the page is, with the secret that opens it."""
+        """Address of the page, with the secret."""
         host = self.server.get_host()
         return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}/?token={self._guard.token}"
 
     def serve(self, stop: Callable[[], bool] = lambda: False, patience: float = 0.5) -> None:
-        """Simulate whenever a slider has moved, until told to stop.
+        """Simulate whenever a slider has moved, until ``stop`` returns True.
 
         Parameters
         ----------
-        stop : asked after every simulation, and every ``patience`` seconds while nothing moves
+        stop : called after every simulation, and every ``patience`` seconds without a change
         """
         while not stop():
             if self._changed.wait(patience):
                 self.step()
 
     def step(self) -> None:
-        """Simulate what the sliders ask for now, and show it."""
+        """Simulate the present state of the sliders, and show it."""
         self._changed.clear()
         state = self.state
         self._status.content = "*simulating ...*"
@@ -111,7 +111,7 @@ class Studio:
         self._work.cleanup()
 
     def discard(self) -> None:
-        """Remove what it keeps on the disk for itself, where there is no time to stop serving."""
+        """Remove temporary files, without stopping the server."""
         self._work.cleanup()
 
     # ------------------------------------------------------------ controls
@@ -122,7 +122,7 @@ class Studio:
         self._picture = gui.add_image(np.full((8, 8, 3), 255, dtype=np.uint8), label="image")
         self._rcs = gui.add_markdown("")
         with gui.add_folder("radar"):
-            self._slider("look angle (deg)", "look_angle_deg", 10.0, 75.0, 1.0, "from straight down")
+            self._slider("look angle (deg)", "look_angle_deg", 10.0, 75.0, 1.0, "from nadir")
             self._slider(
                 "heading (deg)", "heading_deg", -180.0, 180.0, 1.0, "of flight, clockwise from north (+y)"
             )
@@ -193,7 +193,7 @@ class Studio:
         self._changed.set()
 
     def save(self, client: viser.ClientHandle | None = None) -> None:
-        """Write the scene that is shown, which a slider may have left since; ``client`` may download it too."""
+        """Write the displayed scene, which may differ from the sliders; ``client`` may download it too."""
         if self.view is None:
             return
         try:
@@ -206,7 +206,7 @@ class Studio:
         if client is not None:
             client.send_file_download(self.saved.name, self.saved.read_bytes())
 
-    # ------------------------------------------------------------ what is seen
+    # ------------------------------------------------------------ display
 
     def _show(self, view: View) -> None:
         options = PictureOptions(quantity="sigma0")
@@ -249,18 +249,18 @@ class Studio:
 
     @property
     def _scale(self) -> float:
-        """What is shown over what is: every scene fits the same page."""
+        """Scale factor of the display: all scenes are shown at one size."""
         assert self.view is not None
         image = self.view.scene.image
         return _SIZE / max(self.view.scene.geometry.diameter, image.extent_azimuth, image.extent_range)
 
     def _placed(self, points: F64) -> F32:
-        """Points (..., 3) of the scene as they are shown, about the aim point."""
+        """Displayed positions of points (..., 3) of the scene, relative to the aim point."""
         assert self.view is not None
         return np.asarray((points - self.view.scene.radar.aim_point) * self._scale, dtype=np.float32)
 
     def _show_beam(self) -> None:
-        """The antenna and its beam where the slider along the aperture stands."""
+        """Show the antenna and its beam at the slider's position along the aperture."""
         if self.view is None:
             return
         beam = beam_at(self.view.scene, float(self._along.value))
@@ -283,19 +283,19 @@ class Studio:
 
 
 def _without_banner() -> AbstractContextManager[object]:
-    """Keep viser from printing, which it does whatever it is told; only the command line prints here."""
+    """Suppress the output of viser, for which it has no setting; only the command line prints."""
     return redirect_stdout(StringIO())
 
 
 def grey_levels(display: Display) -> U8:
-    """Brightness of every value of a picture, black to white as it is drawn."""
+    """Brightness of every value of a picture, 0 (black) to 255 (white)."""
     black, white = display.limits
     share = (np.nan_to_num(display.values, neginf=black) - black) / (white - black)
     return np.asarray(255.0 * np.clip(share, 0.0, 1.0), dtype=np.uint8)
 
 
 def rcs_text(view: View) -> str:
-    """What the whole scene returns to the radar from the middle of the aperture, as Markdown."""
+    """Radar cross section of the whole scene from the middle of the aperture, as Markdown."""
     channel = view.state.polarisation
     lines = [f"**RCS of the whole scene from here, {channel}:** {view.rcs.dbsm(channel)[0]:.1f} dBsm"]
     for order in view.rcs.orders:

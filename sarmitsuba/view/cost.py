@@ -15,13 +15,13 @@ Point = tuple[float, float]
 def cost_figure(
     points: Sequence[Point], front: Sequence[Point], chosen: Point, target_db: float, title: str
 ) -> "Figure":
-    """Error (dB) over seconds: all combinations, the Pareto front, the recommendation.
+    """Plot error (dB) over seconds: all combinations, the Pareto front, the recommendation.
 
     Parameters
     ----------
-    points, front : (seconds, error in dB) of all combinations and of those that none beats
+    points, front : (seconds, error in dB) of all combinations and of the Pareto front
     chosen : the recommended one
-    target_db : error wanted
+    target_db : wanted error
     title : of the plot
     """
     from matplotlib.figure import Figure
@@ -44,6 +44,6 @@ def cost_figure(
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a PNG; it appears whole or not at all."""
+    """Write a PNG file, completely or not at all."""
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=120)

@@ -1,4 +1,4 @@
-"""Curves against their reference: reference as a line, measured values as points, the deviation below."""
+"""Plots of curves against their reference: reference as a line, measured values as points, deviation below."""
 
 import textwrap
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ class DeviationPanel:
     reference, measured : (n,) float64, in one unit
     compared : (n,) bool, the points whose deviation counts
     tolerance : half the height of the grey band about zero deviation, in the curves' unit
-    depth : how far below its peak the reference matters; None shows all compared values
+    depth : range of the value axis below the peak of the reference; None shows all compared values
     """
 
     title: str
@@ -44,27 +44,27 @@ class DeviationPanel:
 
     @property
     def deviation(self) -> F64:
-        """(n,) float64, measured minus reference; nan where not compared."""
+        """Measured minus reference, (n,) float64; nan where not compared."""
         out = np.full(self.reference.shape, np.nan)
         out[self.compared] = self.measured[self.compared] - self.reference[self.compared]
         return out
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        """Limits of the value axis, None where Matplotlib's own do."""
+        """Limits of the value axis; None: those of Matplotlib."""
         if self.depth is not None:
             peak = float(self.reference[self.compared].max())
             return peak - 1.3 * self.depth, peak + 0.1 * self.depth
         both = np.concatenate([self.reference[self.compared], self.measured[self.compared]])
         if not both.size or not np.isfinite(both).all():
             return None
-        # a curve that is flat must not be blown up to its rounding
+        # rounding errors of a constant curve must not fill the axis
         pad = max(0.08 * float(np.ptp(both)), self.tolerance)
         return float(both.min()) - pad, float(both.max()) + pad
 
     @property
     def reach(self) -> float:
-        """Half the height of the deviation's axis: tolerance or worst deviation, with some room."""
+        """Half the height of the deviation's axis: tolerance or worst deviation, with a margin."""
         worst = np.abs(self.deviation[self.compared])
         finite = worst.size > 0 and bool(np.isfinite(worst).all())
         return 1.3 * max(self.tolerance, float(worst.max()) if finite else 1e9)

@@ -31,18 +31,18 @@ _LABELS: dict[str, str] = {
     "phase": "phase (rad)",
 }
 
-# Where an image does not say whether anything in it scatters diffusely, clutter is told from side lobes of targets by
-# the spread of its bright part, the 75th to the 95th percentile of power averaged over 4 x 4 pixels: 1 to 10 dB for
-# clutter on a third or more of the picture, texture included; 17 to 32 dB for side lobes, whatever the window
+# If an image does not state whether its scene scatters diffusely, clutter is told from side lobes of targets by the
+# spread of its bright part, the 75th to the 95th percentile of power averaged over 4 x 4 pixels: 1 to 10 dB for
+# clutter on a third or more of the picture, texture included; 17 to 32 dB for side lobes of any window
 _LOOKS = 4
 _CLUTTER_SPREAD_DB = 14.0
-# The level of clutter is the median of what lies so near to the brightest mode of its decibels: a peak of their
-# density, smoothed over so many dB, of at least this share of the highest. Streets lie within 20 dB of roofs; lobes
-# beside the scene and shadows lie below, corners above
+# The level of clutter is the median of the pixels near the brightest mode of their decibels: a peak of the density,
+# smoothed over some dB, of at least a share of the highest. Streets are within 20 dB of roofs; side lobes outside the
+# scene and shadows are darker, corners brighter
 _AROUND_MODE_DB = 20.0
 _MODE_WIDTH_DB = 6
 _MODE_SHARE = 0.5
-# where that level lies between black and white
+# position of that level between black (0) and white (1)
 _CLUTTER_AT = 0.42
 
 
@@ -55,13 +55,13 @@ class PictureOptions:
     channel : polarisation; the first when None
     quantity : ``sigma0``, ``gamma0``, ``beta0`` (clutter) or ``rcs`` (targets) in dB; ``amplitude``, the root of the
         radar cross section, m; ``phase``, rad
-    limits : values of black and white; None chooses them, see `limits_db`
-    span_db : from black to white where they are chosen
+    limits : values of black and white; None: automatic, see `limits_db`
+    span_db : from black to white for automatic limits
     colour_map : name of a Matplotlib colour map; None takes ``gray``, for phase ``twilight``
-    looks : pixels in azimuth and range that are averaged into one: power, and for ``phase`` the complex values
-    order : bounce number that is shown alone; None adds all
+    looks : pixels in azimuth and range averaged into one: power, and for ``phase`` the complex values
+    order : single bounce order to show; None: the sum of all
     spectral_looks : parts of the spectrum in azimuth and range whose powers are averaged, see
-        :func:`sarmitsuba.analysis.quality.spectral_looks`; they keep more speckle off than ``looks`` of as many pixels
+        :func:`sarmitsuba.analysis.quality.spectral_looks`; they reduce speckle more than ``looks`` of as many pixels
     """
 
     channel: str | None = None
@@ -74,7 +74,7 @@ class PictureOptions:
     spectral_looks: tuple[int, int] = (1, 1)
 
     def check(self) -> None:
-        """Raise a DataError for what no image can be shown with."""
+        """Raise a DataError for options that are invalid for every image."""
         if self.quantity not in QUANTITIES:
             raise DataError(
                 f'picture: quantity "{self.quantity}" is unknown{did_you_mean(self.quantity, QUANTITIES)}; choose one '
@@ -82,7 +82,7 @@ class PictureOptions:
             )
         if self.limits is not None and not self.limits[0] < self.limits[1]:
             raise DataError(
-                f"picture: limits {self.limits[0]:g} and {self.limits[1]:g} are not in order; give the value of black "
+                f"picture: limits {self.limits[0]:g} and {self.limits[1]:g} are not ascending; give the value of black "
                 "first"
             )
         if not self.span_db > 0.0:
@@ -90,20 +90,20 @@ class PictureOptions:
         if min(self.looks) < 1:
             raise DataError(f"picture: looks = {self.looks[0]} x {self.looks[1]} are not at least 1 x 1")
         if self.quantity == "phase" and self.spectral_looks != (1, 1):
-            raise DataError("picture: looks of the spectrum have no common phase; show another quantity")
+            raise DataError("picture: the mean of spectral looks has no phase; show another quantity")
 
 
 @dataclass(frozen=True, eq=False)
 class Display:
-    """A picture ready to be drawn.
+    """Picture to be drawn.
 
     Parameters
     ----------
-    values : (rows, columns) float64 of the quantity; rows are azimuth, columns range; -inf dB where there is nothing
+    values : (rows, columns) float64 of the quantity; rows are azimuth, columns range; -inf dB where the power is zero
     limits : values of black and white
-    extent : range of the first column's near edge and the last one's far edge, azimuth likewise, m
+    extent : range of the first column's near edge and the last column's far edge, azimuth likewise, m
     label : quantity and unit of the values
-    averaged : (azimuth, range) pixels that were averaged into one
+    averaged : (azimuth, range) pixels averaged into one
     """
 
     values: F64
@@ -114,15 +114,15 @@ class Display:
 
 
 def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
-    """Take the quantity out of an image, averaging blocks of pixels as asked for, and until it is small.
+    """Displayed values of an image, averaged over blocks of pixels as requested and to the size of the picture.
 
-    Averaging power (multilooking) keeps the mean of speckle, which dropping or smoothing pixels does not.
+    Averaging power (multilooking) preserves the mean of speckle, unlike dropping or smoothing pixels.
 
     Parameters
     ----------
-    image : whose grid and channel it is
-    options : what to show
-    largest : most screen pixels on the longer side
+    image : to show
+    options : of the picture
+    largest : largest number of screen pixels of the longer side
 
     Raises
     ------
@@ -150,22 +150,22 @@ def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
 
 
 def of_order(image: SarImage, order: int) -> SarImage:
-    """The part of an image that has this bounce number.
+    """Part of an image with this bounce order.
 
     Raises
     ------
-    DataError : the image does not keep it apart
+    DataError : the image does not hold it separately
     """
     picks = [i for i, layer in enumerate(image.layers) if layer.order == order]
     if not picks:
         raise DataError(
-            f'image: bounce order {order} was not kept apart; set keep_orders to "true" in the scene\'s integrator'
+            f'image: bounce order {order} was not kept separately; set keep_orders to "true" in the scene\'s integrator'
         )
     return dataclasses.replace(image, data=image.data[picks], layers=tuple(image.layers[i] for i in picks))
 
 
 def _of_looks(image: SarImage, options: PictureOptions) -> SarImage:
-    """An image without phase whose power is the mean of looks of the spectrum."""
+    """Image without phase whose power is the mean of spectral looks."""
     channel = options.channel or image.channels[0]
     azimuth, range_ = options.spectral_looks
     power = spectral_looks(image, azimuth, range_, channel=channel).sigma0 * image.cell_area
@@ -174,18 +174,17 @@ def _of_looks(image: SarImage, options: PictureOptions) -> SarImage:
 
 
 def limits_db(values_db: F64, span_db: float = 50.0, *, clutter: bool | None = None) -> tuple[float, float]:
-    """Lowest and highest decibel of the grey scale.
+    """Limits of the grey scale, dB.
 
-    In a picture of clutter the scale hangs on the clutter's level, however much of the picture lies beside the
-    scene or in shadow, and however bright corners are. White is at most the 99.9th percentile. A picture of
-    targets alone has that at white and ``span_db`` below. Pixels at -inf are left out; without any finite one white is
-    0 dB.
+    For clutter the scale is relative to the clutter's level, independent of the area in shadow or outside the scene and
+    of bright corners. White is at most the 99.9th percentile. For targets alone white is that percentile and black
+    ``span_db`` below. Pixels at -inf are ignored; without any finite pixel white is 0 dB.
 
     Parameters
     ----------
     values_db : (rows, columns) float64
-    span_db : from black to white, at most
-    clutter : whether there is any; None tells it from the values
+    span_db : largest span from black to white
+    clutter : whether the image has clutter; None: estimated from the values
     """
     finite = values_db[np.isfinite(values_db)]
     if not finite.size:
@@ -198,10 +197,10 @@ def limits_db(values_db: F64, span_db: float = 50.0, *, clutter: bool | None = N
 
 
 def screen_size(display: Display, largest: int, smallest: int) -> tuple[int, int]:
-    """(width, height) in screen pixels, equal metres in both directions.
+    """Width and height in screen pixels, with equal scales in both directions.
 
-    The finer of the two pixel spacings gets a whole number of screen pixels, so that no pixel looks larger than
-    its neighbours. Small and narrow pictures are magnified as far as ``largest`` allows.
+    The finer of the two pixel spacings gets a whole number of screen pixels, so that all pixels have equal size. Small
+    and narrow pictures are magnified as far as ``largest`` allows.
     """
     rows, columns = display.values.shape
     width = display.extent[1] - display.extent[0]
@@ -212,17 +211,17 @@ def screen_size(display: Display, largest: int, smallest: int) -> tuple[int, int
 
 
 def magnification(width: float, height: float, largest: int, smallest: int) -> int:
-    """Screen pixels of the finer pixel spacing, for a picture of so many of it."""
+    """Screen pixels per finer pixel spacing, for a picture of ``width`` x ``height`` such spacings."""
     longest, shortest = max(width, height), min(width, height)
     wanted = max(math.ceil(smallest / longest), math.ceil(0.4 * smallest / shortest))
     return max(1, min(wanted, int(largest // longest)))
 
 
 def _block(image: SarImage, looks: tuple[int, int], largest: int) -> tuple[int, int]:
-    """(azimuth, range) pixels to average: ``looks``, and more where the picture would be too large."""
+    """Pixels (azimuth, range) to average: ``looks``, and more where the picture would be too large."""
     grid = image.grid
     sides = (grid.shape[0] * grid.azimuth_spacing, grid.shape[1] * grid.range_spacing)
-    smallest_step = max(sides) / largest  # metres a screen pixel, at least
+    smallest_step = max(sides) / largest  # least metres per screen pixel
     steps = (grid.azimuth_spacing, grid.range_spacing)
     return (
         min(max(looks[0], math.ceil(smallest_step / steps[0] - 1e-9)), grid.shape[0]),
@@ -245,14 +244,14 @@ def _limits(values: F64, options: PictureOptions, clutter: bool | None) -> tuple
         return -np.pi, np.pi
     if options.quantity == "amplitude":
         level = _clutter_db(db_from_power(values**2), clutter)
-        # single looks of clutter reach three times their root mean square
+        # the amplitude of single-look clutter reaches three times its root mean square
         top = float(np.percentile(values, 99.9)) if level is None else 3.0 * 10.0 ** (level / 20.0)
         return 0.0, top or 1.0
     return limits_db(values, options.span_db, clutter=clutter)
 
 
 def _clutter_db(values_db: F64, known: bool | None) -> float | None:
-    """Level of clutter, dB; None where there is none but targets and their side lobes."""
+    """Level of clutter, dB; None for targets and their side lobes alone."""
     looks = _LOOKS if min(values_db.shape) >= 8 * _LOOKS else 1
     power = block_means(10.0 ** (np.where(np.isfinite(values_db), values_db, -np.inf) / 10.0), (looks, looks))
     lit = db_from_power(power[power > 0.0])
@@ -271,6 +270,6 @@ def _clutter_db(values_db: F64, known: bool | None) -> float | None:
 
 
 def has_clutter(image: SarImage) -> bool | None:
-    """Whether anything scatters diffusely, as the simulation says; None where an image does not say."""
+    """Whether the scene scatters diffusely, as recorded by the simulation; None if not recorded."""
     effect = image.metadata.get("effects", {}).get("effects", {}).get("diffuse", {})
     return bool(effect["on"]) if "on" in effect else None

@@ -1,4 +1,4 @@
-"""Images of all focusers side by side, with their differences to the reference."""
+"""Images of all focusers side by side, with their differences from the reference."""
 
 import math
 import textwrap
@@ -18,15 +18,15 @@ _SPAN_DB = 60.0
 
 
 def focusers_figure(results: Sequence[FocuserResult]) -> Figure:
-    """Draw a column per focuser: its image above, its difference from the first one's below, on the same scales.
+    """Draw one column per focuser: its image above, its difference from the first one below, on the same scales.
 
-    A focuser that refused has its reason in place of the pictures.
+    A focuser that cannot focus the data has its reason in place of the pictures.
     """
     reference = results[0].image
     assert reference is not None
     limits = prepare(reference, PictureOptions(span_db=_SPAN_DB), _LARGEST).limits
     options = PictureOptions(limits=limits)
-    # the difference is shown down to where float32 ends
+    # the difference is shown down to float32 rounding
     peak = float(db_from_power(np.abs(reference.total()).max() ** 2))
     grid = reference.grid
     extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])

@@ -15,19 +15,19 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.units import db_from_power
 
 _CYCLIC = "hsv"
-# amplitude under the fringes: black this far below white, dB; white at this percentile
+# brightness of the fringes: amplitude of black below white, dB; percentile of white
 _SPAN_DB, _WHITE = 30.0, 98.0
 # heights of less coherent blocks are not shown
 LEAST_COHERENCE = 0.3
 
 
 def interferogram_figure(pair: Interferogram, map_: HeightMap | None = None, *, title: str = "") -> Figure:
-    """Draw fringes, coherence and, where there is one, the height map, side by side.
+    """Draw fringes, coherence and, if given, the height map, side by side.
 
     Parameters
     ----------
     pair : the interferogram
-    map_ : its heights; blocks that are dark (shadow) or of a coherence below 0.3 stay grey
+    map_ : its heights; dark blocks (shadow) and those of a coherence below 0.3 are grey
     title : first line above the pictures
     """
     panels: list[Callable[[Figure, Axes], None]] = [
@@ -71,7 +71,7 @@ def _phase(figure: Figure, axes: Axes, pair: Interferogram) -> None:
 
 
 def _brightness(pair: Interferogram) -> F64:
-    """Amplitude as 0 ... 1, linear in decibels."""
+    """Brightness 0 ... 1 from the amplitude, linear in decibels."""
     power = np.sqrt(pair.powers[0] * pair.powers[1])
     lit = power[power > 0.0]
     white = float(np.percentile(lit, _WHITE)) if lit.size else 1.0

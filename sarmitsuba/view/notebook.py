@@ -15,17 +15,17 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.view.quicklook import quicklook, save
 
-# triangles drawn in a plan; of more, the largest
+# most triangles drawn in a plan; the largest ones are kept
 _MOST_FACES = 20_000
-# points across a plan at which it is asked what has its whole aperture
+# points across a plan at which the coverage by a complete aperture is evaluated
 _SHADED = 61
 _BEAM = "tab:blue"
-# free rim about a beam that is shown whole, of its extent
+# margin around a complete beam, relative to its extent
 _RIM = 0.03
 
 
 def image_figure(image: SarImage, path: Path | str | None = None, channel: str | None = None) -> Figure:
-    """Quick-look of a channel, written as PNG where there is a path."""
+    """Quick-look of a channel, written as PNG if a path is given."""
     figure = quicklook(image, channel=channel)
     if path is not None:
         save(figure, path)
@@ -43,10 +43,10 @@ def scene_png(scene: Scene) -> bytes:
 
 
 def scene_plan(scene: Scene, *, whole_beam: bool = False) -> Figure:
-    """A scene from above: faces by height, ideal points, the image's outline, directions of flight and look, the beam.
+    """Plan view of a scene: faces by height, ideal points, image outline, directions of flight and look, beam.
 
-    The beam is its half-power outline on the image's plane at the track's first, middle and last pulse, and, shaded,
-    what has its whole aperture. Axes are metres of the scene frame, east to the right and north up.
+    The beam is drawn as its half-power outline on the image plane at the track's first, middle and last pulse; the area
+    with a complete aperture is shaded. Axes are metres of the scene frame, east to the right and north up.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def scene_plan(scene: Scene, *, whole_beam: bool = False) -> Figure:
         largest = np.argsort(-np.abs(normal[:, 2]), kind="stable")[:_MOST_FACES]
         corners = corners[largest]
         height = corners[:, :, 2].mean(axis=1)
-        order = np.argsort(height, kind="stable")  # what is higher covers what is below
+        order = np.argsort(height, kind="stable")  # higher faces cover lower ones
         outlines = list(corners[order][:, :, :2])
         faces = PolyCollection(
             outlines, array=height[order], cmap="cividis", edgecolors="face", linewidths=0.3
@@ -101,16 +101,16 @@ def scene_plan(scene: Scene, *, whole_beam: bool = False) -> Figure:
 
 
 def draw_beam(axes: Axes, radar: Radar, height: float, *, whole: bool = False) -> None:
-    """Half-power outlines of the beam at the track's first, middle and last pulse, and what has its whole aperture.
+    """Draw half-power outlines of the beam at the first, middle and last pulse, and the area with a complete aperture.
 
-    Of a track that goes round the scene, the outlines are those of its quarters.
+    For a track around the scene, the outlines are those of its quarters.
 
     Parameters
     ----------
-    axes : a plan, east to the right and north up, m of the scene frame; nothing is drawn for an isotropic antenna
-    radar : whose beam it is
-    height : of the plane that the beam meets, m, scene frame
-    whole : True widens the axes until they hold the beam; otherwise they keep their limits
+    axes : of a plan, east to the right and north up, m of the scene frame
+    radar : of the beam; an isotropic antenna has no outline
+    height : of the plane, m, scene frame
+    whole : True widens the axes to include the beam; otherwise their limits are kept
     """
     if radar.antenna.pattern == "isotropic":
         return

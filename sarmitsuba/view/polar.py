@@ -10,9 +10,9 @@ from matplotlib.projections.polar import PolarAxes
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 
-# deg; a smaller sweep is a sliver in polar axes
+# smallest sweep drawn in polar axes, deg
 POLAR_FROM = 90.0
-# curves that stay so far below the strongest are not drawn, dB
+# curves weaker than the strongest by more than this are not drawn, dB
 SPAN_DB = 60.0
 
 
@@ -43,15 +43,15 @@ def aspect_figure(
     curves : of every channel
     swept : name of the angle, ``azimuth`` or ``elevation``
     title : first line
-    span_db : from the centre of the plot, or its bottom, to the strongest return
+    span_db : from the centre or bottom of the plot to the strongest return
 
     Raises
     ------
-    DataError : nothing returns in any channel
+    DataError : all returns of all channels are zero
     """
     finite = [c.total[np.isfinite(c.total)] for c in curves]
     if not any(v.size for v in finite):
-        raise DataError("RCS: nothing returns from any direction; there is nothing to draw")
+        raise DataError("RCS: zero in all directions and channels; nothing to draw")
     top = 5.0 * float(np.ceil(max(float(v.max()) for v in finite if v.size) / 5.0))
     polar = float(np.ptp(angle_deg)) >= POLAR_FROM
     size = (6.2 * len(curves), 7.0) if polar else (8.0, 3.4 * len(curves) + 0.6)
@@ -83,7 +83,7 @@ def aspect_figure(
 
 
 def _closed(angle: F64, lines: Sequence[F64], *, whole: bool) -> list[F64]:
-    """Angle and lines, with the first point again at the end where evenly spaced angles go all the way round."""
+    """Angle and curves, with the first point repeated at the end if uniformly spaced angles cover the full circle."""
     n = angle.size
     if not whole or float(np.ptp(angle)) * n / (n - 1) < 360.0 - 1e-6:
         return [angle, *lines]

@@ -1,4 +1,4 @@
-"""Pictures of polarimetry: colour composites, maps of H, A and alpha, and the plane of entropy and alpha."""
+"""Pictures of polarimetry: colour composites, maps of H, A and alpha, and the entropy-alpha plane."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,10 +25,10 @@ def composite_figure(image: SarImage, colours: U8, looks: tuple[int, int], title
 
     Parameters
     ----------
-    image : whose grid it is
+    image : whose grid is used
     colours : (rows, columns, 3) uint8, rows azimuth, first row the lowest
     looks : pixels (azimuth, range) of a block
-    title, legend : above the picture; what red, green and blue are
+    title, legend : above the picture; meaning of red, green and blue
     """
     figure = _figure(image, 1)
     axes = figure.add_subplot()
@@ -43,7 +43,7 @@ def composite_figure(image: SarImage, colours: U8, looks: tuple[int, int], title
 
 
 def maps_figure(image: SarImage, report: PolarimetryReport) -> Figure:
-    """Entropy, anisotropy and mean alpha beside each other; the report needs quad-pol channels."""
+    """Maps of entropy, anisotropy and mean alpha side by side; the report needs quad-pol channels."""
     assert report.decomposition is not None
     d = report.decomposition
     figure = _figure(image, 3)
@@ -73,7 +73,7 @@ def maps_figure(image: SarImage, report: PolarimetryReport) -> Figure:
 
 
 def plane_figure(decomposition: CloudePottier) -> Figure:
-    """Density of blocks in the plane of entropy and alpha, with its zones and the curves that bound it."""
+    """Density of blocks in the entropy-alpha plane, with its zones and the bounds of feasible values."""
     figure = Figure(figsize=(6.4, 4.6), dpi=110, layout="constrained")
     axes = figure.add_subplot()
     lit = np.isfinite(decomposition.entropy)
@@ -104,7 +104,7 @@ def plane_figure(decomposition: CloudePottier) -> Figure:
 
 
 def feasible_bounds(n: int = 200) -> tuple[tuple[F64, F64], tuple[F64, F64]]:
-    r"""Lower and upper bound of alpha (deg) over entropy: the two curves that no coherency matrix leaves.
+    r"""Lower and upper bound of alpha (deg) over entropy for all coherency matrices.
 
     Lower: ``T = diag(1, m, m)``, 0 <= m <= 1. Upper: ``diag(0, 1, 2 m)`` for m <= 1/2, then ``diag(2 m - 1, 1, 1)``
     up to 1 (Cloude and Pottier 1997, equations 21 and 22).
@@ -123,7 +123,7 @@ def feasible_bounds(n: int = 200) -> tuple[tuple[F64, F64], tuple[F64, F64]]:
 
 
 def _figure(image: SarImage, panels: int) -> Figure:
-    """A figure for maps of the image beside each other, room for labels, colour bars and a title included."""
+    """Figure for maps of the image side by side, with margins for labels, colour bars and a title."""
     extents = np.array(image.grid.shape) * (image.grid.azimuth_spacing, image.grid.range_spacing)
     height, width = extents / extents.max() * (_LONGEST if panels == 1 else _LONGEST_OF_SEVERAL)
     beside, above = (0.6, 1.0) if panels == 1 else (1.1, 0.9)

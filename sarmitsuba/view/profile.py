@@ -20,14 +20,14 @@ def cut(
     channel: str | None = None,
     quantity: Quantity = "rcs",
 ) -> tuple[F64, F64, float]:
-    """Return position along the cut (n,) m, power (n,) dB, and where the cut lies on the other axis, m.
+    """Cut through an image: position (n,) m, power (n,) dB, and position of the cut on the other axis, m.
 
     Parameters
     ----------
     image : the image
-    axis : direction that the cut runs in
-    at : position on the other axis, m; through the brightest pixel when None
-    channel : polarisation; the first when None
+    axis : direction of the cut
+    at : position on the other axis, m; None: through the brightest pixel
+    channel : polarisation; None: the first
     quantity : ``rcs``, ``sigma0``, ``beta0`` or ``gamma0``
     """
     power = backscatter(image, quantity, channel)

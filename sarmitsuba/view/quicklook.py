@@ -1,4 +1,4 @@
-"""Quick-look pictures: grey decibels unless told, axes in metres, range to the right, azimuth up, nothing smoothed."""
+"""Quick-look pictures: by default grey decibels, axes in metres, range to the right, azimuth up, not smoothed."""
 
 import dataclasses
 from collections.abc import Callable
@@ -21,14 +21,14 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
 
-# makes a picture, when it is its turn
+# function that draws a picture on demand
 Drawing = Callable[[], Figure]
 
 _DPI = 100.0
 _LARGEST_PANEL, _SMALLEST_PANEL = 700, 360
 _LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 62, 74  # screen pixels around a picture: labels, colour bar, title
-_NARROWEST = 300  # the title needs that much
-_WINDOWS = ("azimuth_window", "range_window")  # as the focusers record them
+_NARROWEST = 300  # width needed for the title
+_WINDOWS = ("azimuth_window", "range_window")  # names used by the focusers
 
 
 def quicklook(
@@ -38,14 +38,14 @@ def quicklook(
     channel: str | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Draw one channel, all its bounce orders added unless told.
+    """Draw one channel, by default the sum of all bounce orders.
 
     Parameters
     ----------
-    image : what to draw
-    options : what of it and how; None takes the defaults
-    channel : in place of that in ``options``
-    title : first line above the picture; the scene's name when None
+    image : to draw
+    options : of the picture; None: the defaults
+    channel : overrides that in ``options``
+    title : first line above the picture; None: the scene's name
 
     Returns
     -------
@@ -72,17 +72,17 @@ def quicklook(
 
 
 def draw(image: SarImage, axes: Axes, options: PictureOptions | None = None) -> AxesImage:
-    """Draw one channel into axes of the caller's, with labels in metres and without title and colour bar.
+    """Draw one channel into given axes, with labels in metres and without title and colour bar.
 
     Parameters
     ----------
-    image : what to draw
-    axes : get equal metres in both directions
-    options : what of it and how; None takes the defaults
+    image : to draw
+    axes : get equal scales in both directions
+    options : of the picture; None: the defaults
 
     Returns
     -------
-    what ``figure.colorbar`` takes
+    AxesImage, for ``figure.colorbar``
 
     Raises
     ------
@@ -95,7 +95,7 @@ def draw(image: SarImage, axes: Axes, options: PictureOptions | None = None) -> 
 
 
 def png(image: SarImage, options: PictureOptions | None = None, *, title: str | None = None) -> bytes:
-    """`quicklook` as the bytes of a PNG file."""
+    """Quick-look as the bytes of a PNG file."""
     buffer = BytesIO()
     FigureCanvasAgg(quicklook(image, options, title=title)).print_figure(buffer, format="png", dpi=_DPI)
     return buffer.getvalue()
@@ -127,7 +127,7 @@ def panel(image: SarImage, options: PictureOptions | None = None, *, width: floa
 
 
 def pixels(figure: Figure) -> U8:
-    """A figure as (rows, columns, 3) uint8, red, green and blue, first row on top."""
+    """Pixels of a figure, (rows, columns, 3) uint8, red, green and blue, first row on top."""
     canvas, buffer = FigureCanvasAgg(figure), BytesIO()
     canvas.print_figure(buffer, format="rgba", dpi=figure.dpi)
     width, height = canvas.get_width_height()
@@ -135,23 +135,23 @@ def pixels(figure: Figure) -> U8:
 
 
 def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *, columns: int = 3) -> Figure:
-    """Draw every bounce order of a channel beside the others, on one scale; needs layers kept by order.
+    """Draw all bounce orders of a channel side by side on one scale; needs layers kept by order.
 
     Parameters
     ----------
-    image : what to draw
-    options : what of it and how; None takes the defaults
-    columns : of panels, at most
+    image : to draw
+    options : of the picture; None: the defaults
+    columns : largest number of columns of panels
 
     Raises
     ------
-    DataError : the image does not keep orders apart, or an option does not fit it
+    DataError : the image does not hold the orders separately, or an option does not fit it
     """
     options = _filled(image, options, None)
     orders = bounce_orders(image)
     if not orders:
         raise DataError(
-            'image: bounce orders were not kept apart; set keep_orders to "true" in the scene\'s integrator'
+            'image: bounce orders were not kept separately; set keep_orders to "true" in the scene\'s integrator'
         )
     limits = prepare(image, options, _LARGEST_PANEL).limits
     apart = [dataclasses.replace(options, order=order, limits=limits) for order in orders]
@@ -176,18 +176,18 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
 
 
 def bounce_orders(image: SarImage) -> tuple[int, ...]:
-    """Bounce numbers that the image keeps apart, ascending; empty when they were summed."""
+    """Bounce orders that the image holds separately, ascending; empty if they were summed."""
     return tuple(sorted({layer.order for layer in image.layers if layer.order > 0}))
 
 
 def save(figure: Figure, path: Path | str) -> None:
-    """Write a figure as PNG; the file appears whole or not at all."""
+    """Write a figure as PNG, completely or not at all."""
     with atomic_path(path) as temporary:
         FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=_DPI)
 
 
 def _filled(image: SarImage, options: PictureOptions | None, channel: str | None) -> PictureOptions:
-    """Options with the channel and the colour map named, both checked."""
+    """Options with explicit channel and colour map, both checked."""
     options = options or PictureOptions()
     name = channel or options.channel or image.channels[0]
     if name not in image.channels:
@@ -195,7 +195,7 @@ def _filled(image: SarImage, options: PictureOptions | None, channel: str | None
     colours = options.colour_map or ("twilight" if options.quantity == "phase" else "gray")
     if colours not in matplotlib.colormaps:
         raise DataError(
-            f'picture: colour map "{colours}" is unknown{did_you_mean(colours, matplotlib.colormaps)}; take one of '
+            f'picture: colour map "{colours}" is unknown{did_you_mean(colours, matplotlib.colormaps)}; choose one of '
             "Matplotlib's, such as gray, viridis or inferno"
         )
     return dataclasses.replace(options, channel=name, colour_map=colours)
@@ -206,7 +206,7 @@ def _figure(width: float, height: float) -> Figure:
 
 
 def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Axes that cover exactly these screen pixels."""
+    """Axes of exactly these screen pixels."""
     full_width, full_height = (figure.get_size_inches() * _DPI).tolist()
     box = (left / full_width, bottom / full_height, width / full_width, height / full_height)
     return figure.add_axes(box)
@@ -222,8 +222,8 @@ def _draw(axes: Axes, display: Display, image: SarImage, options: PictureOptions
         vmax=limits[1],
         extent=display.extent,
         origin="lower",
-        aspect="auto",  # the axes' box already has equal metres in both directions
-        interpolation="nearest",  # speckle must look like what it is
+        aspect="auto",  # the axes' box already has equal scales in both directions
+        interpolation="nearest",  # speckle is not smoothed
     )
     axes.set_xlabel("slant range (m)" if image.grid.kind == "slant" else "ground range (m)", fontsize=9)
     axes.set_ylabel("azimuth (m)", fontsize=9)

@@ -14,9 +14,9 @@ from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import PictureOptions
 from sarmitsuba.view.quicklook import draw
 
-_MOST = 6  # points whose response is drawn
+_MOST = 6  # most points whose response is drawn
 _FLOOR_DB = -50.0
-_REACH, _STEPS = 8.0, 401  # widths to either side of a cut, and its samples
+_REACH, _STEPS = 8.0, 401  # half the length of a cut, in widths of the response, and its samples
 
 
 def quality_figure(image: SarImage, report: QualityReport) -> Figure:
@@ -61,7 +61,7 @@ def quality_figure(image: SarImage, report: QualityReport) -> Figure:
 
 
 def _response(axes: Axes, image: SarImage, channel: str, point: PointQuality, axis: str) -> None:
-    """One cut through a point along a lobe, by the pixels' Fourier series."""
+    """Draw one cut through a point along a lobe, by the Fourier series of the pixels."""
     cut = point.azimuth_cut if axis == "azimuth" else point.range_cut
     reach = min(_REACH * cut.irw, cut.extent)
     x = np.linspace(-reach, reach, _STEPS)

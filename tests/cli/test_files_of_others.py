@@ -42,7 +42,7 @@ def test_passes_of_others_are_refused_before_the_simulation(
     (tmp_path / "passes.npz").write_text("mine")
     for options in ((), ("--force",)):
         assert render(tmp_path, "--target-error", "-30", *options) == 2
-        assert "passes.npz: this file is not one that the program wrote here" in one_line(capsys)
+        assert "passes.npz: this file was not written by the program here" in one_line(capsys)
     assert (tmp_path / "passes.npz").read_text() == "mine" and not simulations
 
 
@@ -142,4 +142,4 @@ def test_whatever_else_the_system_refuses_is_one_line(
 
     monkeypatch.setattr("sarmitsuba.commands.scenes.copy_scene", refuse)
     assert cli.main(["scenes", "--copy", "plate", str(tmp_path)]) == 2
-    assert "the name is longer than this system takes" in one_line(capsys)
+    assert "the name is longer than the system allows" in one_line(capsys)

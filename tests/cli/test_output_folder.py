@@ -238,7 +238,7 @@ def test_a_file_of_the_users_own_is_never_overwritten(
         capsys.readouterr()
         assert render(out, *options) == 2
         (line,) = capsys.readouterr().err.splitlines()
-        assert f"{name}: this file is not one that the program wrote here" in line
+        assert f"{name}: this file was not written by the program here" in line
     assert (out / name).read_text() == "mine"
     assert len(simulations) == 1
 

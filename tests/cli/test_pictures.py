@@ -85,8 +85,8 @@ def test_a_picture_is_drawn_again(tmp_path: Path, capsys: Any) -> None:
     [
         (["--channel", "HV"], 'the image has no channel "HV"; it has VV'),
         (["--colour-map", "viridix"], 'did you mean "viridis"'),
-        (["--limits", "3", "-3"], "limits 3 and -3 are not in order"),
-        (["--order", "2"], "bounce order 2 was not kept apart"),
+        (["--limits", "3", "-3"], "limits 3 and -3 are not ascending"),
+        (["--order", "2"], "bounce order 2 was not kept separately"),
     ],
 )
 def test_bad_options_get_one_line(tmp_path: Path, capsys: Any, arguments: list[str], text: str) -> None:

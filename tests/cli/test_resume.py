@@ -326,7 +326,7 @@ def test_a_full_disk_is_one_line_and_the_command_goes_on_afterwards(
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     (line,) = capsys.readouterr().err.splitlines()
-    assert status == 2 and "cannot write: " in line and "larger than this system or user may write" in line
+    assert status == 2 and "cannot write: " in line and "exceeds the size limit of the system or the user" in line
     assert names(out) <= {"raw.blocks", "raw.h5", MANIFEST}
     assert render(file, out, "--quiet", "--no-focus") == 0
     same_raw(out, whole)
@@ -348,7 +348,7 @@ def test_a_file_of_the_users_own_in_the_place_of_the_blocks(file: Path, tmp_path
     (tmp_path / "raw.blocks").write_text("mine")
     assert render(file, tmp_path, "--quiet") == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "raw.blocks: this file is not one that the program wrote here" in line
+    assert "raw.blocks: this file was not written by the program here" in line
     assert (tmp_path / "raw.blocks").read_text() == "mine"
 
 

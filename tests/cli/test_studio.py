@@ -87,10 +87,10 @@ def test_size_and_material_change_what_they_say(tmp_path: Path) -> None:
 
 
 def test_what_the_bench_cannot_take_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SceneError, match="there is no bsdf"):
+    with pytest.raises(SceneError, match="has no bsdf"):
         scene_xml(dataclasses.replace(first_state("tower"), materials={"roof": "pec"}))
     (tmp_path / "box.ply").write_text("ply\n")
-    with pytest.raises(SceneError, match="the studio takes scene files"):
+    with pytest.raises(SceneError, match="the studio needs a scene file"):
         first_state(str(tmp_path / "box.ply"))
     (tmp_path / "torn.xml").write_text("<scene>")
     with pytest.raises(SceneError, match="not well-formed"):
@@ -224,7 +224,7 @@ def test_the_page_is_for_this_machine_alone(tmp_path: Path) -> None:
     pytest.importorskip("viser")
     from sarmitsuba.studio.server import Studio
 
-    with pytest.raises(SarmitsubaError, match="could be reached by others"):
+    with pytest.raises(SarmitsubaError, match="can be reached by other machines"):
         Studio("plate", tmp_path, host="0.0.0.0")
 
 

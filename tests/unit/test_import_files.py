@@ -92,7 +92,7 @@ def test_meshes_of_a_scene_that_is_elsewhere_now_stay(tmp_path: Path) -> None:
     import_scene(source, scene)
     (tmp_path / "city_meshes" / "notes.txt").write_text("mine")
     scene.rename(tmp_path / "kept.xml")
-    with pytest.raises(OutputError, match="holds the meshes of a scene that was imported before"):
+    with pytest.raises(OutputError, match="holds the meshes of a scene imported before"):
         import_scene(source, scene)
     assert len(widths(tmp_path / "kept.xml")) == 2
     import_scene(source, scene, force=True)

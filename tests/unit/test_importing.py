@@ -412,9 +412,9 @@ def one(coordinates: object, kind: str = "Polygon", **properties: object) -> str
 
 HOSTILE = {
     "cut off": ('{"type": "FeatureCollection", "features": [', "malformed JSON"),
-    "not text": ("\udcc3(", "no text in UTF-8"),
+    "not text": ("\udcc3(", "is not UTF-8 text"),
     "a number": ("17", "no GeoJSON"),
-    "nested": ("[" * 100_000, "nested too deep"),
+    "nested": ("[" * 100_000, "nested too deeply"),
     "nan": (one([SQUARE]).replace("0.0001", "NaN"), "no JSON number"),
     "crossing": (
         one([[[0, 0], [1e-4, 1e-4], [1e-4, 0], [0, 1e-4], [0, 0]]]),
@@ -468,9 +468,9 @@ def test_hostile_footprints_end_in_one_line(name: str, tmp_path: Path) -> None:
         ("<html/>", "not <osm>"),
         (
             '<osm><way id="1"><nd ref="7"/><nd ref="7"/><tag k="building" v="yes"/></way></osm>',
-            "not in the file",
+            "missing or malformed corners",
         ),
-        ('<osm><way id="1"><tag k="building" v="yes"/></way></osm>', "not in the file"),
+        ('<osm><way id="1"><tag k="building" v="yes"/></way></osm>', "missing or malformed corners"),
     ],
 )
 def test_hostile_xml_ends_in_one_line(text: str, message: str, tmp_path: Path) -> None:

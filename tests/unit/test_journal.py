@@ -66,7 +66,7 @@ def test_a_damaged_byte_ends_the_journal_before_its_record(tmp_path: Path, seed:
 def test_a_file_of_another_kind_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "mine"
     path.write_text("mine")
-    with pytest.raises(OutputError, match="is not one that the program wrote"):
+    with pytest.raises(OutputError, match="was not written by the program"):
         Journal(path)
     assert path.read_text() == "mine"
     with pytest.raises(OutputError, match="cannot write: "):

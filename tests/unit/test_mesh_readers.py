@@ -48,7 +48,7 @@ def test_serialized_meshes_are_what_mitsuba_reads(tmp_path: Path, version: int) 
         theirs = np.array(mesh["vertex_positions"]).reshape(-1, 3)
         np.testing.assert_array_equal(theirs, vertices.astype(np.float32))
         np.testing.assert_array_equal(np.array(mesh["faces"]).reshape(-1, 3), corners)
-    with pytest.raises(ValueError, match="shape_index = 6, of 6 shapes"):
+    with pytest.raises(ValueError, match="shape_index = 6, but the file has 6 shapes"):
         read_serialized(path, 6)
 
 

@@ -228,9 +228,9 @@ BAD: dict[str, tuple[Callable[[Fields], object], str]] = {
     "nan in fp": (with_nan("fp", 12), "1 of 160 pulses hold NaN .* pulse 12"),
     "nan in x": (with_nan("x", 5), "1 of 160 pulses hold NaN .* pulse 5"),
     "nan in r0": (with_nan("r0", 0), "1 of 160 pulses hold NaN .* pulse 0"),
-    "random order": (shuffled, "turns back at .* sort the pulses in the order of flight"),
-    "two swapped": (swapped, "turns back at .* first at pulse"),
-    "two at one place": (doubled, "pulses 30 and 31 stand at the same place"),
+    "random order": (shuffled, "reverses at .* sort the pulses in the order of flight"),
+    "two swapped": (swapped, "reverses at .* first at pulse"),
+    "two at one place": (doubled, "pulses 30 and 31 have the same position"),
     "uneven": (changed("freq", bent), "off uniform steps of .* by 3e.05 Hz"),
     "downwards": (changed("freq", lambda f: f[::-1]), "freq must increase"),
     "real": (changed("fp", np.abs), "not complex frequency x pulse"),
@@ -238,7 +238,7 @@ BAD: dict[str, tuple[Callable[[Fields], object], str]] = {
     "negative r0": (changed("r0", lambda r: -r), "r0 must be above 0"),
     "bistatic": (
         lambda content: content.update(xt=content["x"]),
-        "xt: one antenna apart from x, y, z is taken",
+        "xt: beside x, y, z one more antenna is supported",
     ),
 }
 
@@ -339,7 +339,7 @@ def test_files_that_do_not_fit_each_other_are_one_line(tmp_path: Path) -> None:
     (tmp_path / "a2_HH.mat").unlink()
     moved = {**content, "r0": content["r0"] + 1.0}
     save(tmp_path / "a1_VV.mat", moved)
-    with pytest.raises(DataError, match=r"a1_VV\.mat: its pulses or frequencies are not those of a1_HH"):
+    with pytest.raises(DataError, match=r"a1_VV\.mat: pulses or frequencies differ from those of a1_HH"):
         read_raw(tmp_path)
 
 

@@ -152,12 +152,12 @@ def test_looks_average_power_and_phase_averages_complex_values() -> None:
     ("options", "text"),
     [
         ({"quantity": "sigma"}, 'quantity "sigma" is unknown; did you mean "sigma0"'),
-        ({"limits": (0.0, -30.0)}, "limits 0 and -30 are not in order"),
+        ({"limits": (0.0, -30.0)}, "limits 0 and -30 are not ascending"),
         ({"span_db": 0.0}, "span = 0 dB is not above 0"),
         ({"looks": (0, 1)}, "looks = 0 x 1 are not at least"),
         ({"channel": "HV"}, 'no channel "HV"; it has VV'),
         ({"colour_map": "grey2"}, 'colour map "grey2" is unknown'),
-        ({"order": 3}, "bounce order 3 was not kept apart"),
+        ({"order": 3}, "bounce order 3 was not kept separately"),
     ],
 )
 def test_options_that_do_not_fit(options: dict, text: str) -> None:

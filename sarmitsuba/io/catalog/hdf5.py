@@ -52,8 +52,8 @@ _ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "d
 _CHUNK_BYTES = 1 << 20  # HDF5's default chunk cache holds one such chunk
 _PATH = re.compile(r"/(?:subsets/([12])/)?(?:(?:image|echoes)/(\w+)|orders/(\w+)/([1-9]\d{0,5}))")
 _SUBSETS = (
-    "Two independent subsets of the rays, for error bars. Each holds its share (attribute) of the whole: their sum is "
-    "the plane of the same name outside this group, which is the one to use. Divided by its share, a subset is a "
+    "Two independent subsets of the rays, for error bars. Each holds its share (attribute) of the whole: they add up "
+    "to the plane of the same name outside this group, which is the one to use. Divided by its share, a subset is a "
     "coarser independent estimate."
 )
 _ORDERS = "Parts of every channel by number of bounces; over all bounces they add up to the channel."

@@ -133,7 +133,7 @@ def _fields(path: Path) -> dict[str, object]:
     try:
         content = scipy.io.loadmat(path, variable_names=[_STRUCT])
     except NotImplementedError as error:
-        raise DataError(f"{path}: has MATLAB format 7.3; save it in MATLAB with -v7") from error
+        raise DataError(f"{path}: has MATLAB version 7.3; save it in MATLAB with -v7") from error
     except (
         ArithmeticError,
         AssertionError,

@@ -64,8 +64,8 @@ def _without_grid(kind: str, flight: Collection) -> str:
     if kind != "slant" or flight.straight_and_level:
         return ""
     return (
-        "SICD has no slant-range grid for a track that is curved or climbs; set image_grid = ground in the range_film "
-        "(-D range_film.image_grid=ground), or focus the raw data with --grid ground"
+        "the track is curved or climbs, for which SICD has no slant-range grid; set image_grid = ground in the "
+        "range_film (-D range_film.image_grid=ground), or focus the raw data with --grid ground"
     )
 
 
