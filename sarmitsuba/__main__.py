@@ -19,13 +19,13 @@ _ENDS = {
 def main() -> int:
     """Run the command line; Ctrl-C and SIGTERM end it at once with one line.
 
-    An exception in the middle of foreign code, which half-imported modules and callbacks of Mitsuba are, would come out
-    as a traceback or a crash: the process ends without one, and what is unfinished on the disk is removed.
+    An exception in foreign code (half-imported modules, callbacks of Mitsuba) would end in a traceback or a crash: the
+    process ends without one, and unfinished files are removed.
     """
     started, ending = os.getpid(), threading.RLock()
 
     def end(number: int, frame: FrameType | None) -> None:
-        # handler and watching thread may both receive one signal: the second waits for the process to end
+        # handler and watching thread may both receive a signal: the second waits for the end of the process
         ending.acquire()
         if threading.current_thread() is threading.main_thread():
             for each in _ENDS:
@@ -46,7 +46,7 @@ def main() -> int:
     from sarmitsuba import cli
 
     status = cli.main()
-    # all is written: a signal while the interpreter takes itself down would crash it
+    # all is written: a signal during the interpreter's shutdown would crash it
     for number in _ENDS:
         signal.signal(number, signal.SIG_IGN)
     signal.set_wakeup_fd(-1)

@@ -1,4 +1,4 @@
-"""Types of NumPy arrays, named for their elements; shapes and units stand where they are used."""
+"""Types of NumPy arrays, named for their elements; shapes and units are stated where they are used."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -48,7 +48,7 @@ _SYSTEM_FOLDERS = (
 )
 _LLVM_NAME = re.compile(r"libLLVM(?:-C)?(?:[-.](?P<a>\d+)[\d.]*)?\.(?:so|dylib)(?:\.(?P<b>\d+)[\d.]*)?$")
 
-# Dr.Jit's own stop and start, as the compilers of Linux and macOS name C++ functions
+# mangled names of Dr.Jit's shutdown and start functions, Linux and macOS
 _STOP, _START = "_Z12jit_shutdowni", "_Z8jit_initj"
 
 REMEDY = (
@@ -59,15 +59,15 @@ REMEDY = (
 
 @dataclass(frozen=True)
 class Backend:
-    """Back end that runs the kernels.
+    """Back end of the kernels.
 
     Parameters
     ----------
-    variant : Mitsuba variant that is set now
-    llvm_path : the LLVM library that Dr.Jit was pointed to, None on a GPU or where Dr.Jit found its own
+    variant : present Mitsuba variant
+    llvm_path : LLVM library given to Dr.Jit; None on a GPU or where Dr.Jit found its own
     llvm_version : as Dr.Jit reports it, e.g. ``23.1.4``; None on a GPU
     threads : worker threads of Dr.Jit
-    gpu : what CUDA reports, None without a usable GPU
+    gpu : description by CUDA; None without a usable GPU
     """
 
     variant: str
@@ -79,7 +79,7 @@ class Backend:
 
 @dataclass(frozen=True)
 class LlvmChoice:
-    """An LLVM library and where it was found: ``environment``, ``package`` or ``system``."""
+    """LLVM library with its origin: ``environment``, ``package`` or ``system``."""
 
     path: Path
     source: str
@@ -91,9 +91,9 @@ def ensure_backend(prefer: str | None = None) -> Backend:
 
     The variant is, in this order: one that is already set and can trace (``llvm_*`` or ``cuda_*``), ``prefer``,
     the environment variable ``SARMITSUBA_VARIANT``, ``cuda_ad_rgb`` where an NVIDIA GPU with OptiX works, and
-    ``llvm_ad_rgb``; a scalar variant, which cannot trace, is replaced. Dr.Jit looks for LLVM when it is imported: where
-    Mitsuba came first and the LLVM found then does not serve, Dr.Jit is started again with one that does, as long as
-    nothing has been computed with it.
+    ``llvm_ad_rgb``; a scalar variant, which cannot trace, is replaced. Dr.Jit searches for LLVM on import: if Mitsuba
+    was imported first and the LLVM found then is unusable, Dr.Jit is restarted with a usable one, unless it already
+    holds computed arrays.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def ensure_backend(prefer: str | None = None) -> Backend:
     Raises
     ------
     BackendError
-        No back end works, or the variant asked for does not exist or cannot start.
+        No back end works, or the requested variant does not exist or cannot start.
     """
     late = "drjit" in sys.modules
     choice = None if late else prepare_llvm()
@@ -133,14 +133,14 @@ def _refuse_old_llvm(version: str | None) -> None:
     if version and has_avx512() and int(version.partition(".")[0]) < _OLDEST_LLVM_AVX512:
         # it would end the process at the first kernel: "LLVM ERROR: Cannot select: fminimum"
         raise BackendError(
-            f"LLVM {version} cannot compile for this processor (AVX-512), and Dr.Jit is at work with it already; call "
+            f"LLVM {version} cannot compile for this processor (AVX-512), and Dr.Jit uses it already; call "
             f"sarmitsuba.register_plugins() before mi.set_variant, or set {LLVM_VARIABLE} to an LLVM >= "
             f"{_OLDEST_LLVM_AVX512}"
         )
 
 
 def prepare_llvm() -> LlvmChoice | None:
-    """Point ``DRJIT_LIBLLVM_PATH`` at an LLVM that works, unless the user did; return the choice, None if none."""
+    """Set ``DRJIT_LIBLLVM_PATH`` to a usable LLVM, unless the user did; return the choice, None if none was found."""
     choice = find_llvm()
     if choice is not None and choice.source != "environment":
         if choice.source == "package":
@@ -150,10 +150,10 @@ def prepare_llvm() -> LlvmChoice | None:
 
 
 def _replace_llvm(dr: ModuleType) -> LlvmChoice | None:
-    """Start Dr.Jit again with an LLVM that works, where the one that it found when imported does not.
+    """Restart Dr.Jit with a usable LLVM if the one found on import is unusable.
 
-    Left alone where the user chose the library, where Dr.Jit holds variables (they would be lost) or a GPU, and where
-    its start and stop cannot be called. Returns the LLVM that would serve, None where none is needed or known.
+    Nothing is done if the user chose the library, if Dr.Jit holds variables (they would be lost) or a GPU, or if its
+    start and shutdown cannot be called. Returns the usable LLVM, None where none is needed or known.
     """
     version = llvm_version()
     major = int(version.partition(".")[0]) if version else 0
@@ -239,10 +239,10 @@ def _start(mi: Any, dr: Any, wanted: str | None, choice: LlvmChoice | None) -> s
 
 
 class _Lazy:
-    """A module of the back end under its usual short name, imported and started at the first use of an attribute.
+    """Module of the back end, imported and started at the first use of an attribute.
 
-    Attributes are kept, so that recording a kernel costs no more than with the module itself; Mitsuba's depend on
-    the variant and are forgotten when it changes.
+    Attributes are cached, so that recording a kernel costs no more than with the module itself; those of Mitsuba depend
+    on the variant and are dropped when it changes.
     """
 
     def __init__(self, name: str) -> None:
@@ -269,7 +269,7 @@ class _Lazy:
 
 
 if not TYPE_CHECKING:
-    # the only place where Dr.Jit and Mitsuba enter; their array types depend on the variant
+    # the only import of Dr.Jit and Mitsuba; their array types depend on the variant
     dr, mi = _Lazy("drjit"), _Lazy("mitsuba")
 
 
@@ -293,7 +293,7 @@ def _packaged_llvm() -> LlvmChoice | None:
         for file in distribution.files or ()
         if _LLVM_NAME.fullmatch(file.name)
     }
-    # the link libLLVM.so is only there after the interpreter's first start: the shortest name that exists
+    # the link libLLVM.so exists only after the interpreter's first start: the shortest name that exists
     existing = sorted((path for path in found if os.path.exists(path)), key=lambda path: len(path.name))
     if not existing:
         return None
@@ -331,7 +331,7 @@ def _system_llvm(root: Path = Path("/")) -> LlvmChoice | None:
 
 
 def _library_version(path: Path) -> int | None:
-    """Major version of a libLLVM from its name, the file it links to, or its folder; None if none tells."""
+    """Major version of a libLLVM from its name, the file it links to, or its folder; None if unknown."""
     if _LLVM_NAME.fullmatch(path.name) is None:
         return None
     for name in (path.name, path.resolve().name):
@@ -348,7 +348,7 @@ def _folder_version(path: Path) -> str | None:
 
 
 def has_avx512() -> bool:
-    """True on an x86-64 processor with AVX-512, as far as /proc/cpuinfo tells."""
+    """Whether /proc/cpuinfo lists AVX-512 (x86-64)."""
     if platform.machine().lower() not in {"x86_64", "amd64"}:
         return False
     try:
@@ -358,7 +358,7 @@ def has_avx512() -> bool:
 
 
 def _has_optix() -> bool:
-    """True if the ray tracing library of the NVIDIA driver is there (containers often lack it)."""
+    """Whether the ray tracing library of the NVIDIA driver exists (containers often lack it)."""
     if sys.platform != "linux":
         return True
     try:
@@ -371,7 +371,7 @@ def _has_optix() -> bool:
 def arrays() -> ModuleType:
     """Dr.Jit's array types for kernels that trace no rays: ``drjit.llvm`` or ``drjit.cuda``, without Mitsuba.
 
-    Where Mitsuba runs already its variant decides; otherwise the choice is that of :func:`ensure_backend`.
+    If Mitsuba is running its variant decides; otherwise the choice is that of :func:`ensure_backend`.
 
     Raises
     ------
@@ -400,15 +400,15 @@ def arrays() -> ModuleType:
     return importlib.import_module("drjit.llvm")
 
 
-# bytes; a multiple of what the widest vector of a processor loads at once: 16 or 32 float64
+# alignment, bytes: a multiple of the widest vector of a processor, 16 or 32 float64
 _ALIGNMENT = 256
 
 
 def device_array(array_type: "type[Array]", values: NDArray[np.generic]) -> "Array":
     """Copy a NumPy array, flattened, into a Dr.Jit array of ``array_type``; the items' types must agree.
 
-    Dr.Jit takes a NumPy array's memory as it is, and whether its address is aligned enters the kernel: the same
-    code would now and then be compiled again.
+    Dr.Jit uses the memory of a NumPy array directly, and the kernel depends on whether its address is aligned: without
+    the copy the same code would occasionally be compiled again.
     """
     flat = np.ascontiguousarray(values).reshape(-1)
     memory = np.empty(flat.nbytes + _ALIGNMENT, dtype=np.uint8)
@@ -419,7 +419,7 @@ def device_array(array_type: "type[Array]", values: NDArray[np.generic]) -> "Arr
 
 
 def device_numbers(array_type: "type[Array]", numbers: "Sequence[float | F64]") -> "tuple[Array, ...]":
-    """Numbers and tables of a formula as opaque float32 arrays, so that one kernel serves all their values."""
+    """Numbers and tables of a formula as opaque float32 arrays, so that one kernel serves all values."""
     return tuple(
         device_array(array_type, np.asarray(number, dtype=np.float32))
         if isinstance(number, np.ndarray)

@@ -1,7 +1,7 @@
-"""The command line: reads the arguments, runs a subcommand, turns errors into one line and an exit status.
+"""Command line: parsing of arguments, subcommands, and errors as one line and an exit status.
 
-Exit status: 0 done; 1 something is missing (doctor), a comparison is out of tolerance (validate) or the program
-failed; 2 the user's input is wrong; 130 stopped by Ctrl-C.
+Exit status: 0 success; 1 a missing part (doctor), a comparison out of tolerance (validate) or a failure of the program;
+2 invalid input; 130 stopped by Ctrl-C.
 """
 
 import argparse
@@ -56,7 +56,7 @@ def _add_extension(parser: argparse.ArgumentParser) -> None:
 
 
 def _load_extensions(argv: Sequence[str] | None) -> None:
-    """Import the modules that ``--extension`` names, before or after the command."""
+    """Import the modules given by ``--extension``, before or after the command."""
     parser = _Parser(prog="sarmitsuba", add_help=False, allow_abbrev=False)
     _add_extension(parser)
     named, _ = parser.parse_known_args(argv)
@@ -82,12 +82,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         console.complain(str(error))
         return EXIT_USER
     except MemoryError:
-        console.complain("out of memory; ask for a smaller image, fewer pulses or a coarser ray_spacing")
+        console.complain("out of memory; choose a smaller image, fewer pulses or a coarser ray_spacing")
         return EXIT_USER
     except KeyboardInterrupt:
         console.complain("interrupted; no half-written file was left behind")
         return EXIT_INTERRUPTED
-    except BrokenPipeError:  # the reader of the output has closed it, e.g. `| head`
+    except BrokenPipeError:  # the output was closed by its reader, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except (

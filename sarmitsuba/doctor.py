@@ -22,11 +22,11 @@ class Check:
 
     Parameters
     ----------
-    name : what was checked
-    value : what was found
+    name : checked item
+    value : result
     ok : whether the check passed
     essential : whether the program needs it
-    remedy : what to do; empty when there is nothing to do
+    remedy : installation advice; empty if not needed
     """
 
     name: str
@@ -38,19 +38,19 @@ class Check:
 
 @dataclass(frozen=True)
 class Report:
-    """Results of all checks, and the ray rate in rays/s (0 when it could not be measured)."""
+    """Results of all checks, and the ray rate, rays/s (0: not measured)."""
 
     checks: tuple[Check, ...]
     ray_rate: float
 
     @property
     def ok(self) -> bool:
-        """True when nothing essential is missing."""
+        """Whether all essential checks passed."""
         return all(check.ok for check in self.checks if check.essential)
 
 
 def examine(*, seconds: float = 1.0) -> Report:
-    """Results of all checks of this machine. Measuring the ray rate takes ``seconds``, plus the start of Mitsuba."""
+    """Results of all checks of this machine; measuring the ray rate takes ``seconds`` plus the start of Mitsuba."""
     checks = [_python(), _processor(), *_packages()]
     rate = 0.0
     try:

@@ -1,8 +1,8 @@
 """Errors and warnings of sarmitsuba: one line each, with place, problem, value, bound and remedy."""
 
-# most characters of a message; longer ones repeat input, and are cut in the middle so that the remedy stays
+# most characters of a message; longer ones repeat input, and are shortened in the middle to keep the remedy
 _LONGEST = 900
-# control characters, line separators, and marks that change the direction of text
+# control characters, line separators, and marks of text direction
 _CONTROL = dict.fromkeys(
     (*range(32), *range(0x7F, 0xA0), 0x2028, 0x2029, *range(0x202A, 0x202F), *range(0x2066, 0x206A)), " "
 )
@@ -15,7 +15,7 @@ def plain_line(text: object) -> str:
 
 
 class SarmitsubaError(Exception):
-    """Base of every error that a user can cause; its text is one line of bounded length."""
+    """Base class of errors caused by the user's input or system; the text is one line of bounded length."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(plain_line(text))
@@ -26,7 +26,7 @@ class SceneError(SarmitsubaError):
 
 
 class RadarError(SarmitsubaError):
-    """The radar description is inconsistent or does not see the scene."""
+    """The radar description is inconsistent or does not illuminate the scene."""
 
 
 class DataError(SarmitsubaError):
@@ -50,7 +50,7 @@ class OutputError(SarmitsubaError):
 
 
 class SarmitsubaWarning(UserWarning):
-    """The result is usable, but something about it should be checked; one line of bounded length."""
+    """The result is usable, but should be checked as stated; one line of bounded length."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(plain_line(text))

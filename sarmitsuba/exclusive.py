@@ -20,8 +20,8 @@ def backend_lock() -> Iterator[None]:
 
     Notes
     -----
-    Dr.Jit records per thread but shares variables, and what one thread has launched another does not wait for: the
-    last of nested calls therefore ends with all launched work done. Processes share nothing and need no lock.
+    Dr.Jit records per thread but shares variables, and a thread does not wait for kernels launched by another: the
+    outermost call therefore ends after all launched work is complete. Processes share nothing and need no lock.
     """
     global _depth
     with _lock:
@@ -37,7 +37,7 @@ def backend_lock() -> Iterator[None]:
 
 
 def exclusive(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a function so that only one thread at a time is in any function decorated so."""
+    """Decorator: only one thread at a time executes any of the decorated functions."""
 
     @functools.wraps(function)
     def alone(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -1,4 +1,4 @@
-"""Checks for data that are not finite: NaN and infinity are never returned silently."""
+"""Checks for NaN and infinity, which are never returned silently."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ def all_finite(data: NDArray[np.complexfloating] | NDArray[np.floating]) -> bool
 
 
 def check_pulses(data: C64, where: str = "") -> None:
-    """Raise an error for echoes that are not finite.
+    """Raise an error for echoes with NaN or infinite numbers.
 
     Parameters
     ----------

@@ -12,38 +12,37 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.exclusive import backend_lock
 from sarmitsuba.regular_files import most_unpacked
 
-# s of CPU time allowed: a hundred times that of any intact file, and a share by the size of the file
+# allowed CPU time, s: a hundred times that of any intact file, plus a share by the size of the file
 _LEAST_LIMIT = 5
 _BYTES_PER_SECOND = 5e6
-# s of elapsed time per second of CPU time allowed: a reader that waits for ever uses no CPU time
+# allowed elapsed time per CPU time: a blocked reader uses no CPU time
 _PATIENCE = 20
 _OUT_OF_MEMORY = 3
 
 
 def survive(path: Path, read: Callable[[], object]) -> None:
-    """Read in a forked process first; a DataError where that crashes, hangs or needs far more memory than the file.
+    """Try a reader in a forked process; raise a DataError if it crashes, hangs or needs excessive memory.
 
-    libhdf5 loops for ever on some damaged attributes and SciPy's reader of MATLAB files reads through pointers that it
-    never set; neither can be stopped from within. Errors of the trial are no matter: the caller reads again, and words
-    them. Where there is no ``fork`` (Windows), nothing is tried.
+    libhdf5 loops forever on some damaged attributes, and SciPy's reader of MATLAB files uses uninitialised pointers;
+    neither can be stopped within a process. Exceptions of the trial are ignored: the caller reads again and reports
+    them. Without ``fork`` (Windows) there is no trial.
 
     Parameters
     ----------
     path : of the file
-    read : reads it; must not need any other thread of this process, nor a device
+    read : reads the file; must not need another thread of this process, nor a device
 
     Raises
     ------
     DataError
-        The process was ended by a signal, waited for ever, or took more CPU time or memory than any sound file of that
-        size.
+        The process was ended by a signal, hung, or used more CPU time or memory than any intact file of that size.
     """
     if sys.platform == "win32":
         return
     size = path.stat().st_size
     limit, memory = int(_LEAST_LIMIT + size / _BYTES_PER_SECOND), most_unpacked(size)
-    # forking stops the threads of linear algebra, and waits for ever for what another thread computes with them; and
-    # filters of warnings are all threads' own
+    # forking stops the threads of linear algebra, and blocks while another thread uses them; filters of warnings are
+    # shared by all threads
     with backend_lock(), warnings.catch_warnings():
         # Python 3.12 warns of forking beside threads: the child uses none, and takes no lock of theirs
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -92,7 +91,7 @@ def _try(read: Callable[[], object], limit: int, memory: int) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.getrlimit(resource.RLIMIT_CPU)[1]))
         signal.setitimer(signal.ITIMER_REAL, _PATIENCE * limit)
-        # not the address space, of which every thread's arena reserves a lot that it never writes to
+        # not the address space, much of which is reserved by the threads' arenas and never written
         most = _writable_bytes() + memory
         resource.setrlimit(resource.RLIMIT_DATA, (most, resource.getrlimit(resource.RLIMIT_DATA)[1]))
         read()
@@ -111,7 +110,7 @@ def _of_memory(error: BaseException | None) -> bool:
 
 
 def _writable_bytes() -> int:
-    """Bytes that the process may write to; without /proc none is known and the limit is none."""
+    """Writable memory of the process, bytes; without /proc unknown, and there is no limit."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
     except OSError:

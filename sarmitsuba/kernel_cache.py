@@ -1,4 +1,4 @@
-"""Folder of Dr.Jit's compiled kernels: in the home folder, or another one where that cannot be written."""
+"""Folder of Dr.Jit's compiled kernels: in the home folder, or another one if that is not writable."""
 
 import os
 import stat
@@ -12,21 +12,20 @@ CACHE_VARIABLE = "DRJIT_CACHE_DIR"
 
 
 def prepare_kernel_cache() -> Path | None:
-    """Choose another folder for compiled kernels where Dr.Jit's own cannot be used; before it is imported.
+    """Choose another folder for compiled kernels if Dr.Jit's own is unusable; call before importing Dr.Jit.
 
-    A folder that ``DRJIT_CACHE_DIR`` names is left alone. In place of a ``~/.drjit`` that cannot be written, is a link,
-    or that others own or can write in, it is one of this user's own in the folder for temporary files, which is kept
-    from run to run; one that others could have filled is not used, because
-    kernels are code.
+    A folder named by ``DRJIT_CACHE_DIR`` is not changed. A ``~/.drjit`` that is not writable, is a link, or is owned or
+    writable by others is replaced by a private folder of this user among the temporary files, which is kept from run to
+    run; a folder that others could have filled is not used, because kernels are code.
 
     Returns
     -------
-    the folder, or None where nothing had to be chosen
+    the folder; None: no choice was needed
 
     Warns
     -----
     SarmitsubaWarning
-        Once: which folder it is.
+        Once, with the chosen folder.
     """
     if os.environ.get(CACHE_VARIABLE) or os.name != "posix":
         return None
@@ -54,7 +53,7 @@ def prepare_kernel_cache() -> Path | None:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether files can be made in the folder, which is made if need be."""
+    """Whether files can be created in the folder, which is created if needed."""
     try:
         folder.mkdir(exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -77,7 +76,7 @@ def _reason(folder: Path) -> str:
 
 
 def _own(folder: Path) -> bool:
-    """Whether the folder, made if need be, is this user's, no link, and nobody else can write in it."""
+    """Whether the folder, created if needed, is private to this user and no link."""
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         found = folder.lstat()
@@ -87,6 +86,6 @@ def _own(folder: Path) -> bool:
 
 
 def _private(found: os.stat_result) -> bool:
-    """Whether a folder is this user's and nobody else can write in it; a group of the user's number is theirs."""
+    """Whether a folder is owned and writable by this user only; a group of the user's number counts as the user."""
     others = stat.S_IWOTH if found.st_gid == found.st_uid else stat.S_IWOTH | stat.S_IWGRP
     return found.st_uid == os.getuid() and not found.st_mode & others

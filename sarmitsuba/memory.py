@@ -6,10 +6,10 @@ from pathlib import Path
 
 from sarmitsuba.errors import ResourceError
 
-# share of the free memory that a run may use: other programs need some, and the prediction is uncertain
+# share of the free memory usable by a run: other programs need some, and the prediction is uncertain
 USABLE = 0.9
 _CGROUPS = (
-    # version 2: limit, use, statistics with the part of the use that is only cache
+    # version 2: limit, use, statistics with the part of the use that is cache
     (
         "/sys/fs/cgroup/memory.max",
         "/sys/fs/cgroup/memory.current",
@@ -27,8 +27,8 @@ _CGROUPS = (
 
 
 def peak_memory() -> int:
-    """Peak memory of the process so far, bytes; 0 where the system does not report it (Windows)."""
-    try:  # Linux hands ru_maxrss on to the programs that a process starts; this it does not
+    """Peak memory of the process so far, bytes; 0 if unknown (Windows)."""
+    try:  # unlike ru_maxrss, not inherited by started programs on Linux
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
         return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
     except (OSError, ValueError, StopIteration):
@@ -42,7 +42,7 @@ def peak_memory() -> int:
 
 
 def held_memory() -> int:
-    """Present memory of the process, bytes; its peak where the system does not report it."""
+    """Present memory of the process, bytes; its peak if unknown."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except (OSError, ValueError, IndexError):
@@ -51,7 +51,7 @@ def held_memory() -> int:
 
 
 def free_memory() -> int | None:
-    """Memory available to the process, bytes, of the machine or of its container; None where unknown."""
+    """Memory available to the process in the machine or its container, bytes; None if unknown."""
     found = [
         value for value in (_machine(), *(_container(*files) for files in _CGROUPS)) if value is not None
     ]
@@ -63,9 +63,9 @@ def check_fits(what: str, wanted: int, remedy: str) -> None:
 
     Parameters
     ----------
-    what : consumer of the memory, start of the error
-    wanted : bytes beyond what the process holds now
-    remedy : end of the error
+    what : consumer of the memory, start of the error message
+    wanted : bytes in addition to the present memory
+    remedy : end of the error message
 
     Raises
     ------
@@ -94,7 +94,7 @@ def _machine() -> int | None:
                 return 1024 * int(line.split()[1])
     except (OSError, ValueError, IndexError):
         pass
-    try:  # all of it, where the system does not say what is free
+    try:  # total memory, if the system does not state the free memory
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
         return None

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 D = TypeVar("D", bound="DataclassInstance")
-# names that an error lists; longer lists stand on the page
+# most names listed by an error; longer lists are on the page
 MOST_NAMED, PAGE = 40, "docs/scene_format.md"
 _PARAM = "param"  # key in the metadata of a field
 
@@ -35,17 +35,17 @@ class Param:
     Parameters
     ----------
     name : as in the XML file
-    kind : XML element that carries it; ``integer or auto`` also takes the string ``auto`` (read as 0);
-        ``ignored`` is accepted in any form and has no effect
-    default : value when absent; None where absent has a meaning of its own, which the string ``auto`` asks for too
+    kind : its XML element; ``integer or auto`` also accepts the string ``auto`` (read as 0); ``ignored`` is accepted in
+        any form and has no effect
+    default : value when absent; None: absence has its own meaning, also selected by the string ``auto``
     doc : meaning, one sentence
-    unit : SI unit, ``deg`` or ``dB``; empty when it has none
+    unit : SI unit, ``deg`` or ``dB``; empty: none
     minimum, maximum : inclusive bounds
-    positive : True also refuses the minimum itself
-    choices : allowed strings, or a function that returns them (names of a registry that modules of the user fill)
-    auto : True when the default 0 means automatic
-    python : errors give an example in Python, not in XML
-    option : it is an option of the command line; errors give its bounds
+    positive : whether the minimum itself is excluded
+    choices : allowed strings, or a function that returns them (names in a registry, which extensions may add to)
+    auto : whether the default 0 means automatic
+    python : whether errors give an example in Python instead of XML
+    option : whether it is an option of the command line; errors give its bounds
     """
 
     name: str
@@ -63,16 +63,16 @@ class Param:
 
     @property
     def tag(self) -> str:
-        """XML element to write it with."""
+        """XML element of the parameter."""
         return {"integer or auto": "integer", "ignored": "float"}.get(self.kind, self.kind)
 
     @property
     def allowed(self) -> tuple[str, ...]:
-        """Allowed strings at present; empty where every string is allowed."""
+        """Allowed strings at present; empty: all strings."""
         return self.choices() if callable(self.choices) else self.choices
 
     def convert(self, value: object, where: str, error: type[SarmitsubaError]) -> Value | None:
-        """Return ``value`` with the parameter's type, or raise ``error`` with one line."""
+        """Convert ``value`` to the parameter's type, or raise ``error`` with one line."""
         if self.kind == "ignored":
             return self.default
         if self.kind == "boolean":
@@ -88,7 +88,7 @@ class Param:
         return self._number(value, where, error)
 
     def parse(self, text: str, where: str, error: type[SarmitsubaError]) -> Value | None:
-        """Return the value written as ``text`` (a command-line override)."""
+        """Value of a text, as in a command-line override."""
         value: object = text
         if self.kind == "boolean":
             value = BOOLEANS.get(text.strip().lower(), text)
@@ -99,7 +99,7 @@ class Param:
         return self.convert(value, where, error)
 
     def check_option(self, option: str, value: object, where: str) -> None:
-        """Raise a SceneError with one line unless an option of the command line keeps to the bounds; None does."""
+        """Raise a SceneError with one line if a command-line option is out of bounds; None is accepted."""
         if value is not None:
             replace(self, name=option, option=True).convert(value, where, SceneError)
 
@@ -184,11 +184,11 @@ class ParamTable:
     ----------
     plugin : name in the XML ``type`` attribute
     element : XML element (``sensor``, ``film``, ``integrator``, ``bsdf``)
-    doc : what the plugin is, one or two sentences
-    params : its own parameters
-    more : returns parameters that come on top, those of registered modes or laws
-    error : class of the errors raised
-    hints : remedies for names that people from Mitsuba try here
+    doc : description of the plugin, one or two sentences
+    params : parameters of the plugin
+    more : function that returns additional parameters, those of registered modes or laws
+    error : class of its errors
+    hints : remedies for parameter names of Mitsuba that do not apply here
     """
 
     plugin: str
@@ -201,17 +201,17 @@ class ParamTable:
 
     @property
     def rows(self) -> tuple[Param, ...]:
-        """Every parameter, its own and those that come on top.
+        """All parameters, including additional ones.
 
         Raises
         ------
-        ExtensionError : what comes on top takes the name of another parameter
+        ExtensionError : an additional parameter has the name of another one
         """
         rows = (*self.params, *self.more())
         if len({p.name for p in rows}) < len(rows):
             names = [p.name for p in rows]
             twice = next(name for name in names if names.count(name) > 1)
-            raise ExtensionError(f"{self.plugin} has a parameter {twice!r} already; take another name")
+            raise ExtensionError(f"{self.plugin} already has a parameter {twice!r}; choose another name")
         return rows
 
     @property
@@ -220,31 +220,31 @@ class ParamTable:
         return tuple(p.name for p in self.rows)
 
     def __getitem__(self, name: str) -> Param:
-        """Return the parameter of that name."""
+        """Parameter of that name."""
         for param in self.rows:
             if param.name == name:
                 return param
         raise KeyError(name)
 
     def defaults(self) -> dict[str, Value | None]:
-        """Every parameter with its default."""
+        """Defaults by parameter name."""
         return {p.name: p.default for p in self.rows}
 
     def read(
         self, given: Mapping[str, object], where: str, *, python: bool = False, nested: Sequence[str] = ()
     ) -> dict[str, Value | None]:
-        """Validate what a file gives and fill in defaults.
+        """Validate given values and fill in defaults.
 
         Parameters
         ----------
-        given : name to value as the XML parser typed it
-        where : start of every error, for example ``scene.xml: sensor "radar"``
-        python : errors give examples in Python, not in XML
-        nested : names of elements that may be nested, one of which an unknown name may mean
+        given : values by name, typed by the XML parser
+        where : start of every error message, for example ``scene.xml: sensor "radar"``
+        python : whether errors give examples in Python instead of XML
+        nested : names of elements that may be nested, as suggestions for unknown names
 
         Returns
         -------
-        every parameter of the table with its value
+        values of all parameters of the table by name
 
         Raises
         ------
@@ -269,7 +269,7 @@ class ParamTable:
         raise self.error(f'{where}: unknown parameter "{one_line(name)}"{guess}')
 
     def markdown(self) -> str:
-        """Return the table of parameters in Markdown."""
+        """Table of parameters in Markdown."""
         rows = ["| parameter | type | unit | default | bounds | meaning |", "|---|---|---|---|---|---|"]
         for p in self.rows:
             default = (
@@ -299,7 +299,7 @@ def described(
     choices: Choices = (),
     auto: bool = False,
 ) -> T:
-    """Field of a dataclass whose name, type and default are also a `Param` with this documentation and these bounds."""
+    """Field of a dataclass that also declares a `Param` of its name, type and default, with meaning and bounds."""
     kinds: dict[type, Kind] = {bool: "boolean", int: "integer", str: "string"}
     param = Param(
         "", kinds.get(type(default), "float"), None, doc, unit, minimum, maximum, positive, choices, auto
@@ -309,7 +309,7 @@ def described(
 
 
 def params_of(description: type) -> tuple[Param, ...]:
-    """Parameters of a dataclass whose fields are made by `described`; other fields are none."""
+    """Parameters of a dataclass from its fields made by `described`."""
     return tuple(
         replace(f.metadata[_PARAM], name=f.name, default=f.default)
         for f in fields(description)
@@ -318,7 +318,7 @@ def params_of(description: type) -> tuple[Param, ...]:
 
 
 def filled(description: D, values: Mapping[str, object]) -> D:
-    """Copy of a dataclass with validated values of its fields put in."""
+    """Copy of a dataclass with validated values for its fields."""
     return replace(description, **values)
 
 
@@ -343,7 +343,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def printable(name: str, limit: int = 200) -> str:
-    """A name that any file format, terminal and picture can hold: what cannot be printed is a question mark."""
+    """Name for any file format, terminal and picture: unprintable characters become question marks."""
     return one_line("".join(c if c.isprintable() else "?" for c in name), limit)
 
 

@@ -11,14 +11,14 @@ from sarmitsuba.timing import Clock
 class Progress(Protocol):
     """Callback of a stage: ``progress(stage, done, total, info)``.
 
-    Call it whenever a batch is done, a few times per second at most. It may raise (KeyboardInterrupt), and the
-    stage must then leave nothing half done behind.
+    Called after every batch, at most a few times per second. It may raise (KeyboardInterrupt), after which the stage
+    must leave nothing unfinished.
 
     Parameters
     ----------
-    stage : short name of the stage, e.g. ``trace``; a new name ends the stage before
-    done, total : work done and all work, in any unit of the stage's own, ``0 <= done <= total``
-    info : figures to show beside the bar, by name with unit, e.g. ``{"rays/s": 4.1e6}``
+    stage : short name of the stage, e.g. ``trace``; a new name ends the previous stage
+    done, total : completed and total work, in any unit, ``0 <= done <= total``
+    info : values to show beside the bar, by name with unit, e.g. ``{"rays/s": 4.1e6}``
     """
 
     def __call__(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
@@ -37,7 +37,7 @@ class Standing:
     Parameters
     ----------
     share : of the whole run, 0 to 1
-    elapsed, left : s; the time left is infinite as long as nothing is done
+    elapsed, left : s; the remaining time is infinite until some work is done
     """
 
     share: float
@@ -48,16 +48,15 @@ class Standing:
 class Journey:
     r"""Common progress and remaining time of all stages of a run.
 
-    The expected seconds of the stages are relative weights; the speed of the machine follows from the elapsed time:
+    The expected seconds of the stages are relative weights, scaled by the elapsed time:
 
     .. math:: t_{left} = t \frac{W - w}{w}
 
-    with W the expected seconds of all stages and w of what is done of them.
+    with W the expected seconds of all stages and w those of the completed work.
 
     Parameters
     ----------
-    expected : seconds by stage, in the order of the run; a stage that is not among them joins with what the others
-        have on average, or alone
+    expected : seconds by stage, in the order of the run; an unknown stage gets the mean of the others
     clock : time source, s
     """
 
@@ -67,7 +66,7 @@ class Journey:
         self._clock, self._begin = clock, clock()
 
     def reached(self, stage: str, share: float) -> Standing:
-        """Progress of the run when a stage has reached a share of it, 0 to 1; earlier stages are done."""
+        """Progress of the run when a stage has completed a share, 0 to 1; earlier stages are complete."""
         if stage not in self._weight:
             self._weight[stage] = sum(self._weight.values()) / len(self._weight) if self._weight else 1.0
         for name in self._weight:

@@ -1,9 +1,8 @@
 """Registries of laws, modes, focusers, effects, formats ... by name.
 
-An entry is any object with a ``name``. Built-in entries are the modules of one folder, imported at the first look-up;
-a new file in that folder is all that a new entry needs. A user's own module registers its entries when it is
-imported: in Python by ``import``, on the command line by ``--extension``, installed by an entry point of the group
-``sarmitsuba.extensions``.
+An entry is any object with a ``name``. Built-in entries are modules of one folder, imported at the first look-up; a new
+entry is one new file there. A user's module registers its entries when it is imported: in Python by ``import``, on the
+command line by ``--extension``, if installed by an entry point of the group ``sarmitsuba.extensions``.
 """
 
 import importlib
@@ -23,10 +22,10 @@ ENTRY_POINTS = "sarmitsuba.extensions"
 
 
 def late(module: str, name: str) -> Callable[..., object]:
-    """Function of a module of a higher layer, imported on use.
+    """Function of a module in a higher layer, imported on use.
 
-    For methods of results that hand themselves on, such as an image that draws itself: the room of the image knows
-    nothing of pictures but this name, and importing it imports no Matplotlib.
+    For methods of results that call a higher layer, such as ``SarImage.plot``: importing the image layer then imports
+    no Matplotlib.
     """
     function: Callable[..., object] = getattr(importlib.import_module(module), name)
     return function
@@ -37,7 +36,7 @@ class Named(Protocol):
 
     @property
     def name(self) -> str:
-        """Name that users write."""
+        """Name in the user's input."""
 
 
 T = TypeVar("T", bound=Named)
@@ -48,8 +47,8 @@ class Registry(Generic[T]):
 
     Parameters
     ----------
-    kind : what an entry is, for messages, e.g. ``diffuse law``
-    package : folder of modules that hold the built-in entries, dotted; imported at the first look-up
+    kind : of the entries, for messages, e.g. ``diffuse law``
+    package : dotted name of the folder of built-in entries; imported at the first look-up
     """
 
     def __init__(self, kind: str, package: str | None = None) -> None:
@@ -67,26 +66,26 @@ class Registry(Generic[T]):
         Raises
         ------
         ExtensionError
-            Another module has taken the name, or it is not one word.
+            The name is used by another module, or is not one word.
         """
         name = entry.name
         if not name or not name.replace("-", "_").replace(":", "_").isidentifier():
             raise ExtensionError(f"{self.kind} {name!r}: the name must be a word of letters, digits and _")
         owner = sys._getframe(1).f_globals.get(
             "__name__", ""
-        )  # a module that is run again replaces its own entry
+        )  # a module executed again replaces its entry
         if self._owners.setdefault(name, owner) != owner:
-            raise ExtensionError(f"{self.kind} {name!r} is registered by {self._owners[name]} already")
+            raise ExtensionError(f"{self.kind} {name!r} is already registered by {self._owners[name]}")
         self._entries[name] = entry
         return entry
 
     def __getitem__(self, name: str) -> T:
-        """The entry of that name.
+        """Entry of that name.
 
         Raises
         ------
         ExtensionError
-            There is none; the message lists the names.
+            Unknown name; the message lists the known ones.
         """
         self._load()
         try:
@@ -106,13 +105,13 @@ class Registry(Generic[T]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every name, in order of registration."""
+        """All names, in order of registration."""
         self._load()
         return tuple(self._entries)
 
     @property
     def own_names(self) -> tuple[str, ...]:
-        """Names of the entries that come with the program, not with a user's module."""
+        """Names of built-in entries."""
         return tuple(name for name in self.names if self._owners[name].startswith("sarmitsuba."))
 
     def _load(self) -> None:
@@ -140,7 +139,7 @@ def load_extension(module_or_file: str, *, again: bool = True) -> None:
     Parameters
     ----------
     module_or_file : dotted name of an importable module, or path of a ``.py`` file
-    again : import a file also where this process has imported one of its name before
+    again : whether to import a file again if one of its name was imported before
 
     Raises
     ------
@@ -153,7 +152,7 @@ def load_extension(module_or_file: str, *, again: bool = True) -> None:
             importlib.import_module(module_or_file)
             return
         if not os.path.isfile(path):
-            raise ExtensionError(f"{path}: there is no such extension file")
+            raise ExtensionError(f"{path}: no such extension file; check the path")
         name = f"sarmitsuba_extension_{path.stem}"
         if not again and name in sys.modules:
             return

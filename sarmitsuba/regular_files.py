@@ -1,4 +1,4 @@
-"""Reading of untrusted files: ordinary files of bounded size only, checked on the opened file."""
+"""Reading of untrusted files: regular files of bounded size only, checked on the opened file."""
 
 import errno
 import os
@@ -7,10 +7,10 @@ from pathlib import Path
 
 from sarmitsuba.errors import DataError
 
-# a city of a million buildings; what is larger is cut first
+# a city of a million buildings; larger files must be divided
 LARGEST = 1 << 30
-# bytes that a file may unpack to: what any reader's modules and an empty picture take, and of every byte of the file.
-# Complex numbers in text, or compressed tenfold, read in several copies, take 60
+# bytes that a file may unpack to: for the modules of a reader and an empty picture, and per byte of the file: complex
+# numbers in text, or compressed tenfold, read in several copies, take 60
 _LEAST_UNPACKED = 1 << 28
 _UNPACKED_PER_BYTE = 60
 
@@ -26,8 +26,8 @@ def open_regular(path: Path | str, most: int = LARGEST) -> int:
     Raises
     ------
     OSError
-        It cannot be opened, is a folder, pipe, socket or device, or holds more than ``most`` bytes; ``strerror`` says
-        which. A pipe that nobody writes to does not hold the caller up.
+        It cannot be opened, is a folder, pipe, socket or device, or holds more than ``most`` bytes; ``strerror`` states
+        the reason. An idle pipe does not block the caller.
     """
     flags = (
         os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
@@ -35,11 +35,11 @@ def open_regular(path: Path | str, most: int = LARGEST) -> int:
     try:
         handle = os.open(path, flags)
     except ValueError:  # a null character
-        raise OSError(errno.EINVAL, "is no name of a file") from None
+        raise OSError(errno.EINVAL, "is not a file name") from None
     try:
         found = os.fstat(handle)
         if not stat.S_ISREG(found.st_mode):
-            raise OSError(errno.EINVAL, "is no ordinary file")
+            raise OSError(errno.EINVAL, "is not a regular file")
         if found.st_size > most:
             raise OSError(
                 errno.EFBIG,
@@ -66,7 +66,7 @@ def read_bytes(path: Path | str, most: int = LARGEST) -> bytes:
         size = os.fstat(file.fileno()).st_size
         content = file.read(size + 1)
     if len(content) > size:
-        raise OSError(errno.EBUSY, "grew while it was read; try again")
+        raise OSError(errno.EBUSY, "grew during reading; try again")
     return content
 
 
@@ -83,36 +83,36 @@ def read_text(path: Path | str, *, errors: str = "replace", most: int = LARGEST)
 
 
 def most_unpacked(size: int) -> int:
-    """Bytes that a file of ``size`` bytes may take in memory, with whatever is compressed in it unpacked."""
+    """Largest unpacked size of a file of ``size`` bytes, bytes."""
     return _LEAST_UNPACKED + _UNPACKED_PER_BYTE * size
 
 
 def check_unpacked(claimed: int, size: int, most: int | None = None) -> None:
-    """Compare what a file's headers claim with its size, before any of it is unpacked.
+    """Check the unpacked size stated in a file's headers before unpacking.
 
     Parameters
     ----------
-    claimed : bytes that it unpacks to
+    claimed : stated unpacked size, bytes
     size : bytes of the file
     most : bound in bytes; default :func:`most_unpacked`
 
     Raises
     ------
     DataError
-        It claims more.
+        The stated size is larger.
     """
     most = most_unpacked(size) if most is None else most
     if claimed > most:
         raise DataError(
-            f"the file of {size} bytes claims to unpack to {claimed / 1e6:.6g} MB, at most {most / 1e6:.4g} MB are "
-            "taken; it is damaged or a trap"
+            f"the file of {size} bytes claims to unpack to {claimed / 1e6:.6g} MB, above the limit of "
+            f"{most / 1e6:.4g} MB; it is damaged or malicious"
         )
 
 
 def is_inside(name: str | Path, folder: Path) -> bool:
-    """Whether a path, relative to the folder or absolute, ends in it after all links are followed."""
+    """Whether a path, relative to the folder or absolute, is inside it after following all links."""
     try:
         place = os.path.realpath(folder / name)
-    except (OSError, ValueError):  # longer than the system takes, or with a null character
+    except (OSError, ValueError):  # longer than the system allows, or with a null character
         return ".." not in Path(name).parts and not Path(name).is_absolute()
     return Path(place).is_relative_to(os.path.realpath(folder))

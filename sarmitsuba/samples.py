@@ -1,4 +1,4 @@
-"""Types of arrays for formulas that NumPy evaluates outside kernels and Dr.Jit inside them."""
+"""Types of arrays for formulas shared by NumPy and Dr.Jit kernels."""
 
 from typing import Protocol, TypeVar
 
@@ -6,7 +6,7 @@ from sarmitsuba.arrays import F64
 
 
 class KernelArray(Protocol):
-    """Array of a kernel, one number per lane, with the operations of shared formulas; such as Dr.Jit's ``Float``."""
+    """Array with one number per lane of a kernel, such as Dr.Jit's ``Float``; its operations in shared formulas."""
 
     def __add__(self, other: "float | KernelArray", /) -> "KernelArray":
         """Sum."""
@@ -45,15 +45,15 @@ class KernelArray(Protocol):
         ...
 
     def __le__(self, other: float, /) -> object:
-        """Mask of the lanes where it holds."""
+        """Mask of the lanes in which it is true."""
         ...
 
     def __ge__(self, other: float, /) -> object:
-        """Mask of the lanes where it holds."""
+        """Mask of the lanes in which it is true."""
         ...
 
     def __gt__(self, other: float, /) -> object:
-        """Mask of the lanes where it holds."""
+        """Mask of the lanes in which it is true."""
         ...
 
 

@@ -4,13 +4,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-# measure of seconds: ``time.perf_counter`` (elapsed), ``time.process_time`` (processor seconds of all threads), or
-# the clock of a test
+# time source: ``time.perf_counter`` (elapsed), ``time.process_time`` (processor seconds of all threads), test clock
 Clock = Callable[[], float]
 
 
 class StageTimer:
-    """Timer of the seconds by stage.
+    """Timer of seconds by stage.
 
     Parameters
     ----------
@@ -27,7 +26,7 @@ class StageTimer:
         self._begin = self._last = clock()
 
     def lap(self, stage: str) -> None:
-        """Add the time since the last stage ended to ``stage``."""
+        """Add the time since the end of the last stage to ``stage``."""
         now = self.clock()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
         self._last = now
@@ -43,5 +42,5 @@ class StageTimer:
 
     @property
     def total(self) -> float:
-        """Seconds since the timer was made."""
+        """Seconds since the creation of the timer."""
         return self.clock() - self._begin

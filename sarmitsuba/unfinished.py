@@ -10,7 +10,7 @@ _removals: dict[object, Callable[[], object]] = {}
 
 @contextmanager
 def removed_if_stopped(remove: Callable[[], object]) -> Iterator[None]:
-    """Within the block, ``remove`` is called where a signal ends the process; afterwards it is the caller's."""
+    """Within the block, call ``remove`` if a signal ends the process."""
     key = object()
     _removals[key] = remove
     try:
@@ -20,7 +20,7 @@ def removed_if_stopped(remove: Callable[[], object]) -> Iterator[None]:
 
 
 def remove_unfinished() -> None:
-    """Remove all of it, the newest first; called by who handles the signal, and never returns an error."""
+    """Remove all unfinished files, newest first; called by the signal handler, raises no error."""
     while _removals:
         _, remove = _removals.popitem()
         try:

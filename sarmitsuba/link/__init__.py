@@ -1,4 +1,4 @@
-"""Link budget of a radar on a scene before tracing: signal, noise, timing, data volume, contradictions."""
+"""Link budget of a radar on a scene before tracing: signal, noise, timing, data volume, inconsistencies."""
 
 from sarmitsuba.link.budget import LinkBudget, link_budget
 from sarmitsuba.link.findings import Finding

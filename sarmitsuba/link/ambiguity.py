@@ -1,4 +1,4 @@
-"""Ambiguity-to-signal ratios of even ground, by the antenna's pattern."""
+"""Ambiguity-to-signal ratios of homogeneous ground, from the antenna pattern."""
 
 from collections.abc import Callable
 from typing import Literal
@@ -25,22 +25,22 @@ def azimuth_ambiguity_ratio(
     pointing_error: float = 0.0,
     orders: int = 20,
 ) -> float:
-    r"""Azimuth ambiguity-to-signal ratio of evenly bright ground in stripmap, power.
+    r"""Azimuth ambiguity-to-signal ratio of homogeneous ground in stripmap, power.
 
     .. math:: \frac{\sum_{m \ne 0} \int_{-B/2}^{B/2} W(f) G^2(f + m f_p) df}{\int_{-B/2}^{B/2} W(f) G^2(f) df}
 
-    with G the one-way power gain over Doppler frequency and W the processor's weights in power: 1, or G^2 of the
-    nominal beam for one that sums pulses with the pattern's own weights, as this program's backprojection does.
+    with G the one-way power gain over Doppler frequency and W the power weights of the processor: 1, or G^2 of the
+    nominal beam if pulses are weighted by the antenna pattern, as in this program's backprojection.
 
     Parameters
     ----------
-    gain : over the sine off boresight
+    gain : over the sine of the angle off boresight
     wavelength, prf, speed : m, Hz, m/s
     bandwidth : B, processed Doppler bandwidth, Hz
     weighting : W
     squint : of the nominal boresight, rad
-    pointing_error : true less nominal boresight in azimuth, rad
-    orders : highest m; directions behind the aperture's plane do not exist
+    pointing_error : true minus nominal boresight in azimuth, rad
+    orders : highest m; directions behind the aperture plane do not count
 
     References
     ----------
@@ -69,7 +69,7 @@ def range_ambiguity_ratio(
     sigma0: Callable[[F64], F64] | None = None,
     orders: int = 50,
 ) -> float:
-    r"""Range ambiguity-to-signal ratio of evenly bright ground, power.
+    r"""Range ambiguity-to-signal ratio of homogeneous ground, power.
 
     .. math:: \frac{\sum_{j \ne 0} P(R_j)}{P(R)}, \quad
               P(R) = \frac{\sigma^0(\theta) G^2(\gamma - \gamma_0)}{R^3 \sin\theta}, \quad
@@ -84,12 +84,12 @@ def range_ambiguity_ratio(
     prf : Hz
     look_angle : gamma_0 of the boresight, from nadir, rad
     earth_radius : m; infinite for flat ground
-    sigma0 : over the incidence angle theta, rad; None: the same everywhere
-    orders : highest j, where no horizon ends the sum before
+    sigma0 : over the incidence angle theta, rad; None: constant
+    orders : highest j, if the sum does not end at the horizon
 
     Notes
     -----
-    Ignores ground on the other side of the track, and nadir's own mirror-like echo.
+    Ignores ground on the other side of the track, and the specular nadir echo.
 
     References
     ----------

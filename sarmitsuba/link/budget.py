@@ -19,7 +19,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.units import db_from_power, power_from_db
 
-# bands of free pulse repetition frequencies that are listed
+# number of listed bands of free pulse repetition frequencies
 _FREE_SHOWN = 5
 # bytes of a complex64 sample
 _SAMPLE_BYTES = 8
@@ -27,14 +27,14 @@ _SAMPLE_BYTES = 8
 
 @dataclass(frozen=True)
 class DataVolume:
-    """Raw data of a run as the program keeps them, complex64.
+    """Volume of the raw data of a run, complex64.
 
     Parameters
     ----------
     pulses : of the track
     samples_per_pulse : of the echo before range compression
     channels : polarisation channels
-    seconds : that the data take to gather
+    seconds : acquisition time
     """
 
     pulses: int
@@ -49,30 +49,30 @@ class DataVolume:
 
     @property
     def bytes(self) -> int:
-        """Bytes of all of them."""
+        """Bytes of all samples."""
         return _SAMPLE_BYTES * self.samples
 
     @property
     def rate(self) -> float:
-        """Bytes a second while data are gathered."""
+        """Bytes per second during the acquisition."""
         return self.bytes / self.seconds
 
 
 @dataclass(frozen=True)
 class LinkBudget:
-    """Link budget of a radar on a scene; ``str`` of it is a readable table.
+    """Link budget of a radar on a scene; its ``str`` is a readable table.
 
     Parameters
     ----------
     scene : its name
     mode, wavelength, speed : of the radar; m and m/s, in the frame of the scene
     gain, antenna_area : one-way, linear; m^2 (infinite: isotropic)
-    losses, noise_temperature : linear; K, 0 where none is given
-    range_window, azimuth_window : that the image is to be focused with
+    losses, noise_temperature : linear; K, 0: not given
+    range_window, azimuth_window : of the image
     timing : pulses, echoes and power
-    places : near, middle and far end of the swath, on the middle of the image in azimuth
+    places : near end, middle and far end of the swath, at the image's centre in azimuth
     data : raw data
-    findings : what cannot be, or has a price
+    findings : inconsistencies and disadvantages
     """
 
     scene: str
@@ -97,11 +97,11 @@ class LinkBudget:
 
     @property
     def impossible(self) -> tuple[Finding, ...]:
-        """Findings that make the radar impossible."""
+        """Findings of an impossible radar."""
         return tuple(finding for finding in self.findings if finding.impossible)
 
     def as_dict(self) -> Mapping[str, object]:
-        """JSON-able form; linear values and radians as in the fields, None for what is infinite or not known."""
+        """Values for JSON; linear values and radians as in the fields, None for infinite or unknown values."""
         out: dict[str, object] = asdict(self)
         out["data"] = {**asdict(self.data), "samples": self.data.samples, "bytes": self.data.bytes}
         cleaned = _finite(out)
@@ -121,44 +121,44 @@ def link_budget(
     rcs: float = 1.0,
     sigma0_db: float = -10.0,
 ) -> LinkBudget:
-    """Link budget of a scene's radar, on the image that it asks for.
+    """Link budget of a scene's radar for the requested image.
 
     Parameters
     ----------
-    scene : as loaded; its meshes and materials do not count
-    range_window, azimuth_window : that the image will be focused with; the command line's default
-    rcs : of the point whose signal-to-noise ratio is told, m^2
-    sigma0_db : of the ground whose signal-to-noise ratio is told, dB
+    scene : as loaded; its meshes and materials have no influence
+    range_window, azimuth_window : of the image; default: that of the command line
+    rcs : of the point target for the signal-to-noise ratio, m^2
+    sigma0_db : of the ground for the signal-to-noise ratio, dB
 
     Returns
     -------
-    LinkBudget ; what cannot be is in its ``findings``, not an error
+    LinkBudget; inconsistencies are in its ``findings`` and raise no error
 
     Raises
     ------
     RadarError
-        One pulse, a receiver apart from the transmitter, or an aperture all round: there is no budget then.
+        One pulse, a bistatic radar, or a full circular aperture: the budget is undefined.
     DataError
-        No such window, or the beam does not reach the image.
+        Unknown window, or the beam does not illuminate the image.
 
     Notes
     -----
-    Stated for backprojection, which the other focusers equal. Ignores the atmosphere, quantisation and clutter.
+    For backprojection, which the other focusers match. Ignores the atmosphere, quantisation and clutter.
     """
     radar = scene.radar
     where = scene.description.where if scene.description is not None else scene.name
     if radar.track.n_pulses < 2:
         raise RadarError(
-            f"{where}: one pulse makes no aperture, and so no link budget; give n_pulses of 2 or more"
+            f"{where}: the link budget needs an aperture of at least 2 pulses; raise n_pulses = 1"
         )
     if radar.receiver is not None:
         raise RadarError(
-            f"{where}: the link budget is that of one antenna, and the receiver stands apart from the transmitter"
+            f"{where}: the link budget is for monostatic radars; this one has a separate receiver"
         )
     if radar.all_round:
         raise RadarError(
-            f"{where}: an image made from all sides has no range and azimuth cells of their own, and so no link "
-            "budget; give a mode that looks from one"
+            f"{where}: the link budget is undefined for a circular aperture, which has no separate range and azimuth "
+            "cells; choose another mode"
         )
     windows = parse_window(range_window), parse_window(azimuth_window)
     processing = Processing(*windows, rcs=rcs, sigma0=float(power_from_db(sigma0_db)))
@@ -206,7 +206,7 @@ def _data(radar: Radar) -> DataVolume:
 
 
 def _finite(value: object) -> object:
-    """The same with None in place of numbers that JSON does not have."""
+    """Value with None in place of NaN and infinity."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -238,7 +238,7 @@ def _table(budget: LinkBudget) -> str:
     ]
     pulses = [
         ("prf", f"{t.prf:.6g} Hz, interval {1e6 / t.prf:.5g} us"),
-        ("prf bounds", f"{t.lowest_prf:.5g} Hz (Doppler) to {t.highest_prf:.5g} Hz (swath)"),
+        ("PRF bounds", f"{t.lowest_prf:.5g} Hz (Doppler) to {t.highest_prf:.5g} Hz (swath)"),
         (
             "Doppler bandwidth",
             f"processed {t.processed_bandwidth:.5g} Hz, beam {_or(t.beam_bandwidth, '.5g')} Hz",
@@ -278,7 +278,7 @@ def _db(value: float) -> str:
 
 
 def _bands(bands: tuple[tuple[float, float], ...], prf: float) -> str:
-    """Those next to the pulse repetition frequency."""
+    """Text of the free bands closest to the pulse repetition frequency."""
     if not bands:
         return "none"
     near = sorted(bands, key=lambda band: max(band[0] - prf, prf - band[1]))[:_FREE_SHOWN]

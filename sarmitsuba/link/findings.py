@@ -14,13 +14,13 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.units import db_from_power
 
-# two-way power pattern at an aperture's end, over its middle's, below which the beam does not hold it: -20 dB
+# least two-way power gain at the ends of an aperture relative to its middle: -20 dB
 _HELD = 0.01
-# gain over what the beam's solid angle allows: rounding, and the half-power widths of a real antenna
+# tolerance of the gain over that of the beam's solid angle: rounding, and the half-power widths of a real antenna
 _GAIN_SLACK = 1.26
-# share of the swath's echoes in which a pulse or the nadir's echo may fall: rounding
+# tolerated share of the swath's echoes overlapped by a pulse or the nadir echo: rounding
 _SHARE = 1e-6
-# part of the beam's half width within which an aperture counts as cut by the null
+# fraction of the beam's half width within which an aperture counts as limited by the null
 _CUT = 1e-6
 
 
@@ -31,8 +31,8 @@ class Finding:
     Parameters
     ----------
     name : one word
-    text : where, what, the value with its unit, the bound, the remedy
-    impossible : the radar cannot work like that; else it can, at a price
+    text : place, problem, value with unit, bound, remedy
+    impossible : whether the radar cannot work; else the finding is a disadvantage
     """
 
     name: str
@@ -49,7 +49,7 @@ def findings(
     ----------
     radar, timing : complete
     places : near, middle, far
-    given : what was asked for; None where the radar was put together by hand
+    given : the user's radar parameters; None: the radar was built from its parts
     """
     where = given.where if given is not None else "radar"
     found = [
@@ -61,7 +61,7 @@ def findings(
         found.append(
             Finding(
                 "noise_temperature",
-                f"{where}: noise_temperature = 0 K adds no noise, so that SNR and NESZ cannot be told; give 290 K "
+                f"{where}: noise_temperature = 0 K adds no noise, so that SNR and NESZ are undefined; give 290 K "
                 "times the receiver's noise factor",
                 False,
             )
@@ -90,8 +90,8 @@ def _of_the_pulses(where: str, t: PulseTiming, remedy: str) -> list[Finding]:
             Finding(
                 "azimuth_ghosts",
                 f"{where}: prf = {t.prf:.6g} Hz samples the Doppler bandwidth of the image, "
-                f"{t.processed_bandwidth:.6g} Hz, and not that of the beam, {t.lowest_prf:.6g} Hz: what lies beside "
-                f"the image within the beam folds into it; with ground there, take prf = {t.lowest_prf:.6g} Hz or more",
+                f"{t.processed_bandwidth:.6g} Hz, but not that of the beam, {t.lowest_prf:.6g} Hz: echoes from outside "
+                f"the image within the beam are aliased into it; with ground there, raise prf to {t.lowest_prf:.6g} Hz",
                 False,
             )
         )
@@ -118,8 +118,8 @@ def _of_the_pulses(where: str, t: PulseTiming, remedy: str) -> list[Finding]:
         found.append(
             Finding(
                 "blind_range",
-                f"{where}: at prf = {t.prf:.6g} Hz a pulse leaves while {100.0 * t.blind_share:.3g} % of the swath's "
-                f"echoes arrive ({1e6 * t.echo_begins:.6g} to {1e6 * t.echo_ends:.6g} us after their own); {remedy}",
+                f"{where}: at prf = {t.prf:.6g} Hz a pulse is sent while {100.0 * t.blind_share:.3g} % of the swath's "
+                f"echoes arrive ({1e6 * t.echo_begins:.6g} to {1e6 * t.echo_ends:.6g} us after their pulse); {remedy}",
                 True,
             )
         )
@@ -127,8 +127,8 @@ def _of_the_pulses(where: str, t: PulseTiming, remedy: str) -> list[Finding]:
         found.append(
             Finding(
                 "nadir",
-                f"{where}: at prf = {t.prf:.6g} Hz the echo from straight below ({1e6 * t.nadir_begins:.6g} us) falls "
-                f"into {100.0 * t.nadir_share:.3g} % of the swath's; {remedy}",
+                f"{where}: at prf = {t.prf:.6g} Hz the nadir echo ({1e6 * t.nadir_begins:.6g} us) overlaps "
+                f"{100.0 * t.nadir_share:.3g} % of the swath's echoes; {remedy}",
                 False,
             )
         )
@@ -136,7 +136,7 @@ def _of_the_pulses(where: str, t: PulseTiming, remedy: str) -> list[Finding]:
 
 
 def antenna_area(radar: Radar) -> float:
-    """Area of the uniform aperture that has the antenna's half-power widths, m^2."""
+    """Area of a uniform aperture with the antenna's half-power widths, m^2."""
     antenna, wavelength = radar.antenna, radar.waveform.wavelength
     length, height = (
         SINC_HALF_POWER * wavelength / float(np.sin(0.5 * width))
@@ -156,7 +156,7 @@ def _of_the_antenna(where: str, radar: Radar, place: PlaceBudget) -> list[Findin
             Finding(
                 "gain",
                 f"{where}: gain_db = {db_from_power(radar.antenna.gain):.4g} dB is above {db_from_power(most):.4g} dB, "
-                f"all that an aperture of {area:.4g} m^2 with this beam has; lower it or narrow the beam",
+                f"that of an aperture of {area:.4g} m^2 with this beam; lower it or narrow the beam",
                 True,
             )
         )
@@ -195,9 +195,9 @@ def _of_the_aperture(where: str, radar: Radar, place: PlaceBudget, given: RadarI
         return [
             Finding(
                 "aperture",
-                f"{where}: the beam leaves the middle of the image within the aperture of {place.aperture_length:.4g} "
-                f"m: its two-way gain at the ends is {db_from_power(max(place.held, 1e-12)):.3g} dB; take fewer "
-                "pulses, a steered mode, or a wider beam",
+                f"{where}: the beam leaves the image centre within the aperture of {place.aperture_length:.4g} m: its "
+                f"two-way gain at the ends is {db_from_power(max(place.held, 1e-12)):.3g} dB; use fewer pulses, a "
+                "steered mode, or a wider beam",
                 True,
             )
         ]

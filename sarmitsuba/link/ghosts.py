@@ -1,4 +1,4 @@
-"""Azimuth and range ambiguity ratios of the image, by closed forms."""
+"""Azimuth and range ambiguity-to-signal ratios of the image, by closed forms."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from sarmitsuba.radar.radar import Radar
 
 @dataclass(frozen=True)
 class Vantage:
-    """Where the antenna is over the round or flat ground, seen from a place.
+    """Height and look angle of the antenna for a point on spherical or flat ground.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Vantage:
 
 
 def earth_radius(given: RadarInput | None) -> float:
-    """Of the ground under the antenna, m: infinite where it flies along the scene's plane and not in an orbit."""
+    """Radius of the ground under the antenna, m; infinite for a flight along the scene's plane, not in an orbit."""
     if given is None:
         return float("inf")
     orbits = given.sensor.orbit_altitude > 0.0 or bool(given.sensor.state_vectors_file)
@@ -54,23 +54,23 @@ def vantage(slant_range: float, incidence: float, radius: float) -> Vantage:
 
 
 def vantage_of(radar: Radar, point: F64, radius: float) -> Vantage:
-    """Height and look angle of mid-aperture for a place (3,), m in the scene frame."""
+    """Height and look angle of mid-aperture for a point (3,), m, scene frame."""
     slant = float(np.linalg.norm(point - radar.track.center_position))
     return vantage(slant, float(incidence_angle(radar, point)), radius)
 
 
 def azimuth_ambiguity(radar: Radar, prf: float, processed_bandwidth: float) -> float:
-    """Azimuth ambiguity-to-signal ratio of even ground, power; NaN for an isotropic antenna, which lights all alike.
+    """Azimuth ambiguity-to-signal ratio of homogeneous ground, power; NaN for an isotropic antenna.
 
     Parameters
     ----------
-    radar : whose beam counts
+    radar : of the beam
     prf : Hz
-    processed_bandwidth : of a pixel's own aperture, Hz; where the beam is steered it is the beam's centre that counts
+    processed_bandwidth : of the aperture of a pixel, Hz; for a steered beam at its centre
 
     Notes
     -----
-    Weights of backprojection, without a window. In a steered beam, that of the place in its centre.
+    Weights of backprojection, without a window. For a steered beam the ratio holds at its centre.
     """
     antenna, wavelength = radar.antenna, radar.waveform.wavelength
     if antenna.pattern == "isotropic":
@@ -92,11 +92,11 @@ def azimuth_ambiguity(radar: Radar, prf: float, processed_bandwidth: float) -> f
 
 
 def range_ambiguity(radar: Radar, prf: float, point: F64, radius: float) -> float:
-    """Range ambiguity-to-signal ratio of even ground at a place (3,), power; NaN for an isotropic antenna.
+    """Range ambiguity-to-signal ratio of homogeneous ground at a point (3,), power; NaN for an isotropic antenna.
 
     Parameters
     ----------
-    radar : whose beam counts; its boresight looks at the aim point
+    radar : of the beam; its boresight looks at the aim point
     prf : Hz
     point : m, scene frame
     radius : of the ground, m, see :func:`earth_radius`

@@ -1,4 +1,4 @@
-"""Signal and noise at one place of the image: aperture, resolution, radar equation."""
+"""Signal and noise at one point of the image: aperture, resolution, radar equation."""
 
 from dataclasses import dataclass
 
@@ -19,34 +19,34 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.radar.link_budget import nesz
 from sarmitsuba.radar.radar import Radar
 
-# step and end of the search for the half power of an impulse response, cells
+# step and limit of the search for the half-power width of an impulse response, cells
 _STEP, _REACH = 0.25, 4.0
 
 
 @dataclass(frozen=True)
 class PlaceBudget:
-    """Link budget of one place on the image plane.
+    """Link budget of one point on the image plane.
 
     Parameters
     ----------
-    name : ``near``, ``middle`` or ``far``: of the swath
+    name : ``near``, ``middle`` or ``far`` in the swath
     position : (x, y, z) m, frame of the scene's file
     slant_range : from mid-aperture, m
     incidence_angle : from the vertical at mid-aperture, rad
-    pattern : the antenna's two-way power gain there over its peak, at the pulse that sees the place best
-    held : the same at the aperture's worse end, over `pattern`
-    n_pulses : that serve the place
-    aperture_length, aperture_time : flown from the first to the last of them, m and s
+    pattern : two-way power gain of the antenna relative to its peak, at the pulse with the highest gain
+    held : the same at the weaker end of the aperture, relative to `pattern`
+    n_pulses : pulses in the aperture of the point
+    aperture_length, aperture_time : from the first to the last of them, m and s
     range_resolution, ground_range_resolution, azimuth_resolution : half-power widths with their windows, m
-    azimuth_cell : noise-equivalent width, m; with the slant-range cell and the incidence it gives `cell_area`
+    azimuth_cell : noise-equivalent width, m
     cell_area : noise-equivalent area of the impulse response on the ground, m^2
-    snr : signal-to-noise ratio of a point of `rcs`; NaN where the radar has no noise temperature, as all below
-    snr_ground : that of ground of `sigma0`
-    nesz : noise-equivalent sigma0 of the image, linear, which a pointing error does not change
-    nesz_textbook : the same by the textbook's form, for all pulses at boresight and of one weight
-    rcs, sigma0 : what the ratios are of, m^2 and linear
-    azimuth_ambiguity : signal of the ghosts in azimuth over that of the place, for even ground; NaN: not known
-    range_ambiguity : the same of echoes of other pulses
+    snr : signal-to-noise ratio of a point target of `rcs`; NaN without a noise temperature, as the next three
+    snr_ground : signal-to-noise ratio of ground of `sigma0`
+    nesz : noise-equivalent sigma0 of the image, linear; independent of a pointing error
+    nesz_textbook : noise-equivalent sigma0 by the textbook form, for equal pulses at boresight
+    rcs, sigma0 : of the signals, m^2 and linear
+    azimuth_ambiguity : azimuth ambiguity-to-signal ratio of homogeneous ground; NaN: unknown
+    range_ambiguity : range ambiguity-to-signal ratio of homogeneous ground; NaN: unknown
     """
 
     name: str
@@ -75,13 +75,13 @@ class PlaceBudget:
 
 @dataclass(frozen=True)
 class Processing:
-    """How the image is to be focused, and what signals are asked about.
+    """Windows of the image, and signals for the signal-to-noise ratios.
 
     Parameters
     ----------
     range_window, azimuth_window : over band and aperture
     rcs : of a point, m^2
-    sigma0 : of even ground, linear
+    sigma0 : of homogeneous ground, linear
     """
 
     range_window: Window
@@ -91,22 +91,22 @@ class Processing:
 
 
 def place_budget(radar: Radar, name: str, point: F64, processing: Processing) -> PlaceBudget:
-    """Budget of a place; backprojection's weights, which other focusers keep to.
+    """Link budget of a point, with the weights of backprojection, which other focusers share.
 
     Parameters
     ----------
     radar : with two pulses or more
-    name, point : of the place, (3,) m in the scene frame
+    name, point : of the point, (3,) m, scene frame
     processing : windows and signals
 
     Raises
     ------
     DataError
-        No pulse illuminates the place.
+        No pulse illuminates the point.
 
     Notes
     -----
-    Ignores what `noise_equivalent_rcs` and `ground_cell_area` ignore.
+    With the approximations of `noise_equivalent_rcs` and `ground_cell_area`.
     """
     told = radar.as_recorded()
     weights = matched_weights(told, point, processing.azimuth_window)
@@ -117,7 +117,7 @@ def place_budget(radar: Radar, name: str, point: F64, processing: Processing) ->
     gain = direction_gain(radar, slice(None), look_directions(radar, point))
     nominal = direction_gain(told, slice(None), look_directions(told, point))
     used = np.flatnonzero(weights > 0.0)
-    # echoes of a beam that points elsewhere than the focuser is told, over those of one that does not
+    # echoes of a beam with a pointing error unknown to the focuser, over those without
     seen = weights[used] * gain[used] / nominal[used]
     level, ground_level = (
         float((seen.sum() / weights.sum()) ** 2),
@@ -159,7 +159,7 @@ def place_budget(radar: Radar, name: str, point: F64, processing: Processing) ->
 
 
 def _textbook_nesz(radar: Radar, slant_range: float, angle: float) -> float:
-    """Noise-equivalent sigma0 of pulses at boresight; the aperture's length cancels, so that of one metre of track."""
+    """Noise-equivalent sigma0 of pulses at boresight, for one metre of track: the aperture length cancels."""
     speed = float(np.linalg.norm(radar.track.velocity[radar.track.center_index]))
     azimuth_cell = radar.waveform.wavelength * slant_range / 2.0
     return nesz(radar, slant_range, angle, azimuth_cell, radar.track.prf / speed)
@@ -171,7 +171,7 @@ def half_power_width(frequency: F64, weights: F64) -> float:
     Parameters
     ----------
     frequency : (n,) spatial frequencies, cycles per unit of the result
-    weights : (n,) of them, none negative
+    weights : (n,) of the frequencies, not negative
     """
     seen = weights > 0.0
     f, w = frequency[seen], weights[seen]

@@ -12,36 +12,35 @@ from sarmitsuba.radar.swath import Box, doppler_bandwidth
 
 Interval = tuple[float, float]
 
-# pulses at which the window's delays are looked at
+# pulses at which the delays of the window are evaluated
 _LOOKS = 33
-# the diamond is worked out up to this many times the upper bound's interval, and lists no more than so many bands
+# range of the diamond diagram, in intervals of the upper bound, and largest number of listed bands
 _MOST_BANDS = 400
 
 
 @dataclass(frozen=True)
 class PulseTiming:
-    """Pulses and echoes in time.
+    """Timing of pulses and echoes.
 
     Parameters
     ----------
     prf : pulse repetition frequency, Hz
     pulse_width : s
-    duty_cycle : share of the time that the transmitter is on
+    duty_cycle : share of time in which the transmitter is on
     peak_power, average_power : W
-    processed_bandwidth : Doppler bandwidth that the image is made of: of every pixel's own aperture, or what the image
-        spreads over at one instant where the beam is steered, Hz; no prf below it makes the image
+    processed_bandwidth : Doppler bandwidth of the image, Hz: that of a pixel's aperture, or for a steered beam the
+        spread over the image at one instant; a lower prf cannot form the image
     beam_bandwidth : Doppler spread between the beam's half-power directions, Hz; infinite when isotropic
-    lowest_prf : below it ground beside the image folds into it, Hz: `processed_bandwidth`, and where a beam is steered
-        over an image that fills a part of it, the bandwidth of the beam or, of pixels with apertures of their own, of
-        these
-    highest_prf : above it the echoes of one pulse last longer than the interval leaves free, Hz
-    echo_begins, echo_ends : delay after the pulse's start of the first and after the last echo of the swath, s
-    nadir_begins, nadir_ends : that of the echo from straight below, s; its own pulse's is compressed to its own range,
-        ahead of the swath, and only later pulses' count
-    pulses_in_flight : sent between a pulse and its first echo
-    blind_share : part of the swath's echoes that arrive while a pulse leaves
-    nadir_share : part of the swath's echoes that arrive with the nadir's echo of another pulse
-    free_prf : bands between `lowest_prf` and `highest_prf` in which neither happens, (low, high) in Hz
+    lowest_prf : prf below which ground outside the image is aliased into it, Hz: `processed_bandwidth`, and for a beam
+        steered over an image that fills a part of it, the bandwidth of the beam or of the pixels' apertures
+    highest_prf : prf above which the echoes of one pulse exceed the free part of the interval, Hz
+    echo_begins, echo_ends : delays after the start of the pulse of the first and after the last echo of the swath, s
+    nadir_begins, nadir_ends : delays of the nadir echo, s; that of the same pulse is compressed to its own range,
+        before the swath: only those of other pulses overlap it
+    pulses_in_flight : pulses sent between a pulse and its first echo
+    blind_share : part of the swath's echoes that arrive while a pulse is sent
+    nadir_share : part of the swath's echoes that arrive with the nadir echo of another pulse
+    free_prf : bands between `lowest_prf` and `highest_prf` without either overlap, (low, high) in Hz
     """
 
     prf: float
@@ -64,7 +63,7 @@ class PulseTiming:
 
     @property
     def nearest_free_prf(self) -> float | None:
-        """The free pulse repetition frequency next to ``prf``, Hz; None where there is none."""
+        """Free pulse repetition frequency closest to ``prf``, Hz; None: no free band."""
         inside = [min(max(self.prf, low), high) for low, high in self.free_prf]
         return min(inside, key=lambda f: abs(f - self.prf), default=None)
 
@@ -74,14 +73,14 @@ def pulse_timing(radar: Radar, grid: ImageGrid, height: float) -> PulseTiming:
 
     Parameters
     ----------
-    radar : whose track, beam and pulse count
+    radar : track, beam and pulse
     grid : of the image; its slant ranges are the swath
-    height : of the antenna over the ground straight below, m
+    height : of the antenna over the ground at nadir, m
 
     Notes
     -----
-    Takes the swath's delays at mid-aperture, and the nadir's echo as that of a point. Ignores receiver protection
-    beyond the pulse's own length.
+    Uses the delays of the swath at mid-aperture, and a point echo at nadir. Ignores receiver protection beyond the
+    pulse length.
     """
     wave, track = radar.waveform, radar.track
     prf = radar.track.prf
@@ -140,7 +139,7 @@ def _box(grid: ImageGrid) -> Box:
 
 
 def _at_once(radar: Radar) -> bool:
-    """Whether only the Doppler spread of one instant has to fit: the beam, or the focuser, follows the place."""
+    """Whether only the Doppler spread of one instant must be sampled: the beam, or the focuser, tracks the point."""
     return radar.mode_law.instantaneous_doppler or not radar.track.is_straight
 
 
@@ -152,14 +151,14 @@ def _beam_bandwidth(radar: Radar, speed: float) -> float:
 
 
 def overlap_share(window: Interval, event: Interval, prf: float, earliest: int | None = None) -> float:
-    """Part of a time window that repetitions of an event cover.
+    """Fraction of a time window covered by repetitions of an event.
 
     Parameters
     ----------
     window : begin and end, s
-    event : begin and end of one of them, s; it comes again every interval, before and after
-    prf : how often, Hz
-    earliest : number of the first repetition that counts, 0 is ``event`` itself; None: all
+    event : begin and end of one event, s; it is repeated every interval, before and after
+    prf : of the repetitions, Hz
+    earliest : number of the first repetition, 0 is ``event`` itself; None: all
     """
     interval = 1.0 / prf
     length = min(event[1] - event[0], interval)
@@ -174,7 +173,7 @@ def overlap_share(window: Interval, event: Interval, prf: float, earliest: int |
 def free_bands(
     window: Interval, nadir: Interval, pulse_width: float, bounds: Interval
 ) -> tuple[Interval, ...]:
-    r"""Bands of the pulse repetition frequency f in which no pulse and no nadir echo meets the swath's echoes.
+    r"""Bands of the pulse repetition frequency f in which no pulse and no nadir echo overlaps the swath's echoes.
 
     .. math:: \frac{n}{t_0 - \tau} \le f \le \frac{n + 1}{t_1}, \qquad
               f \notin \left( \frac{m}{t_1 - t_n}, \frac{m}{t_0 - t_n - \tau} \right)
@@ -190,7 +189,7 @@ def free_bands(
 
     Returns
     -------
-    bands, (low, high) in Hz, in rising order
+    bands, (low, high) in Hz, ascending
     """
     t0, t1 = window
     low, high = bounds
@@ -207,12 +206,13 @@ def free_bands(
 
 
 def _without_nadir(band: Interval, until: float, since: float) -> list[Interval]:
-    """A band less the frequencies at which the nadir's echo of a later pulse falls among the echoes.
+    """Parts of a band in which the nadir echo of a later pulse does not overlap the echoes.
 
     Parameters
     ----------
     band : low and high, Hz
-    until, since : delays of the end of the swath's echoes after the nadir's begin, and of their begin after its end, s
+    until, since : delay from the begin of the nadir echo to the end of the swath's echoes, and from its end to their
+        begin, s
     """
     if until <= 0.0:
         return [band]

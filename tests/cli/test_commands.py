@@ -82,7 +82,7 @@ def test_focus_of_saved_raw_data_repeats_the_image(fake_stages: dict[str, Any], 
         (
             MemoryError(),
             2,
-            "error: out of memory; ask for a smaller image, fewer pulses or a coarser ray_spacing",
+            "error: out of memory; choose a smaller image, fewer pulses or a coarser ray_spacing",
         ),
         (KeyboardInterrupt(), 130, "error: interrupted; no half-written file was left behind"),
     ],

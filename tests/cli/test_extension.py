@@ -71,7 +71,7 @@ def test_a_mode_from_a_file_is_used_by_a_scene(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (None, "there is no such extension file"),
+        (None, "no such extension file"),
         ("import nowhere_to_be_found", "No module named"),
         ("1 +", "invalid"),
     ],

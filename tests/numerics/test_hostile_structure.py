@@ -124,7 +124,7 @@ def test_headers_of_arrays_that_do_not_end_are_refused(tmp_path: Path) -> None:
 @pytest.mark.skipif(os.name != "posix", reason="pipes of Unix")
 def test_passes_that_are_a_pipe_hold_nobody_up(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "passes.npz")
-    with pytest.raises(DataError, match="no ordinary file"):
+    with pytest.raises(DataError, match="not a regular file"):
         Passes.load(tmp_path / "passes.npz", "x", LAYOUT)
 
 

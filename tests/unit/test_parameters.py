@@ -128,5 +128,5 @@ def test_what_comes_on_top_takes_no_name_that_is_taken() -> None:
         (Param("size", "float", 1.0, "of it"),),
         more=lambda: (Param("size", "float", 2.0, "another"),),
     )
-    with pytest.raises(ExtensionError, match="thing has a parameter 'size' already"):
+    with pytest.raises(ExtensionError, match="thing already has a parameter 'size'"):
         table.read({}, "here")
