@@ -67,13 +67,13 @@ def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:
     elif depth == 1:
         seen = pilot.n_patches + pilot.n_features
         why = (
-            f"pilot, {seen} patches: further bounces have {_text(pilot.energy_db(3, 2, upper=True))} of the energy "
-            f"at most"
+            f"pilot, {seen} patches: further bounces have at most {_text(pilot.energy_db(3, 2, upper=True))} of the "
+            f"energy"
         )
     else:
         why = (
-            f"pilot: bounces from {depth} on have {_text(pilot.energy_db(3, depth))} of the energy (strongest cell "
-            f"{_text(pilot.cell_db(3, depth))} over the {over}), those after {depth} at most "
+            f"pilot: energy of bounces from {depth} on {_text(pilot.energy_db(3, depth))} (strongest cell "
+            f"{_text(pilot.cell_db(3, depth))} over the {over}), after {depth} at most "
             f"{_text(pilot.energy_db(3, depth + 1, upper=True))} ({_text(pilot.cell_db(3, depth + 1))})"
         )
     # the last bounce holds at most all energy; with one bounce, the pilot's bound is that of the bounces left out
@@ -82,7 +82,7 @@ def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:
 
 
 def _text(value_db: float) -> str:
-    return f"{value_db:.0f} dB" if np.isfinite(value_db) else "nothing"
+    return f"{value_db:.0f} dB" if np.isfinite(value_db) else "zero"
 
 
 EFFECTS.register(MaxDepth())

@@ -72,7 +72,7 @@ class Explanation:
     def __str__(self) -> str:
         """One line per effect, then the pilot, the scene's notes and the prediction."""
         plan = self.plan
-        rows = [("effect", "", "if not", "cost", "why")]
+        rows = [("effect", "", "change", "cost", "why")]
         for d in plan.decisions:
             state = str(d.value) if d.value is not None else "on" if d.on else "off"
             last = "" if d.deepest is None else f"; bounce {d.deepest} is the last with an echo"
@@ -87,13 +87,13 @@ class Explanation:
             0, f"{self.scene.name}: {self.scene.settings.method}, channels {', '.join(plan.flags.channels)}"
         )
         lines.append(
-            "if not: change of the image if the effect were switched the other way (max_depth: without the last bounce "
-            "with an echo), energy relative to the image; <= upper bound, ? not known, others measured"
+            "change: energy of the change of the image, relative to the image, if the effect were switched on or off "
+            "(max_depth: without the last bounce with an echo); <= upper bound, ? unknown, others measured"
         )
         if not all(np.isnan(d.cost) for d in plan.decisions):
             lines.append(
-                "cost: share of the simulation's processor time that the effect takes, or would take; timed, to a "
-                "tenth or so, on the same pulses"
+                "cost: share of the simulation's processor time that the effect takes, or would take; timed on the "
+                "same pulses, accurate to about 10 %"
             )
         idle = [
             f"{d.name} ({_cost(d.cost)})"
@@ -102,8 +102,8 @@ class Explanation:
         ]
         if idle:
             lines.append(
-                f"on, but without any change of this image (with their cost): {', '.join(idle)}; the plan is decided "
-                "before tracing, and a proof would cost more than the effect"
+                f"on, without a change of this image (and their cost): {', '.join(idle)}; the plan is decided before "
+                "tracing, and a proof would cost more than the effect"
             )
         if plan.pilot:
             p = plan.pilot
