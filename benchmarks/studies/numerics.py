@@ -37,7 +37,7 @@ ORDER = (
 )
 HEAD = """# Numerics
 
-Ray-traced radar codes can be wrong without saying so. This page lists such hard cases, and what is done about each.
+This page lists hard cases of numerical precision in ray-traced radar simulation, and the remedy for each.
 Every line is a check of a test in `tests/numerics`: the error of the naive way where the test measures it, our error,
 the bound that the test holds, and the remedy. A naive error of `nan` means that the naive way gives no number at all.
 The naive way is the same code with other arguments, or a stand-in of a few lines in the test, in plain Mitsuba or

@@ -127,7 +127,7 @@ def test_table_tells_measured_bounds_and_what_timing_cannot_tell() -> None:
         "four": "? -",
         "five": "none -",
     }
-    (idle,) = [line for line in lines if line.startswith("on, but without any change of this image")]
+    (idle,) = [line for line in lines if line.startswith("on, without a change of this image")]
     assert "three (25 %);" in idle and "one" not in idle.split(":")[1]
 
 
