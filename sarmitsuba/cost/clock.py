@@ -1,4 +1,4 @@
-"""Clocks of a cost study: seconds of this machine, or of a machine of stated speed, counted from the work."""
+"""Clocks of a cost study: time of this machine, or computed from the work for a machine of given speed."""
 
 import time
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ class StudyClock(Protocol):
     """Clock of a cost study."""
 
     def now(self) -> float:
-        """Seconds since some fixed moment."""
+        """Seconds since a fixed moment."""
         ...
 
     def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
@@ -23,7 +23,7 @@ class WallClock:
     """Elapsed seconds of this machine."""
 
     def now(self) -> float:
-        """Seconds since some fixed moment."""
+        """Seconds since a fixed moment."""
         return time.perf_counter()
 
     def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
@@ -32,12 +32,12 @@ class WallClock:
 
 
 class WorkClock:
-    """Seconds of a machine of stated speed: the same budget buys the same runs everywhere.
+    """Time computed from the work for a machine of given speed: the same budget allows the same runs everywhere.
 
     Parameters
     ----------
     speed : of that machine
-    stage_seconds : s, what every stage takes besides
+    stage_seconds : s, additional time of every stage
     """
 
     def __init__(self, speed: SpeedModel = USUAL_CORE, stage_seconds: float = 5e-3) -> None:
@@ -45,11 +45,11 @@ class WorkClock:
         self._elapsed = 0.0
 
     def now(self) -> float:
-        """Seconds of all runs so far."""
+        """Total seconds of all runs so far."""
         return self._elapsed
 
     def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
-        """From the work alone; one of the stages ``trace`` and ``raster`` has the rays."""
+        """Seconds by stage from the work; one of the stages ``trace`` and ``raster`` has the rays."""
         counted = self.speed.stages(work)
         counted["raster"] = counted["trace"]
         out = {stage: self.stage_seconds + counted.get(stage, 0.0) for stage in measured}

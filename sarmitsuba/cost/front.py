@@ -8,7 +8,7 @@ from sarmitsuba.cost.model import corrected
 from sarmitsuba.cost.proof import Proof, ProofRun
 from sarmitsuba.cost.report import Candidate, pareto, recommend
 
-# no image so wrong is wanted, dB; most of the time left that one combination far from the target may take
+# largest error of interest, dB; share of the remaining time for a single combination far from the target
 USELESS_DB, FAR_SHARE = -10.0, 0.35
 
 
@@ -19,19 +19,19 @@ def measure_front(
     deadline: float,
     progress: Callable[[], None],
 ) -> list[Candidate]:
-    """Run the combinations on the Pareto front while there is time, what the target depends on first.
+    """Measure the combinations on the Pareto front within the time, those near the target first.
 
     Parameters
     ----------
     predicted : all combinations, from the model
-    proof : runs them
-    target_error_db : wanted
+    proof : measures the combinations
+    target_error_db : wanted error
     deadline : on the proof's clock
     progress : called after every run
 
     Returns
     -------
-    candidates : measured, or corrected by their measured neighbours
+    candidates : measured, or corrected by measured neighbours
     """
     measured: dict[int, ProofRun] = {}
     skipped: set[int] = set()
@@ -42,7 +42,7 @@ def measure_front(
         chosen = recommend(candidates, target_error_db).setting
         place = next((i for i, c in enumerate(front) if c is chosen), len(front) - 1)
         near = [chosen, *front[max(0, place - 1) : place + 2]]
-        # the recommendation, the next cheaper, the next better, then what is least like anything measured
+        # the recommendation, the next cheaper, the next better, then the combination farthest from any measured one
         known = [np.log(check.seconds) for check in measured.values()]
         far = sorted(
             (c for c in front if c.error_db <= max(target_error_db, USELESS_DB)),

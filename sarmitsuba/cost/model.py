@@ -11,9 +11,9 @@ from sarmitsuba.cost.report import Candidate
 from sarmitsuba.cost.trial import Changes, Value
 from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
-# error that counts as none: float32 and the reference's own
+# error that counts as zero: float32 rounding and the error of the reference
 FLOOR_DB = -80.0
-# stages whose time a parameter changes; what else differs between two runs is the machine's mood
+# stages whose time depends on a parameter; other differences between two runs are disturbances
 AFFECTS = {
     "ray_spacing": ("rays", "launch grid"),
     "max_depth": ("rays",),
@@ -29,11 +29,12 @@ class CostModel:
 
     Parameters
     ----------
-    spacings : automatic distances between rays
+    spacings : automatic ray spacings
     full : seconds by stage of the plain setting on the whole scene, for ``hybrid`` and ``image``
     plain : values of the plain setting
-    errors : dB, of every (parameter, value)
-    ratios : seconds by stage of every (parameter, value) over those of the plain setting; ray spacings go by their rays
+    errors : of every (parameter, value), dB
+    ratios : seconds by stage of every (parameter, value) over those of the plain setting; for ray spacings from the
+        number of rays
     """
 
     spacings: RaySpacings
@@ -43,17 +44,17 @@ class CostModel:
     ratios: dict[tuple[str, Value], dict[str, float]] = field(default_factory=dict)
 
     def values(self, parameter: str) -> list[Value]:
-        """Swept values of a parameter; its plain one where it was not swept, and for key pulses always."""
+        """Swept values of a parameter; the plain value if it was not swept, and always for key pulses."""
         swept = [v for p, v in self.errors if p == parameter]
         missing = not swept or (parameter == "key_pulse_interval" and self.plain[parameter] not in swept)
         return [*swept, self.plain[parameter]] if missing else swept
 
     def energy(self, parameter: str, value: Value) -> float:
-        """Of the error, over that of the image."""
+        """Energy of the error, relative to the image."""
         return float(10.0 ** (self.errors.get((parameter, value), FLOOR_DB) / 10.0))
 
     def seconds(self, method: str, picks: Changes) -> float:
-        """Of the whole scene: each stage times the ratios of the parameters that change it."""
+        """Seconds for the whole scene: those of each stage times the ratios of its parameters."""
         total = 0.0
         for stage, seconds in self.full[method].items():
             for key, value in picks.items():
@@ -63,16 +64,16 @@ class CostModel:
         return total
 
     def _ratio(self, parameter: str, value: Value, stage: str) -> float:
-        """Seconds of a stage with this value over those with the plain one."""
+        """Ratio of the seconds of a stage with this value and with the plain value."""
         if parameter == "ray_spacing":  # as the number of rays
             return (float(self.plain[parameter]) / float(value)) ** 2
         own = self.ratios.get((parameter, value), {}).get(stage, 1.0)
         plain = self.ratios.get((parameter, self.plain[parameter]), {}).get(stage, 1.0)
-        # key pulses are counted against the whole scene's own already
+        # key pulses are already relative to those of the whole scene
         return own / plain if plain > 0.0 and parameter != "key_pulse_interval" else own
 
     def combine(self) -> list[Candidate]:
-        """Every combination, predicted."""
+        """All combinations with their predictions."""
         out = []
         names = ("ray_spacing", "max_depth", "gridding_width", "key_pulse_interval", "focuser")
         for values in itertools.product(*(self.values(name) for name in names)):
@@ -104,14 +105,14 @@ class CostModel:
 
 
 def corrected(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) -> list[Candidate]:
-    """Measured combinations as measured; the others by what the nearest measured one of their method was off by.
+    """Candidates with measured values, or predictions corrected by the nearest measured candidate of their method.
 
-    Where none of its method was measured, the error is off by the median of all: what a piece of the scene is off by.
+    If none of the method was measured, the error is corrected by the median of all corrections.
 
     Parameters
     ----------
-    predicted : all of them
-    measured : by index into ``predicted``
+    predicted : all candidates
+    measured : runs by index into ``predicted``
     """
     out = []
     for i, candidate in enumerate(predicted):
@@ -132,7 +133,7 @@ def corrected(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) 
 
 
 def _distance(a: Changes, b: Changes) -> float:
-    """Octaves of ray spacing and key-pulse interval, steps of what is counted, one for another focuser."""
+    """Distance of two settings: octaves of ray spacing and interval, steps of counted values, one for the focuser."""
     total = 0.0
     for key, value in a.items():
         if key in ("ray_spacing", "key_pulse_interval"):

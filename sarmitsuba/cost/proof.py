@@ -1,4 +1,4 @@
-"""Verification of a cost study's estimates: error against a reference, and seconds of a setting."""
+"""Verification of a cost study: measured error against a reference, and time of a setting."""
 
 from dataclasses import dataclass
 
@@ -12,20 +12,20 @@ from sarmitsuba.scene.scene import Scene
 
 Image = C64 | C128
 
-# runs shorter than this are made again, s, and the faster one counts: what disturbs a run only makes it longer
+# runs shorter than this are repeated, s, and the faster one counts: disturbances only lengthen them
 STEADY = 3.0
-# first of the reference's lattices, which no trial shares
+# number of the first lattices of the reference, not used by any trial
 REFERENCE_PASS = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A converged image.
+    """Converged reference image.
 
     Parameters
     ----------
-    image : (n_azimuth, n_range) complex64, mean of two runs with lattices of their own
-    noise : energy of what the lattices leave in the mean over its own, from the difference of the two
+    image : (n_azimuth, n_range) complex64, mean of two runs with different lattices
+    noise : relative energy of the mean's error by ray sampling, from the difference of the two
     """
 
     image: C64
@@ -44,7 +44,7 @@ class Reference:
     def error_db(self, image: Image) -> float:
         """Energy of an image's error over that of the reference, dB, minus the reference's own noise.
 
-        At most half of the difference is taken to be the reference's.
+        At most half of the difference is attributed to the reference.
         """
         ratio = _energy(image - self.image) / _energy(self.image)
         return 10.0 * float(np.log10(max(ratio - self.noise, 0.5 * ratio, 1e-12)))
@@ -56,7 +56,7 @@ def _energy(image: Image) -> float:
 
 @dataclass(frozen=True)
 class ProofRun:
-    """Measured error (dB) and seconds of a setting."""
+    """Measured error (dB) and time (s) of a setting."""
 
     error_db: float
     seconds: float
@@ -64,18 +64,18 @@ class ProofRun:
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """Runs settings for their error and time.
+    """Measurement of the error and time of settings.
 
     Parameters
     ----------
-    scene : the whole; seconds are of it
-    field : the part of it that errors are of: the whole where a reference of the whole fits the budget
+    scene : whole scene, for the time
+    field : part of the scene for the error: the whole scene if a reference of it fits the budget
     grid : of the field's image
-    base : settings that changes are made to
+    base : settings to be changed
     reference : image of the field
-    factor : ray spacing of the reference, in automatic ones
-    text : which part the field is
-    clock : of the seconds
+    factor : ray spacing of the reference, relative to the automatic one
+    text : description of the field
+    clock : time source
     """
 
     scene: Scene
@@ -88,7 +88,7 @@ class Proof:
     clock: StudyClock
 
     def cost(self, seconds: float) -> float:
-        """Seconds that :meth:`measure` takes for a setting that takes the whole scene so many."""
+        """Seconds for :meth:`measure` of a setting that takes ``seconds`` for the whole scene."""
         return seconds * ((2.0 if seconds < STEADY else 1.0) + (self.field is not self.scene))
 
     def measure(self, changes: Changes, pass_index: int = 0) -> ProofRun:

@@ -7,27 +7,27 @@ from sarmitsuba.cost.proof import Proof, ProofRun
 from sarmitsuba.cost.trial import Changes
 from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
-# a smaller gain in error is not worth a line of its own, nor any time
+# least significant gain in error, dB
 STEP_DB = 0.5
-# a recommendation better than wanted by more than this is explained
+# margin above which a recommendation better than wanted is explained, dB
 SPARE_DB = 3.0
-# lattices of the check: no sweep and no estimate uses them
+# lattices of the check, not used by any sweep or estimate
 CHECK_PASS = 7
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table.
+    """Row of the table.
 
     Parameters
     ----------
-    parameter, value : what was changed about the plain setting, and to what
+    parameter, value : changed parameter of the plain setting, and its value
     error_db : of that change alone, against the best value of the same parameter with the same rays; for ray spacing
         and methods against the converged reference
-    seconds : on the piece of the scene that was swept, without compiling
+    seconds : for the swept piece of the scene, without compiling
     full_seconds : predicted for the whole scene
-    megabytes : growth of the memory on the piece
-    remark : what the error is measured as, where it is not the plain one
+    megabytes : growth of the memory for the piece
+    remark : definition of the error, where it differs
     """
 
     parameter: str
@@ -41,13 +41,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A combination of settings with its estimated error and time on the whole scene.
+    """Combination of settings with its estimated error and time for the whole scene.
 
     Parameters
     ----------
-    changes : about the scene's settings
+    changes : of the scene's settings
     error_db, seconds : estimated
-    measured : the estimate is from a run of this very combination, not from those of its neighbours
+    measured : whether this combination was run; else the estimate is from its neighbours
     """
 
     changes: Changes
@@ -56,20 +56,20 @@ class Candidate:
     measured: bool = False
 
     def estimate(self) -> str:
-        """Error and seconds, marked where nothing but the model says so."""
+        """Text with error and seconds, marked if predicted by the model alone."""
         return f"{self.error_db:.1f} dB in {self.seconds:.2f} s" + ("" if self.measured else " (predicted)")
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The cheapest setting for a wanted error.
+    """Cheapest setting for a wanted error.
 
     Parameters
     ----------
-    target_error_db : wanted
-    setting : the cheapest that estimates it, or the most accurate where none does
-    met : whether the target is estimated
-    remark : why the setting is much better than wanted, where it is
+    target_error_db : wanted error
+    setting : the cheapest with this estimated error, or else the most accurate
+    met : whether the estimate meets the target
+    remark : reason for a setting much better than wanted
     """
 
     target_error_db: float
@@ -78,7 +78,7 @@ class Recommendation:
     remark: str = ""
 
     def options(self) -> str:
-        """As options of ``render``."""
+        """Options of ``render`` for the setting."""
         return options_of(self.setting.changes)
 
 
@@ -88,16 +88,16 @@ class CostReport:
 
     Parameters
     ----------
-    rows : the table
-    candidates : every combination
-    front : those that none beats in both error and time, by time
-    recommendation : for the error that the study was asked for
-    proof : where estimates were measured and are checked
-    piece : which part of the scene was swept
-    check : an independent run of the recommendation; None where the budget ended before
-    full_seconds : measured seconds of the plain setting on the whole scene
-    reference : what the sweeps' errors are against
-    estimated_against : what the errors of the combinations are against
+    rows : of the table
+    candidates : all combinations
+    front : Pareto front of the candidates in error and time, by time
+    recommendation : for the requested error
+    proof : measurement of errors and times
+    piece : description of the swept part of the scene
+    check : independent run of the recommendation; None: the budget was exhausted
+    full_seconds : measured seconds of the plain setting for the whole scene
+    reference : description of the sweeps' reference
+    estimated_against : description of the reference of the combinations
     seconds : of the whole study
     """
 
@@ -114,16 +114,16 @@ class CostReport:
     seconds: float
 
     def recommend(self, target_error_db: float) -> Recommendation:
-        """The cheapest setting for another error, from what was measured: nothing is run."""
+        """Cheapest setting for another error, from the existing measurements."""
         return recommend(self.candidates, target_error_db)
 
     def verify(self, recommendation: Recommendation) -> ProofRun:
-        """Run a recommendation with lattices that no estimate used."""
+        """Run a recommendation with lattices not used for any estimate."""
         return self.proof.measure(recommendation.setting.changes, CHECK_PASS)
 
 
 def recommend(candidates: Sequence[Candidate], target_error_db: float) -> Recommendation:
-    """The cheapest combination that estimates the target, or the most accurate one."""
+    """Cheapest combination that meets the target by its estimate, or the most accurate one."""
     front = pareto(candidates)
     good = [c for c in front if c.error_db <= target_error_db]
     if not good:
@@ -138,12 +138,12 @@ def recommend(candidates: Sequence[Candidate], target_error_db: float) -> Recomm
             next_best = cheaper[-1]
             remark = f"the next cheaper has {next_best.estimate()}"
         else:
-            remark = "nothing cheaper was found: what is left is the time that every run takes"
+            remark = "nothing cheaper was found: the remaining time is common to all runs"
     return Recommendation(target_error_db, chosen, True, remark)
 
 
 def pareto(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Those that none beats in both by more than ``STEP_DB``, by time."""
+    """Pareto front of the candidates, with steps of at least ``STEP_DB``, by time."""
     front: list[Candidate] = []
     for candidate in sorted(candidates, key=lambda c: (c.seconds, c.error_db)):
         if not front or candidate.error_db < front[-1].error_db - STEP_DB:
@@ -152,17 +152,17 @@ def pareto(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def reference_text(spacings: RaySpacings, factor: float, depth: int) -> str:
-    """What a reference is, whose rays are ``factor`` automatic distances apart."""
+    """Description of a reference with ``factor`` times the automatic ray spacing."""
     return (
-        f"the mean of 2 runs with lattices of their own, ray_spacing {factor * spacings.coherent:.3g} m ({factor:g} of "
+        f"the mean of 2 runs with different lattices, ray_spacing {factor * spacings.coherent:.3g} m ({factor:g} of "
         f"the automatic one), {depth} bounces, gridding_width 6"
     )
 
 
 def options_of(changes: Changes) -> str:
-    """Options of ``render`` that make these settings: ``-D sar_path.max_depth=3 ... --method hybrid``.
+    """Options of ``render`` for these settings: ``-D sar_path.max_depth=3 ... --method hybrid``.
 
-    One set of rays, as in the study: two subsets for error bars would take more launches and twice the focusing.
+    With one set of rays, as in the study: two subsets for error bars would need more launches and twice the focusing.
     """
     words = []
     for key, value in changes.items():

@@ -19,9 +19,9 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
-# share of the budget after which nothing more is measured but the recommendation's check
+# share of the budget after which only the recommendation is checked
 LAST_SHARE = 0.85
-# ray spacing of the sweeps' reference, in automatic ones
+# ray spacing of the sweeps' reference, relative to the automatic one
 SWEEP_FACTOR = 0.5
 
 
@@ -41,7 +41,7 @@ class _Task:
 
     @property
     def spent(self) -> float:
-        """Seconds so far."""
+        """Elapsed seconds of the study."""
         return self.clock.now() - self.begin
 
 
@@ -57,12 +57,12 @@ def study_cost(
 
     Parameters
     ----------
-    scene : as loaded; its explicit settings are the plain setting
+    scene : as loaded; its settings are the plain setting
     target_error_db : energy of the error over that of the image, dB
     budget : s; large scenes are swept on a piece from the middle of the image
     progress : called after every run
-    clock : what seconds are; default: those of this machine. With :class:`sarmitsuba.cost.clock.WorkClock` they are
-        counted from the work, and the budget buys the same runs everywhere
+    clock : time source; default: elapsed time. With :class:`sarmitsuba.cost.clock.WorkClock` time is computed from the
+        work, and the budget allows the same runs everywhere
 
     Returns
     -------
@@ -71,20 +71,20 @@ def study_cost(
     Raises
     ------
     DataError
-        The scene has no mesh: nothing is traced, and nothing can be saved.
+        The scene has no mesh, so that nothing is traced.
 
     Notes
     -----
-    Three steps. Sweeps of one parameter each on a piece of the scene. Their combinations: errors of different
-    parameters are taken to be independent, so that their energies add up, and each parameter to scale the time of a
-    stage by a factor of its own. Then a converged image of the whole scene, as far as the budget allows, and runs of
-    the combinations on the Pareto front against it, those about the target first; what these runs show, the
-    combinations not run are corrected by. The check at the end runs the recommendation once more with other lattices.
-    Errors of the scattering model are not in any of this.
+    Three steps. First, sweeps of one parameter each on a piece of the scene. Second, predictions for combinations:
+    errors of different parameters are assumed to be independent, so that energies add up, and each parameter scales
+    the time of a stage by a factor. Third, a converged image of the whole scene, as far as the budget allows, and runs of
+    the combinations on the Pareto front against it, those near the target first; other combinations are corrected by
+    these runs. Finally the recommendation is run once more with other lattices. Errors of the scattering model are not
+    included.
     """
     if scene.geometry.n_faces == 0:
         raise DataError(
-            f"{scene.name}: cost: the scene has no mesh, and ideal points cost nothing to speak of"
+            f"{scene.name}: cost: the scene has no mesh, and the time for ideal points is negligible"
         )
     task = _task(scene, target_error_db, budget, progress or silent, clock or WallClock())
     spacings = task.sampling.spacings
@@ -116,7 +116,7 @@ def _task(
     begin = clock.now()
     plan = plan_scene(scene)
     sampling = SamplingPlan.of(scene, plan.flags)
-    # in metres, so that a piece of the aperture, which resolves less, is sampled as the whole scene is
+    # in metres, so that a piece of the aperture, of coarser resolution, is sampled as the whole scene
     base = TrialSetting(
         {
             "method": "hybrid",
@@ -135,19 +135,19 @@ def _task(
 
 
 def _dense(task: _Task, sweeps: Sweeps) -> TrialSetting:
-    """Setting of a reference, its ray spacings apart."""
+    """Setting of a reference, except its ray spacings."""
     dense = task.base.but(max_depth=REFERENCE_DEPTH, gridding_width=6)
     interval = sweeps.plain.key_pulse_interval
     return dense.but(key_pulse_interval=interval // 2) if interval >= 16 else dense
 
 
 def _sweep(task: _Task) -> tuple[Sweeps, str, Reference]:
-    """All sweeps, the piece of the scene in words, and the reference of the piece."""
+    """All sweeps, the description of the piece of the scene, and its reference."""
     scene, base, spacings, clock = task.scene, task.base, task.sampling.spacings, task.clock
     piece, text, plain = piece_to_sweep(scene, base, task.budget, task.sampling, clock)
     whole = plain if piece is scene else run_trial(scene, base, clock=clock)
     grid = default_grid(piece.radar, piece.image)
-    # hardly any rays: what is left is the launches
+    # few rays: the remaining time is that of launches
     few = run_trial(piece, base.but(**spacings.at(12.0)), grid, clock=clock)
     model = CostModel(
         spacings,
@@ -180,7 +180,7 @@ def _sweep(task: _Task) -> tuple[Sweeps, str, Reference]:
 
 
 def _proof(task: _Task, sweeps: Sweeps, piece_text: str, converged: Reference) -> Proof:
-    """Where estimates are measured: as much of the scene as a reference can be made of, else the piece."""
+    """Measurement on as much of the scene as the budget allows for a reference, else on the piece."""
     left = task.budget - task.spent
     field, factor, where = field_of_proof(task.scene, sweeps.model.full["hybrid"], task.budget, left)
     spacings = task.sampling.spacings
@@ -191,15 +191,15 @@ def _proof(task: _Task, sweeps: Sweeps, piece_text: str, converged: Reference) -
         grid = default_grid(field.radar, field.image)
         against = Reference.of(field, _dense(task, sweeps).but(**spacings.at(factor)), grid, task.clock)
         task.report()
-    # combinations bring their own spacings, or none
+    # combinations have their own spacings, or none
     bare = TrialSetting({k: v for k, v in task.base.changes.items() if k not in spacings.at(1.0)})
     return Proof(task.scene, field, grid, bare, against, factor, where, task.clock)
 
 
 def _candidates(task: _Task, model: CostModel, proof: Proof) -> list[Candidate]:
-    """Every combination, measured or corrected."""
+    """All combinations, measured or corrected."""
     deadline = task.begin + LAST_SHARE * task.budget
     found = measure_front(model.combine(), proof, task.target_error_db, deadline, task.report)
-    # what the study switches off, the recommended line must
+    # the recommended options must switch off the same as the study
     off = {k: False for k in ("keep_orders", "keep_subsets") if getattr(task.scene.settings, k)}
     return [replace(c, changes={**c.changes, **off}) for c in found]

@@ -1,4 +1,4 @@
-"""Sweeps of a cost study: one parameter at a time on a piece of the scene, for error and for seconds by stage."""
+"""Sweeps of a cost study: one parameter at a time on a piece of the scene, for error and time by stage."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -17,10 +17,10 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import split_trace
 from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
-# deepest bounce of the reference; what comes later has been weaker than -40 dB in every shipped scene
+# highest bounce order of the reference; later bounces are below -40 dB in every shipped scene
 REFERENCE_DEPTH = 6
-# ray spacings, in automatic ones, image's finer because its runs are short; coarser ones follow while they are better
-# than wanted
+# ray spacings relative to the automatic one, finer for method image because its runs are short; coarser ones follow
+# while they are better than wanted
 SPACINGS = (0.71, 1.0, 1.41, 2.0, 2.83)
 IMAGE_SPACINGS = (1.0, 1.19, 1.41, 1.68, 2.0, 2.38, 2.83, 3.36, 4.0, 4.76, 5.66)
 COARSEST = 16.0
@@ -28,23 +28,23 @@ COARSEST = 16.0
 
 @dataclass
 class Sweeps:
-    """Trials of one parameter each, for the table and the model.
+    """Sweeps of one parameter each, for the table and the model.
 
     Parameters
     ----------
-    scene : the piece that is swept
+    scene : the swept piece
     grid : of its image
     base : the plain setting
     plain, whole : runs of it on the piece and on the whole scene
     n_pulses : of the whole scene
-    launch_seconds : of one launch, whatever its rays
+    launch_seconds : of one launch, independent of its rays
     deadline : of the sweeps, on the clock
-    model : what the trials go to
+    model : to which the trials are added
     report : called after every trial
-    target_error_db : wanted
-    clock : of the seconds
-    rows : the table
-    now : run of the plain setting that ratios are to
+    target_error_db : wanted error
+    clock : time source
+    rows : of the table
+    now : latest run of the plain setting, reference of the ratios
     """
 
     scene: Scene
@@ -67,35 +67,35 @@ class Sweeps:
         return self.deadline - self.clock.now()
 
     def run(self, **changes: Value) -> Trial:
-        """The plain setting with changes, on the piece."""
+        """Run the plain setting with changes, on the piece."""
         trial = run_trial(self.scene, self.base.but(**changes), self.grid, clock=self.clock)
         self.report()
         return trial
 
     def refresh(self, **changes: Value) -> None:
-        """Run the plain setting again: ratios are to a run of the same minute, whatever else the machine does."""
+        """Run the plain setting again, so that ratios refer to a run under the present load of the machine."""
         self.now = self.run(**changes)
 
     def extend(self, factors: list[float], factor: float, error_db: float) -> None:
-        """Go on to coarser rays while the coarsest are better than wanted."""
+        """Continue with coarser rays while the coarsest are better than wanted."""
         coarser = 2.0**0.5 * factor
         if factor == factors[-1] and error_db < self.target_error_db - SPARE_DB and coarser < COARSEST:
             factors.append(coarser)
 
     def ratios(self, trial: Trial, parameter: str, value: Value) -> dict[str, float]:
-        """Seconds by stage over those of the plain setting."""
+        """Ratio of the seconds by stage to those of the plain setting."""
         now = _stages_of(trial, self.launch_seconds)
         then = _stages_of(self.now or self.plain, self.launch_seconds)
-        # a stage too short to time is taken not to change
+        # a stage too short for timing is assumed not to change
         out = {s: now.get(s, 0.0) / t if t > 1e-3 else 1.0 for s, t in then.items()}
-        if parameter == "key_pulse_interval":  # the piece's few pulses do not show it
+        if parameter == "key_pulse_interval":  # not measurable with the few pulses of the piece
             before = self.whole.key_pulse_interval
             launches = -(-self.n_pulses // int(value)) / -(-self.n_pulses // before)
             out["launches"] = out["rays"] = launches
         return out
 
     def note(self, parameter: str, value: Value, trial: Trial, error_db: float, remark: str = "") -> None:
-        """Put a trial into the table and the model."""
+        """Add a trial to the table and the model."""
         error_db = max(error_db, FLOOR_DB)
         ratios = self.ratios(trial, parameter, value)
         self.model.errors[parameter, value] = error_db
@@ -109,7 +109,7 @@ class Sweeps:
     def row(
         self, parameter: str, value: Value, trial: Trial, error_db: float, full: float, remark: str = ""
     ) -> None:
-        """Put a trial into the table."""
+        """Add a trial to the table."""
         shown = f"{value:.3g}" if isinstance(value, float) else str(value)
         megabytes = trial.peak_bytes / 1e6 if trial.peak_bytes >= 0 else float("nan")
         self.rows.append(Row(parameter, shown, error_db, trial.seconds, full, megabytes, remark))
@@ -129,7 +129,7 @@ class Sweeps:
 
 
 def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Reference) -> None:
-    """All parameters, one after the other."""
+    """Sweep all parameters."""
     study.paired("max_depth", [d for d in (1, 2, 3, 4) if d < REFERENCE_DEPTH], REFERENCE_DEPTH)
     study.paired("gridding_width", [2, 3, 4], 6)
     study.paired("phase_precision", ["single"], "double")
@@ -141,7 +141,7 @@ def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Referen
         trial = study.run(**study.model.spacings.at(factor), max_depth=REFERENCE_DEPTH)
         error = converged.error_db(trial.image)
         study.note("ray_spacing", spacing, trial, error)
-        if "image" not in study.model.full:  # else that is what coarse rays are for
+        if "image" not in study.model.full:  # else method image covers coarse rays
             study.extend(factors, factor, error)
     _focusers(study)
     _cells(study, plan)
@@ -156,7 +156,7 @@ def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Referen
 
 
 def _focusers(study: Sweeps) -> None:
-    """Backprojection's interpolations, and omega-K where track and grid allow it."""
+    """Sweep the interpolations of backprojection, and omega-K where track and grid allow it."""
     if study.left() < 0.0:
         return
     study.refresh()
@@ -169,12 +169,12 @@ def _focusers(study: Sweeps) -> None:
     try:
         trial = study.run(focuser="omega_k")
     except DataError:
-        return  # the grid or the track is not omega-K's
+        return  # omega-K does not support the grid or the track
     study.note("focuser", "omega_k", trial, trial.error_db(exact.image))
 
 
 def _cells(study: Sweeps, plan: EffectsPlan) -> None:
-    """Scatterer cells: other cells are other random surfaces, so the level is compared, not the pixels."""
+    """Sweep the scatterer cell: other cells are other random surfaces, so that levels are compared, not pixels."""
     if not plan.flags.diffuse:
         return
     cell = float(study.base.changes["scatterer_cell"])
@@ -190,7 +190,7 @@ def _cells(study: Sweeps, plan: EffectsPlan) -> None:
 
 
 def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
-    """The two image-domain methods: timed on the whole scene, which takes them little; spacings of ``image``."""
+    """Measure the two image-domain methods, timed on the whole scene since they are fast; spacings of ``image``."""
     model = study.model
     for name in ("raster", "image"):
         try:
@@ -201,7 +201,7 @@ def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
                 else run_trial(scene, study.base.but(method=name), clock=study.clock)
             )
         except SarmitsubaError:
-            continue  # ideal points only, or a scene that the method does not do
+            continue  # ideal points only, or a scene that the method does not support
         if name == "raster":
             study.row("method", name, trial, converged.error_db(trial.image), whole.seconds)
             continue
@@ -222,7 +222,7 @@ def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
 
 
 def _raw_row(study: Sweeps) -> None:
-    """Every pulse traced: its time follows from that of a key pulse; it has no error of its own to measure."""
+    """Add method raw: its time follows from that of a key pulse; its error is not measured."""
     plain = study.plain
     keys = max(1, plain.statistics.key_pulses)
     factor = study.scene.radar.track.n_pulses / keys
@@ -238,9 +238,9 @@ def _raw_row(study: Sweeps) -> None:
 def whole_stages(
     scene: Scene, setting: TrialSetting, spacings: RaySpacings, full: Trial, clock: StudyClock
 ) -> dict[str, float]:
-    """Seconds by stage of a setting on the whole scene: what is fixed, and what goes by launches and by rays.
+    """Seconds by stage of a setting on the whole scene: fixed, proportional to launches and proportional to rays.
 
-    A second run with an eighth of the rays tells them apart; of what both have in common the lesser time counts.
+    They are separated by a second run with an eighth of the rays; of the common time the smaller one counts.
     """
     sparse = run_trial(scene, setting.but(**spacings.at(8.0**0.5)), clock=clock)
     same = {
@@ -252,7 +252,7 @@ def whole_stages(
 
 
 def _stages_of(trial: Trial, launch_seconds: float) -> dict[str, float]:
-    """Seconds by stage, tracing split into what goes by launches and what goes by rays."""
+    """Seconds by stage, tracing split into parts proportional to launches and to rays."""
     out = {k: v for k, v in trial.stages.items() if k != "trace"}
     seconds = trial.stages.get("trace", 0.0)
     launches = min(launch_seconds * trial.statistics.key_pulses, 0.95 * seconds)

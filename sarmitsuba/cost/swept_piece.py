@@ -9,13 +9,13 @@ from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop
 
-# shares of the budget: for the sweeps, and at most for the reference of the proof
+# shares of the budget: for the sweeps, and largest share for the reference
 SWEEP_SHARE, PROOF_SHARE = 0.4, 0.3
 # cost of all sweeps and of the reference, in runs of the plain setting
 SWEEP_RUNS = 60.0
-# the first guess of a run's seconds is this many times the usual ones: slow machines, many bounces
+# factor of the first estimate of a run's seconds: slow machines, many bounces
 CAUTION = 4.0
-# pieces of a scene to choose from: share of the image's extents, share of the pulses
+# candidate pieces of a scene: share of the image's extents, share of the pulses
 _PIECES = (
     (1.0, 1.0),
     (0.7, 1.0),
@@ -26,15 +26,15 @@ _PIECES = (
     (0.25, 0.25),
     (0.15, 0.25),
 )
-# what a reference may be made of: share of the image's extents, ray spacing in automatic ones; best first. Always
-# denser than every candidate: of equal density it would share what that density blurs
+# candidate references: share of the image's extents, ray spacing relative to the automatic one; best first. Denser than
+# every candidate setting: at equal density it would share their errors
 REFERENCES = ((1.0, 0.5), (1.0, 0.6), (0.7, 0.5), (0.7, 0.6), (0.5, 0.5), (0.5, 0.6), (0.35, 0.6))
 
 
 def piece_to_sweep(
     scene: Scene, base: TrialSetting, budget: float, sampling: SamplingPlan, clock: StudyClock
 ) -> tuple[Scene, str, Trial]:
-    """Largest piece of the scene whose sweeps fit the budget, in words, and a timed run of it."""
+    """Largest piece of the scene whose sweeps fit the budget, its description, and a timed run of it."""
     allowed = SWEEP_SHARE * budget / SWEEP_RUNS
     guess = CAUTION * run_seconds(sampling)
     n = scene.radar.track.n_pulses
@@ -68,15 +68,14 @@ def _middle(piece: Scene) -> str:
 def field_of_proof(
     scene: Scene, full: Mapping[str, float], budget: float, left: float
 ) -> tuple[Scene | None, float, str]:
-    """What the estimates are to be measured on, and with which ray spacing its reference is made.
+    """Part of the scene for measuring the estimates, and the relative ray spacing of its reference.
 
-    As much of the scene, and as densely, as a third of the budget allows; None where that is not even a third of
-    the image's extents.
+    As large and as densely sampled as a third of the budget allows; None if less than a third of the image's extents.
 
     Parameters
     ----------
     full : seconds by stage of the plain setting on the whole scene
-    budget, left : s, of the whole study and what is left of it
+    budget, left : s, of the whole study, and its remainder
     """
     allowed = min(PROOF_SHARE * budget, 0.6 * left)
     fixed = full.get("build", 0.0) + full.get("plan", 0.0)

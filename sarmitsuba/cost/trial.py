@@ -24,7 +24,7 @@ from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.timing import StageTimer
 
-# of a setting: numbers, switches, names
+# value of a setting: number, switch, name
 Value = float | str
 Changes = Mapping[str, Value]
 
@@ -34,12 +34,12 @@ _TRACE_FIELDS = {f.name for f in fields(TraceSettings)}
 
 @dataclass(frozen=True)
 class TrialSetting:
-    """What a trial changes about a scene.
+    """Changes of a scene's settings in a trial.
 
     Parameters
     ----------
-    changes : fields of ``TraceSettings`` to their values; ``focuser`` (its name) and ``interpolation`` (an
-        option of backprojection) beside them
+    changes : values by fields of ``TraceSettings``; also ``focuser`` (its name) and ``interpolation`` (an option of
+        backprojection)
     """
 
     changes: Changes = field(default_factory=dict)
@@ -56,17 +56,17 @@ class TrialSetting:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One run.
+    """Result of one run.
 
     Parameters
     ----------
-    setting : that was run
+    setting : of the run
     image : (n_azimuth, n_range) complex64, first channel, orders and subsets summed
     stages : seconds by stage, without compiling
     compile_seconds : spent on compiling kernels
-    peak_bytes : growth of the resident memory at its highest; -1 where the system does not say
+    peak_bytes : largest growth of the resident memory; -1: unknown
     statistics : of the tracing
-    sampling : the rays that raw data took; None for methods without raw data
+    sampling : rays of the raw data; None for methods without raw data
     """
 
     setting: TrialSetting
@@ -79,16 +79,16 @@ class Trial:
 
     @property
     def seconds(self) -> float:
-        """All stages, s."""
+        """Total seconds of all stages."""
         return float(sum(self.stages.values()))
 
     @property
     def key_pulse_interval(self) -> int:
-        """Pulses that shared one tracing; 1 for methods without raw data."""
+        """Pulses per tracing; 1 for methods without raw data."""
         return self.sampling.key_pulse_interval if self.sampling else 1
 
     def error_db(self, reference: C64) -> float:
-        """Energy of the difference over that of the reference, dB."""
+        """Energy of the difference from a reference, relative to the reference, dB."""
         return image_error_db(self.image, reference)
 
 
@@ -140,7 +140,7 @@ def run_trial(
 
 @contextmanager
 def compiling() -> Iterator[list[float]]:
-    """Measure what Dr.Jit spends on compiling kernels within the block; yields ``[seconds]``."""
+    """Measure Dr.Jit's time for compiling kernels within the block; yields ``[seconds]``."""
     spent = [0.0]
     flag = dr.JitFlag.KernelHistory
     before = dr.flag(flag)
@@ -158,7 +158,7 @@ def compiling() -> Iterator[list[float]]:
 
 
 def _take(stages: dict[str, float], seconds: float, names: tuple[str, ...]) -> float:
-    """Subtract compiling from the stages that compile, the first as far as it goes, then the next."""
+    """Subtract compile time from the stages that compile, from the first up to its whole time, then from the next."""
     left = seconds
     for name in names:
         part = min(left, stages.get(name, 0.0))
@@ -171,7 +171,7 @@ def _take(stages: dict[str, float], seconds: float, names: tuple[str, ...]) -> f
 def mean_image(
     scene: Scene, setting: TrialSetting, grid: ImageGrid, passes: int, first_pass: int = 1000
 ) -> C64:
-    """Mean of passes whose lattices no trial shares: the reference that trials are measured against."""
+    """Mean of passes with lattices not used by any trial: the reference of the trials."""
     total = np.zeros(grid.shape, dtype=np.complex128)
     for index in range(passes):
         total += run_trial(scene, setting, grid, pass_index=first_pass + index).image
@@ -180,7 +180,7 @@ def mean_image(
 
 @contextmanager
 def memory() -> Iterator[list[int]]:
-    """Watch the resident memory of this process while the block runs; yields ``[growth in bytes]``, -1 unknown."""
+    """Measure the growth of the resident memory during the block; yields ``[bytes]``, -1: unknown."""
     peak = [-1]
     if not sys.platform.startswith("linux"):
         yield peak
@@ -204,7 +204,7 @@ def memory() -> Iterator[list[int]]:
 
 
 def flush_caches() -> None:
-    """Give Dr.Jit's pooled memory back, so that the next run's own shows."""
+    """Release Dr.Jit's pooled memory, so that the next run is measured alone."""
     if "drjit" not in sys.modules:
         return
     dr.flush_malloc_cache()

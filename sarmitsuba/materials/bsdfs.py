@@ -68,7 +68,7 @@ def radar_material(
     values : every parameter of the table
     given : names that the file sets
     frequency : Hz
-    where : start of every error
+    where : start of every error message
 
     Returns
     -------
@@ -110,7 +110,7 @@ def radar_material(
 def _own_values(
     kind: str, values: Mapping[str, Value | None], given: frozenset[str], where: str
 ) -> dict[str, float]:
-    """Given values of a named material's own parameters; a SceneError for those of other materials."""
+    """Given values of a named material's parameters; SceneError for parameters of other materials."""
     known = MATERIALS[kind].parameters if kind else ()
     for parameter in material_parameters():
         if parameter.name in given and parameter not in known:
@@ -338,7 +338,7 @@ def _check_texture(values: Mapping[str, Value | None], law: DiffuseLaw, where: s
 def _check_law(
     law: DiffuseLaw, values: Mapping[str, Value | None], given: frozenset[str], where: str
 ) -> None:
-    """Raise where a parameter of the law is missing, or one is given that it does not have."""
+    """Raise where a parameter of the law is missing, or a parameter of another law is given."""
     if any(float_value(values, name) <= 0.0 for name in law.needs):
         needed, got = (
             " and ".join(words) for words in (law.needs, [f"{float_value(values, n):g} m" for n in law.needs])
@@ -372,8 +372,8 @@ def _check_slab(surface: Material, kind: str, where: str) -> None:
     """Raise where parameters of a slab are given to another material."""
     if surface.thickness > 0.0 and kind and MATERIALS[kind].pec:
         raise SceneError(
-            f"{where}: thickness = {surface.thickness:g} m has no effect with material = {kind}, which lets nothing "
-            "through; leave it out"
+            f"{where}: thickness = {surface.thickness:g} m has no effect with material = {kind}, which is opaque; "
+            "leave it out"
         )
     slab = surface.thickness or (kind and MATERIALS[kind].thickness)
     if surface.facet_depth > 0.0 and not slab:
@@ -383,8 +383,8 @@ def _check_slab(surface: Material, kind: str, where: str) -> None:
         )
     if surface.sheet_resistance > 0.0 and not slab:
         raise SceneError(
-            f"{where}: sheet_resistance = {surface.sheet_resistance:g} ohm needs a slab that bears the sheet; give its "
-            "thickness in m, above 0"
+            f"{where}: sheet_resistance = {surface.sheet_resistance:g} ohm needs a slab; give its thickness in m, "
+            "above 0"
         )
 
 

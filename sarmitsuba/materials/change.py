@@ -50,7 +50,7 @@ def coherence_after(days: float, stays: float, decay_days: float) -> float:
 def change_of(
     values: Mapping[str, Value | None], given: frozenset[str], where: str, usual: float = 1.0
 ) -> tuple[float, float]:
-    """Long-term coherence and time constant (days) of validated parameters.
+    """Long-term coherence and time constant (days) from validated parameters.
 
     ``usual`` : default coherence
 

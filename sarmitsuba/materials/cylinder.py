@@ -9,8 +9,8 @@ from scipy.special import hankel1, jv, jve
 from sarmitsuba.arrays import C128, F32, F64
 from sarmitsuba.errors import SceneError
 
-# nodes over the tilt, and additional ones per unit of k a; for conductors only up to where creeping waves count, and
-# few beyond
+# nodes over the tilt, and additional ones per unit of k a; for conductors only up to the k a at which creeping waves
+# become negligible
 TILTS, TILTS_PER_KA, LAST_CREEPING, TILTS_BEYOND = 65, 8.0, 30.0, 0.5
 # azimuth nodes for each order of the series: four-point interpolation is then within 1e-3 of the largest value
 NODES_PER_ORDER, LEAST_NODES = 10, 48
@@ -88,7 +88,7 @@ def cylinder_table(ka: float, permittivity: complex | None) -> CylinderTable:
     tilts, azimuths, orders = table_size(ka, permittivity)
     psi, step = np.linspace(0.0, 0.5 * np.pi, tilts), np.pi / azimuths
     phi = np.arange(-1, round(np.pi / step) + 2) * step
-    # end-on there is no series, and no return
+    # at end-on incidence the series is undefined, and the return zero
     cosine = np.maximum(np.cos(psi), 1e-4)
     tm, te, cross = coefficients(ka * cosine, np.sin(psi), cosine, orders, permittivity)
     n = np.arange(orders + 1)

@@ -43,10 +43,10 @@ class Surface(Protocol):
 
     @property
     def diffuse_level_db(self) -> float:
-        """Level of an empirical law, dB; its quantity depends on the law."""
+        """Level of an empirical law, dB; its meaning depends on the law."""
 
     def law_parameter(self, name: str) -> float:
-        """Value of one of the law's own parameters."""
+        """Value of a parameter of the law."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ class DiffuseLaw(ABC):
     title : half a line for tables
     level : quantity of ``diffuse_level_db`` for this law; empty: the law has none
     needs : material fields (``rms_height``, ``correlation_length``) that must be above 0 in a scene file
-    parameters : numbers of its own (of the kind ``float``, with a default), which ``radar_material`` then takes
+    parameters : parameters of the law (of the kind ``float``, with a default), accepted by ``radar_material``
     bistatic : extension of the law to two directions, all three reciprocal and equal to the law in backscatter.
         ``mean``: the geometric mean of its backscatter at both angles, each in its plane of incidence.
         ``facets``: tilted facets; the level at the angle of the half vector, which is the normal of the facet that
@@ -175,7 +175,7 @@ LAWS: Registry[DiffuseLaw] = Registry("diffuse law", "sarmitsuba.materials.laws"
 
 
 def law_parameters() -> tuple[Param, ...]:
-    """Own parameters of the registered laws; laws may share one."""
+    """Parameters of the registered laws; laws may share one."""
     return tuple(sorted({p for law in LAWS for p in law.parameters}, key=lambda p: p.name))
 
 

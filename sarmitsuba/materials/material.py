@@ -24,10 +24,10 @@ class Material:
     name : unique in a scene
     pec : perfect electric conductor; ``permittivity`` is then ignored
     permittivity : relative, ``eps' - j eps''`` with ``eps'' >= 0`` (time convention exp(+j w t))
-    rms_height : m; standard deviation of the surface height, reduces the coherent reflection; 0: what the law implies,
-        mostly none
-    diffuse_law : name in ``LAWS``: how the incoherent return depends on angle
-    diffuse_level_db : level of an empirical law, dB; what it means is in the law's ``level``
+    rms_height : m; standard deviation of the surface height, reduces the coherent reflection; 0: the law's default,
+        mostly 0
+    diffuse_law : name in ``LAWS``: angular dependence of the incoherent return
+    diffuse_level_db : level of an empirical law, dB; its quantity is stated in the law's ``level``
     correlation_length : m; of the surface height, for the laws derived from a height spectrum
     cross_polar_ratio_db : cross- over co-polar diffuse power, dB; -inf for none
     invisible : neither reflects nor blocks (permittivity 1)
@@ -40,7 +40,7 @@ class Material:
     thickness : m, of the slab that every facet represents; 0: a half space
     sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
     facet_depth : position of the facets in the slab, 0 ... 1: share of the thickness on their normal's side
-    dispersion : the permittivity over frequency; None: the same at all frequencies
+    dispersion : the permittivity over frequency; None: constant
 
     Raises
     ------
@@ -81,7 +81,7 @@ class Material:
         known = [p.name for p in LAWS[self.diffuse_law].parameters]
         for name, _ in self.law_parameters:
             if name not in known:
-                takes = f"it takes {', '.join(known)}" if known else "it takes none of its own"
+                takes = f"it has {', '.join(known)}" if known else "it has none"
                 raise SceneError(
                     f'material "{self.name}": diffuse_law = {self.diffuse_law} has no parameter {name}; {takes}'
                 )
@@ -114,7 +114,7 @@ class Material:
         return coherence_after(days, self.temporal_coherence, self.decorrelation_days)
 
     def law_parameter(self, name: str) -> float:
-        """Value of a parameter of the law's own, its default when it is not given."""
+        """Value of a parameter of the law, by default its default."""
         given = dict(self.law_parameters)
         if name in given:
             return given[name]

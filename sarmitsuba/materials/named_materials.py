@@ -11,12 +11,12 @@ from sarmitsuba.registry import Registry
 
 
 class NamedMaterial(ABC):
-    """A material that a scene file can name: ``<string name="material" value="NAME"/>``.
+    """Material selected in a scene file by name: ``<string name="material" value="NAME"/>``.
 
     Attributes
     ----------
     name : in the scene file
-    title : half a line for tables: kind and source of the figures
+    title : half a line for tables: kind and source of the values
     pec : perfect electric conductor, without permittivity
     thickness : m, of a slab; 0: a half space
     sheet_resistance : ohm per square, of a slab's coating; 0: none
@@ -30,7 +30,7 @@ class NamedMaterial(ABC):
 
     @property
     def parameters(self) -> tuple[Param, ...]:
-        """Own parameters (of the kind ``float``, with a default), which ``radar_material`` then accepts."""
+        """Parameters of the material (of the kind ``float``, with a default), accepted by ``radar_material``."""
         return ()
 
     def at(self, values: Mapping[str, float]) -> "NamedMaterial":
@@ -42,7 +42,7 @@ class NamedMaterial(ABC):
         """Relative permittivity ``eps' - j eps''`` (``eps'' >= 0``) at a frequency, Hz."""
 
     def note(self, frequency: float) -> str:
-        """Warning when the figures are not valid at a frequency, Hz; else empty."""
+        """Warning where the values are invalid at a frequency, Hz; else empty."""
         return ""
 
 
@@ -69,7 +69,7 @@ MATERIALS: Registry[NamedMaterial] = Registry("material", "sarmitsuba.materials.
 
 
 def material_parameters() -> tuple[Param, ...]:
-    """Own parameters of the named materials; several may share one."""
+    """Parameters of the named materials; several may share one."""
     return tuple(sorted({p for entry in MATERIALS for p in entry.parameters}, key=lambda p: p.name))
 
 

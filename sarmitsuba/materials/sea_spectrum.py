@@ -12,9 +12,9 @@ GRAVITY = 9.81  # m/s^2
 SLOWEST_WAVENUMBER = 370.0
 TENSION = GRAVITY / SLOWEST_WAVENUMBER**2
 SLOWEST_SPEED = float(np.sqrt(2.0 * GRAVITY / SLOWEST_WAVENUMBER))  # 0.23 m/s
-# inverse wave age of a sea whose waves no longer grow, and of the youngest that the spectrum was fitted to
+# inverse wave age of a fully developed sea, and of the youngest sea to which the spectrum was fitted
 DEVELOPED, YOUNGEST = 0.84, 5.0
-# nodes of an integral over wavenumber, uniform in its logarithm: moments to 1e-4
+# nodes of an integral over wavenumber, uniform in its logarithm, for moments accurate to 1e-4
 _NODES = 1024
 # largest wavenumber, rad/m: shorter waves are cut off by the factor exp(-(k/km - 1)^2 / 4)
 _LARGEST = 20.0 * SLOWEST_WAVENUMBER

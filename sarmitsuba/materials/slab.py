@@ -52,7 +52,7 @@ def slab_coefficients(
 
     Parameters
     ----------
-    material : its permittivity at the wavelength, thickness and sheet resistance count
+    material : permittivity at the wavelength, thickness and sheet resistance
     wavelength : m
     cos_theta : c, cosines of incidence, above 0 to 1, any shape
 
@@ -60,7 +60,7 @@ def slab_coefficients(
     -----
     Ignores finite width and roughness. The kernel has the same formulas in single precision
     (``trace/slab_coefficients.py``);
-    :mod:`sarmitsuba.theory.slabs` sums the reflections between the faces and shares nothing.
+    :mod:`sarmitsuba.theory.slabs` sums the reflections between the faces and shares no code.
 
     References
     ----------

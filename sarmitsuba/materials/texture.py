@@ -16,7 +16,7 @@ from sarmitsuba.errors import SceneError
 ATTRIBUTE_TEXELS = 256
 # tolerance of an attribute's bounds: rounding of float32
 _ATTRIBUTE_SLACK = 1e-5
-# bounds of the shape parameter: below, one cell in a million has the power; above, the texture is negligible (-30 dB)
+# bounds of the shape parameter: below, one cell in a million holds the power; above, the texture is negligible (-30 dB)
 LEAST_SHAPE, GREATEST_SHAPE = 0.05, 1e3
 
 
@@ -55,21 +55,21 @@ class Placement:
             given = values.get(name)
             if given is None or np.isnan(given).any():
                 raise SceneError(
-                    f'a map needs the mesh attribute "{name}", which the mesh does not have; give it to every mesh '
-                    "of the material, or map_extent"
+                    f'a map needs the mesh attribute "{name}", which the mesh lacks; add it to every mesh of the '
+                    "material, or give map_extent"
                 )
             if name != "uv" and not (np.abs(given - 0.5) <= 0.5 + _ATTRIBUTE_SLACK).all():
                 low, high = float(given.min()), float(given.max())
                 raise SceneError(
-                    f'the attribute "{name}" runs from {low:g} to {high:g}, beyond 0 ... 1; scale it, and say by the '
-                    "map's range what 0 and 1 mean"
+                    f'the attribute "{name}" has values from {low:g} to {high:g}, outside 0 to 1; scale it, and set '
+                    "the map's range to the values of 0 and 1"
                 )
             parts.append(given)
         ab = np.concatenate([*parts, np.zeros((*triangles.shape[:2], 2))], axis=-1)[..., :2]
         return np.asarray(ab @ self.matrix[:, :2].T + self.matrix[:, 2])
 
     def moved(self, offset: F64) -> "Placement":
-        """The same in a scene frame whose origin lies at ``offset``, (3,) m."""
+        """Placement in a scene frame whose origin is at ``offset``, (3,) m."""
         if self.attributes:
             return self
         matrix = self.matrix.copy()
@@ -78,7 +78,7 @@ class Placement:
 
 
 def in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> "Placement":
-    """A bitmap laid over the scene from above, its first row along the northern edge.
+    """Placement of a bitmap over the scene in plan view, its first row along the northern edge.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> "Pla
 
 
 def on_mesh(attributes: tuple[str, ...], transform: ArrayLike | None = None) -> "Placement":
-    """A bitmap on the texture coordinates of the mesh (``("uv",)``), or a map of its scalar attributes."""
+    """Placement of a bitmap by the texture coordinates of the mesh (``("uv",)``), or by its scalar attributes."""
     return Placement(_transformed(np.eye(3), transform), attributes)
 
 
@@ -114,7 +114,7 @@ def _transformed(plain: F64, transform: ArrayLike | None) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class Bitmap:
-    """Numbers over a surface.
+    """Bitmap of values over a surface.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def texture_amplitudes(shape: float) -> F64:
 
 
 def _texture(g: F64, shape: float) -> F64:
-    # from the side of small probability: 1 - Phi(6) = 1e-9 would be lost in Phi(6)
+    # from the tail of small probability: 1 - Phi(6) = 1e-9 would be lost to rounding in Phi(6)
     low = gammaincinv(shape, ndtr(np.minimum(g, 0.0)))
     high = gammainccinv(shape, ndtr(-np.maximum(g, 0.0)))
     return np.asarray(np.where(g < 0.0, low, high) / shape)
@@ -197,7 +197,7 @@ def _field_correlation(lag: F64) -> F64:
     """Correlation of the normal field at lags in spacings of its nodes, mean over places and directions."""
     place = np.asarray((np.arange(16) + 0.5) / 16.0 - 0.5, dtype=np.float64)
     total = np.zeros_like(lag)
-    angles = np.radians(np.arange(3.75, 45.0, 7.5))  # the lattice repeats after that, mirrored
+    angles = np.radians(np.arange(3.75, 45.0, 7.5))  # the lattice is symmetric beyond
     for angle in angles.tolist():
         along, across = (_line_correlation(place, lag * part) for part in (math.cos(angle), math.sin(angle)))
         total += along * across

@@ -1,4 +1,4 @@
-"""Closed forms that the simulator is assessed against, gathered under one name."""
+"""Closed forms against which the simulator is validated."""
 
 from sarmitsuba.theory import polarimetry
 from sarmitsuba.theory.antenna_gain import (

@@ -50,7 +50,7 @@ def doppler_centroid(speed: float, wavelength: float, angle: float) -> float:
 
 
 def mispointed_level(gain: Gain, half_aperture: float, error: float, squint: float = 0.0) -> float:
-    r"""Power of a focused point in stripmap, over that without error, where the beam is off in azimuth.
+    r"""Loss of a focused point in stripmap by a pointing error in azimuth, power relative to that without error.
 
     .. math:: \left| \frac{\int g(s) g'(s) x' ds}{\int g^2(s) x' ds} \right|^2, \quad
               x' = (1 - s^2)^{-3/2}

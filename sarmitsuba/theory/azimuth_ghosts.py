@@ -10,9 +10,9 @@ _NODES = 4001
 def azimuth_ghost(
     wavelength: float, slant_range: float, prf: float, speed: float, order: int = 1, sin_squint: float = 0.0
 ) -> tuple[float, float]:
-    r"""Where a point's azimuth ambiguity of an order appears, from the point: along the track and in closest range, m.
+    r"""Position of the azimuth ambiguity of a point, relative to the point: along the track and in closest range, m.
 
-    The ghost has the point's range R when it is in the beam's centre, and a Doppler frequency that is higher by k PRF:
+    In the beam's centre the ghost has the point's range R, and a Doppler frequency higher by k PRF:
 
     .. math:: \Delta x = \frac{k \lambda R f_p}{2 v}, \quad
               \Delta\rho = R (\sqrt{1 - s_g^2} - \sqrt{1 - s^2}), \quad s = s_g - \frac{k \lambda f_p}{2 v}
@@ -46,7 +46,7 @@ def azimuth_ghost_level(
     squint: float = 0.0,
     pointing_error: float = 0.0,
 ) -> float:
-    r"""Power of a point's azimuth ambiguity in a stripmap image over the point's own, at the ghost's centre.
+    r"""Power of the azimuth ambiguity of a point in a stripmap image relative to the point, at the ghost's centre.
 
     .. math:: \left| \frac{\int g(s) g'(s - k \lambda f_p / 2 v) \,\mathrm{sinc}(D / \delta_r)
               e^{-j 4 \pi (D - D' x) / \lambda} dx}{\int g(s) g'(s) dx} \right|^2
@@ -66,7 +66,7 @@ def azimuth_ghost_level(
 
     Notes
     -----
-    Ignores windows, and how gain in elevation differs between point and ghost.
+    Ignores windows, and the difference of the gain in elevation between point and ghost.
     """
     step = order * wavelength * prf / (2.0 * speed)
     half = 0.25 * wavelength * bandwidth / speed

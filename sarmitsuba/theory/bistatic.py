@@ -29,8 +29,7 @@ def bistatic_po(
         [\hat n \times (\hat d \times \hat e)] \cdot \hat q \; e^{-j k (R_t + R_r)}
 
     with the transmitted polarisation e along d, from the transmitter, and the received one q, both in backscatter
-    alignment: horizontal across the line of sight, vertical across both. Facets that one of the two does not see are
-    dark.
+    alignment: horizontal across the line of sight, vertical across both. Facets hidden from either antenna are dark.
 
     Parameters
     ----------
@@ -67,8 +66,8 @@ def _polarisation(direction: F64, letter: str) -> F64:
 def corner_line(transmitter: F64, receiver: F64, start: F64, end: F64, wavelength: float) -> complex:
     r"""Mean of :math:`e^{-j k (R_t + R_r)}` along the corner line of a dihedral.
 
-    Both bounces together take as long as one on the corner line, wherever on the faces they are (to second order in the
-    faces' size over the range), so that this is what a dihedral's echo depends on the antennas' places by.
+    The path over both faces is as long as that over the corner line, wherever the bounces are (to second order in the
+    faces' size over the range): this mean gives the dependence of a dihedral's echo on the positions of the antennas.
     """
     # midpoints: exact enough at a hundred per wavelength of change
     n = 4000

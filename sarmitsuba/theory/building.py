@@ -92,10 +92,10 @@ def canonical_building(
 ) -> BuildingRcs:
     r"""Return single, double and triple contributions of a smooth wall standing on rough ground.
 
-    The wall reflects by geometrical optics, the ground scatters by the Kirchhoff model. Through the wall the
-    antenna lights the area ``h l tan(theta) cos(phi)`` of the ground; the double bounce is the scattering of
-    that area towards the antenna's mirror image, and its reversed path arrives in phase, hence the factor
-    four in power; the triple bounce is backscatter of that area with two wall reflections.
+    The wall reflects by geometrical optics, the ground scatters by the Kirchhoff model. The wall reflects the
+    illumination onto the area ``h l tan(theta) cos(phi)`` of the ground; the double bounce is the scattering of
+    that area towards the antenna's mirror image, and its reversed path arrives in phase, hence the factor four in
+    power; the triple bounce is backscatter of that area with two wall reflections.
 
     .. math::
         \sigma_2 = 4 |R_w|^2 \sigma^0(\theta, \phi)\, h\, l \tan\theta \cos\phi, \quad
@@ -130,7 +130,7 @@ def canonical_building(
             return 1.0
         return float(np.abs(fresnel(cosine, permittivity)[select]) ** 2)
 
-    # the stationary facet of the double bounce subsets the angle between the two rays: cos = |q| / (2 k)
+    # the stationary facet of the double bounce bisects the angle between the two rays: cos = |q| / (2 k)
     local_cosine = float(np.sqrt(c * c + (s * np.sin(wall_azimuth)) ** 2))
     wall = power(float(s * np.cos(wall_azimuth)), wall_permittivity)
     area = wall_height * wall_length * s / c * np.cos(wall_azimuth)

@@ -88,7 +88,7 @@ def cylinder_rcs(
         \sigma = \frac{2\pi r h^2}{\lambda} \cos\psi\, \mathrm{sinc}^2(k h \sin\psi) \quad \text{(stationary
         phase)}
 
-    With ``exact`` the physical-optics integral around the lit half is kept whole, which adds the false
+    With ``exact`` the physical-optics integral around the lit half is complete, which adds the false
     return of the shadow boundary: the factor ``k r cos(psi) pi`` becomes
     ``|k r (2 - pi H_1(z) + j pi J_1(z))|^2`` with ``z = 2 k r cos(psi)`` and the Struve function ``H_1``.
 
@@ -149,8 +149,7 @@ def dihedral(
 
     Notes
     -----
-    Ignores edge diffraction and the diffraction of the first bounce on its way (geometrical optics between
-    the faces).
+    Ignores edge diffraction, and diffraction of the first bounce (geometrical optics between the faces).
 
     References
     ----------
@@ -242,7 +241,7 @@ def trihedral_rcs(
 
 
 def coherent_loss(rms_height: float, wavelength: float, incidence_angle: ArrayLike) -> F64:
-    r"""Return the power factor that a rough surface leaves to its specular reflection.
+    r"""Return the power factor of the coherent reflection of a rough surface.
 
     .. math:: e^{-4 (k s \cos\theta)^2}
 

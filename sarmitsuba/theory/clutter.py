@@ -76,12 +76,12 @@ def texture_correlation(field: ArrayLike, shape: float, nodes: int = 96) -> F64:
 
 
 def asked_correlation(distance: ArrayLike, length: float) -> F64:
-    r"""Return the autocorrelation that a texture of a correlation length is asked to have, :math:`e^{-(r/\ell)^2}`."""
+    r"""Return the nominal autocorrelation of a texture of a correlation length, :math:`e^{-(r/\ell)^2}`."""
     return np.asarray(np.exp(-np.square(np.asarray(distance, dtype=np.float64) / length)))
 
 
 def averaged_shape(shape: float, length: float, axes: Sequence[tuple[F64, F64]]) -> float:
-    r"""Return the shape parameter that is left of a texture after averaging over a resolution cell.
+    r"""Return the effective shape parameter of a texture after averaging over a resolution cell.
 
     .. math:: \frac{\nu}{\nu'} = \prod_{axes} \int\!\!\int p(x)\, p(x')\, e^{-(x - x')^2 / \ell^2}\, dx\, dx'
 
@@ -95,7 +95,7 @@ def averaged_shape(shape: float, length: float, axes: Sequence[tuple[F64, F64]])
 
     Notes
     -----
-    Moments of the second order only; ignores that an averaged gamma law is no gamma law.
+    From second-order moments; ignores that an averaged gamma texture is not gamma-distributed.
     """
     left = 1.0
     for place, power in axes:

@@ -18,14 +18,14 @@ class PairReturn:
 
 
 def lambertian_bowl(radius: float, albedo: float, tilt: ArrayLike, turn: ArrayLike = 0.0) -> PairReturn:
-    r"""Second-order return of a hemispherical bowl, seen through its opening.
+    r"""Diffuse double bounce of a hemispherical bowl, seen through its opening.
 
-    For two points of a sphere of radius a the cosines at both ends are :math:`r / 2a`, so that Lambert's law on the way
-    between them,
+    For two points of a sphere of radius a the cosines at both ends are :math:`r / 2a`, so that Lambert's law on the
+    path between them,
 
     .. math:: \frac{4 A c_i c \cdot 4 A c\, c_s}{4 \pi r^2} = \frac{A^2}{\pi a^2} c_i c_s,
 
-    does not depend on where they are (the constant form factor of a sphere), and the integral over both ends is that of
+    is independent of their positions (the constant form factor of a sphere), and the integral over both ends is that of
     the projected opening, squared: :math:`\pi A^2 a^2 \cos^2\tau` at a tilt :math:`\tau` of the line of sight from the
     bowl's axis. Fields keep their parts perpendicular and parallel to each plane of incidence; from A to B of a sphere
     these planes are one, and
@@ -48,8 +48,8 @@ def lambertian_bowl(radius: float, albedo: float, tilt: ArrayLike, turn: ArrayLi
 
     Notes
     -----
-    Ignores third and higher orders: within the bowl, half of whose sight is bowl, each next one has A / 2 of the power
-    before the opening's share.
+    Ignores third and higher orders: each has A / 2 of the power of the previous one, since half of the directions
+    within the bowl end on the bowl.
 
     References
     ----------
@@ -103,7 +103,7 @@ def pair_sum(
 
 
 def _diffused(field: F64, d: F64, normal: F64, s: F64) -> F64:
-    """A field that comes along d and leaves along s: its parts keep to the planes of incidence of both."""
+    """Field incident along d and scattered along s, with its components kept in both planes of incidence."""
     h_i, h_s = _unit(np.cross(d, normal)), _unit(np.cross(normal, s))
     v_i, v_s = np.cross(h_i, d), np.cross(h_s, -s)
     along_h = np.einsum("...i,...i->...", field, h_i)[..., None]

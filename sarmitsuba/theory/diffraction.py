@@ -1,4 +1,4 @@
-r"""Diffraction by the edge of a perfectly conducting wedge: exact, by physical optics, and the fringe between both.
+r"""Diffraction by the edge of a perfectly conducting wedge: exact, by physical optics, and the fringe field.
 
 The exterior angle of a wedge is :math:`N \pi`: 2 for a half plane, 3/2 for a square edge. Angles are counted from one
 face, called a, across the exterior to the other; the source and the observer lie at :math:`\phi'` and :math:`\phi`.
@@ -48,7 +48,7 @@ def wedge_coefficients(n: ArrayLike, phi: ArrayLike, source: ArrayLike) -> tuple
 
 
 def optics_coefficients(n: ArrayLike, phi: ArrayLike, source: ArrayLike) -> tuple[C128, C128]:
-    r"""Return what :func:`wedge_coefficients` are in physical optics: currents on the lit faces alone.
+    r"""Return the diffraction coefficients of physical optics, from currents on the lit faces alone.
 
     .. math::
         f_0 = \frac{U_a \sin\phi'}{\cos\phi + \cos\phi'} + \frac{U_b \sin(N \pi - \phi')}{\cos(N \pi - \phi) +
@@ -73,7 +73,7 @@ def optics_coefficients(n: ArrayLike, phi: ArrayLike, source: ArrayLike) -> tupl
 
 
 def fringe_coefficients(n: ArrayLike, phi: ArrayLike, source: ArrayLike) -> tuple[F64, F64]:
-    """Return Ufimtsev's f - f0 and g - g0: what the exact wedge has beyond physical optics, soft and hard.
+    """Return Ufimtsev's fringe coefficients f - f0 and g - g0: exact wedge minus physical optics, soft and hard.
 
     Finite at the boundaries of shadow and reflection, where both parts are infinite: taken as the mean over a circle of
     complex angles.
@@ -167,7 +167,7 @@ def fringe_strip(
     *,
     optics: bool = False,
 ) -> complex:
-    r"""Return the amplitude that a metre of edge adds to physical optics, sqrt(sigma) in metres per metre.
+    r"""Return the fringe amplitude per metre of edge, to be added to physical optics, sqrt(sigma) in metres per metre.
 
     Over strips of both faces along the rays that graze them from the edge, at the angle :math:`\beta'` of the incoming
     wave, the currents in excess of the optical ones are integrated (Michaeli). With :math:`\hat z` along the edge,
@@ -187,7 +187,7 @@ def fringe_strip(
     wedge : the edge
     to_source, to_observer : (3,) unit vectors
     field, receive : (3,) incoming field and receiving vector, complex or real, across these
-    optics : leave out what physical optics has: the whole current's amplitude
+    optics : whether to subtract physical optics; else the amplitude of the whole current
 
     Returns
     -------
@@ -290,7 +290,7 @@ def plate_with_edges(
 
 
 def sheet_transition(width: float, wavelength: float, grazing: ArrayLike) -> C128:
-    r"""Return the share of a grazing wave, its electric field across a sheet, that the sheet's far rim scatters.
+    r"""Return the share of a grazing wave, electric field across a sheet, that reaches the sheet's far rim.
 
     Behind the near rim the field on the lit side is :math:`2 F(w)` of the incoming one and on the other side
     :math:`2 F(-w)`, by Sommerfeld's half plane, and at the far rim they work against each other:
@@ -336,7 +336,7 @@ def plate_along_its_sheet(
 
     Notes
     -----
-    Ignores what :func:`plate_with_edges` ignores but its limit towards edge-on. Against the method of moments, for
+    With the approximations of :func:`plate_with_edges`, except its limit towards edge-on. Against the method of moments, for
     strips of 1.5 to 7.5 wavelengths from 12 degrees off the normal to edge-on, the amplitude across errs by 0.06 to
     0.09 of the edge-on amplitude along (rms), where the singly diffracted one errs by 0.24 to 0.33.
     """

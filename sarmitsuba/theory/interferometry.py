@@ -1,4 +1,4 @@
-"""Interferometric phase: what geometry gives, and how it scatters about that."""
+"""Interferometric phase: its mean from the geometry, and its statistics."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,7 @@ from sarmitsuba.arrays import F64
 def flat_earth_phase(
     first: ArrayLike, second: ArrayLike, point: ArrayLike, wavelength: float, passes: int = 2
 ) -> F64:
-    r"""Phase of the first image times the conjugate second of what lies at points, carriers in, rad.
+    r"""Interferometric phase of points, first image times the conjugate second, including the carriers, rad.
 
     .. math:: \phi = -\frac{2 \pi p}{\lambda} (|q - a_1| - |q - a_2|)
 
@@ -36,7 +36,7 @@ def flat_earth_phase(
 def height_of_ambiguity(
     wavelength: float, slant_range: float, incidence: float, perpendicular: float, passes: int = 2
 ) -> float:
-    r"""Height of one fringe, m: :math:`\lambda R \sin\theta / (p B_\perp)`.
+    r"""Height of ambiguity, m: :math:`\lambda R \sin\theta / (p B_\perp)`.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def critical_baseline(
     slope: float = 0.0,
     passes: int = 2,
 ) -> float:
-    r"""Perpendicular baseline from which range spectra share nothing, m.
+    r"""Critical perpendicular baseline, from which range spectra do not overlap, m.
 
     .. math:: B_{crit} = \frac{\lambda R \tan(\theta - \alpha)}{p \delta_r}
 
@@ -65,7 +65,7 @@ def critical_baseline(
 
 
 def baseline_coherence(share: ArrayLike) -> F64:
-    """Coherence of rough ground at a share of the critical baseline, both bands flat: 1 - share, not below 0.
+    """Coherence of rough ground at a fraction of the critical baseline, for flat bands: 1 - share, not below 0.
 
     Zebker & Villasenor, IEEE TGRS 30 (1992).
     """
@@ -73,7 +73,7 @@ def baseline_coherence(share: ArrayLike) -> F64:
 
 
 def temporal_coherence(days: ArrayLike, long_term: float, decay_days: float) -> F64:
-    r"""Coherence of two passes so many days apart, of which a part stays for ever and the rest decays.
+    r"""Temporal coherence of two passes: a permanent part, and the exponential decay of the rest.
 
     .. math:: \gamma(t) = \gamma_\infty + (1 - \gamma_\infty) e^{-|t| / \tau}
 
@@ -85,8 +85,8 @@ def temporal_coherence(days: ArrayLike, long_term: float, decay_days: float) -> 
 
     Notes
     -----
-    Ignores seasons, rain and ploughs. Rocca, IEEE TGRS 45 (2007), for the decay; with the part that stays: Kellndorfer
-    et al., Scientific Data 9 (2022). It multiplies with that of baseline and noise: Zebker & Villasenor, IEEE TGRS 30
+    Ignores seasons, rain and tillage. Rocca, IEEE TGRS 45 (2007), for the decay; with a permanent part: Kellndorfer et
+    al., Scientific Data 9 (2022). It multiplies the coherences of baseline and noise: Zebker & Villasenor, IEEE TGRS 30
     (1992).
     """
     t = np.abs(np.asarray(days, dtype=np.float64))
@@ -185,7 +185,7 @@ def coherence_pdf(sample: ArrayLike, coherence: float, looks: float) -> F64:
 
 
 def expected_coherence(coherence: float, looks: float) -> float:
-    """Mean of the sample coherence, which is too large where the coherence is low; from `coherence_pdf`, n > 2."""
+    """Mean of the sample coherence, biased high for low coherence; from `coherence_pdf`, n > 2."""
     value, _ = quad(
         lambda d: d * float(coherence_pdf(d, coherence, looks)), 0.0, 1.0, points=(coherence,), limit=400
     )

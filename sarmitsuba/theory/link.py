@@ -17,7 +17,7 @@ def point_snr(
     noise_temperature: float,
     losses: float = 1.0,
 ) -> float:
-    r"""Return the signal-to-noise ratio of a point in the image, all pulses at boresight and of one weight.
+    r"""Return the signal-to-noise ratio of a point in the image, for equal pulses at boresight.
 
     .. math:: \mathrm{SNR} = \frac{P_t G^2 \lambda^2 \sigma}{(4 \pi)^3 R^4 L} \frac{\tau N}{k T}
 
@@ -93,7 +93,7 @@ def nesz_of_average_power(
 
 
 def uniform_aperture_taper(null_sine: float, half_aperture: float) -> tuple[float, float]:
-    r"""Return what a uniform antenna's taper costs over an aperture processed with matched weights, both >= 1.
+    r"""Return the losses by a uniform antenna's pattern over an aperture processed with matched weights, both >= 1.
 
     With the two-way amplitude :math:`g(s) = \mathrm{sinc}^2(\pi s / s_0)` and means over :math:`|s| \le s_a`
 
@@ -123,7 +123,7 @@ def uniform_aperture_taper(null_sine: float, half_aperture: float) -> tuple[floa
 def minimum_antenna_area(
     wavelength: float, slant_range: float, speed: float, incidence_angle: float
 ) -> float:
-    r"""Return the least area of an antenna whose beam's swath and Doppler bandwidth are both unambiguous, m^2.
+    r"""Return the minimum antenna area for an unambiguous swath and Doppler bandwidth of the beam, m^2.
 
     .. math:: A_{min} = 4 v \lambda R \tan\theta / c
 

@@ -1,4 +1,4 @@
-"""Backscatter of metal strips in two dimensions by the method of moments: the exact answer for bent plates."""
+"""Backscatter of metal strips in two dimensions by the method of moments, exact for bent plates."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -97,7 +97,7 @@ def _wave_moments(start: F64, end: F64, k: float, to: F64) -> C128:
 def strips_by_moments(
     strips: Sequence[ArrayLike], wavelength: float, azimuth: ArrayLike, *, step: float = 1.0 / 20.0
 ) -> tuple[C128, C128]:
-    r"""Return the backscatter amplitudes of thin metal strips without end along one axis, :math:`\sqrt m`.
+    r"""Return the backscatter amplitudes of infinitely long thin metal strips, :math:`\sqrt m`.
 
     The electric field integral equation
 

@@ -31,9 +31,9 @@ def azimuth_displacement(slant_range: ArrayLike, range_speed: ArrayLike, speed: 
 
 
 def apparent_place(antenna: F64, velocity: F64, place: F64, target_velocity: F64, height: float) -> F64:
-    r"""Where an image focused on a height shows a target, (3,) m.
+    r"""Apparent position of a moving target in an image focused on a height, (3,) m.
 
-    It is the point there of equal range and Doppler frequency, on the target's side of the track:
+    It is the point at this height of equal range and Doppler frequency, on the target's side of the track:
 
     .. math:: |\mathbf p - \mathbf a| = R, \quad
               (\mathbf p - \mathbf a) \cdot \mathbf v = (\mathbf x - \mathbf a) \cdot (\mathbf v - \mathbf w)
@@ -46,7 +46,7 @@ def apparent_place(antenna: F64, velocity: F64, place: F64, target_velocity: F64
 
     Notes
     -----
-    Ignores what the motion does to the second derivative of the range: that smears, see :func:`range_acceleration`.
+    Ignores the change of the second derivative of the range, which smears, see :func:`range_acceleration`.
     """
     speed = float(np.linalg.norm(velocity))
     ahead = velocity / speed
@@ -62,7 +62,7 @@ def apparent_place(antenna: F64, velocity: F64, place: F64, target_velocity: F64
 def range_acceleration(
     antenna: F64, velocity: F64, place: F64, target_velocity: F64, acceleration: F64
 ) -> float:
-    r"""Second derivative of a moving target's range over that of the target at rest which shows in its place, m/s^2.
+    r"""Excess range acceleration of a moving target over a target at rest at its apparent position, m/s^2.
 
     .. math:: \Delta = \frac{|\mathbf v - \mathbf w|^2 - |\mathbf v|^2}{R} + \mathbf a \cdot \mathbf d
 
@@ -124,7 +124,7 @@ def smear_loss_db(phase: ArrayLike) -> F64:
 
 
 def range_walk(range_speed: ArrayLike, time: float) -> F64:
-    """Change of a target's range by its motion during an aperture of so many seconds, m."""
+    """Range walk: change of a target's range by its motion during an aperture of ``time`` s, m."""
     return np.asarray(np.asarray(range_speed) * time, dtype=np.float64)
 
 
@@ -155,7 +155,7 @@ def double_bounce_range_speed(direction: F64, normal: F64, velocity: F64) -> flo
 
     .. math:: v_r = (\mathbf w \cdot \mathbf n)(\mathbf d \cdot \mathbf n)
 
-    so that, unlike what the roof returns, it does not know of a climb, and of a drive along the wall no more.
+    so that, unlike the return of the roof, it is independent of vertical motion and of motion along the wall.
 
     Parameters
     ----------

@@ -17,9 +17,9 @@ def moving_echo(
     pulse_width: float,
     n_samples: int = 16384,
 ) -> C128:
-    r"""Compressed echo of a point at some delays, (n,) complex128; 1 at the peak of an antenna that stands still.
+    r"""Compressed echo of a point at given delays, (n,) complex128; 1 at the peak for an antenna at rest.
 
-    The delay D of what arrives at the time t solves
+    The delay D of the echo received at the time t solves
 
     .. math:: c D = |\mathbf p - \mathbf x(t)| + |\mathbf p - \mathbf x(t - D)|
 
@@ -60,7 +60,7 @@ def moving_echo(
 def chirp_range_shift(
     range_rate: float, center_frequency: float, bandwidth: float, pulse_width: float
 ) -> float:
-    r"""By how much an echo appears farther than it is, m: :math:`-\frac{c}{2} f_D / \gamma = \dot R f_c T_p / B`.
+    r"""Range displacement of an echo by range-Doppler coupling, m: :math:`-\frac{c}{2} f_D / \gamma = \dot R f_c T_p / B`.
 
     References
     ----------
@@ -71,7 +71,7 @@ def chirp_range_shift(
 
 
 def start_stop_azimuth_shift(speed: float, slant_range: float) -> float:
-    """By how much an image lies behind along the track where the antenna's place at transmission is taken for both, m.
+    """Along-track displacement of an image by the stop-and-go approximation with positions at transmission, m.
 
     The way v 2 R / c until reception, half of it: the antenna is halfway on average.
     """

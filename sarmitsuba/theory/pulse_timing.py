@@ -7,7 +7,7 @@ from sarmitsuba.arrays import F64
 
 
 def jittered_response(turns: ArrayLike, jitter: float, n_pulses: int) -> F64:
-    r"""Mean power of n pulses' sum over its peak, where the intervals between pulses vary at random.
+    r"""Mean power of the sum of n pulses with random intervals, relative to its peak.
 
     Independent Gaussian intervals of mean T and rms :math:`\sigma T`, whose characteristic function at the Doppler
     offset f from the point is :math:`\chi = e^{-j 2 \pi f T - (2 \pi f T \sigma)^2 / 2}`:
@@ -47,7 +47,7 @@ def jitter_noise(turns: ArrayLike, jitter: float, n_pulses: int) -> F64:
 
 
 def staggered_lines(intervals: ArrayLike) -> F64:
-    r"""Power of the ghosts that intervals repeated in turn leave, over the point's own, (M,) float64.
+    r"""Power of the ghosts of a staggered sequence of pulse intervals, relative to the point, (M,) float64.
 
     Entry k is the ghost at a Doppler offset of k / M pulse repetition frequencies (entry 0 the point itself):
 

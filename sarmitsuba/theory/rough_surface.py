@@ -1,7 +1,7 @@
 r"""Diffuse backscatter of rough surfaces, in the form of the publications: sums term by term, integrals by quadrature.
 
-Slow and plain on purpose. The tables that the simulator reads come from closed spectra, gathered exponents and
-rearranged coefficients; here nothing is rearranged, so that an error in either shows.
+Slow and direct on purpose: the simulator's tables use closed spectra and rearranged coefficients, here nothing is
+rearranged, so that an error in either becomes visible.
 """
 
 from math import exp, factorial
@@ -197,13 +197,13 @@ def _transition(
         upper += weight * abs(slope) ** 2 / 4.0
         lower += weight * abs(slope / 2.0 + 2.0 ** (n + 1) * normal / c * exp(-(phase**2))) ** 2
     share = 1.0 - upper / lower * abs(1.0 + 8.0 * normal / (c * slope)) ** 2
-    return min(1.0, max(0.0, share))  # near the normal it falls below zero, where it means nothing
+    return min(1.0, max(0.0, share))  # near the normal it falls below zero, which is meaningless
 
 
 def shared_energy_sigma0(
     incidence_angle: ArrayLike, permittivity: complex, rms_phase: float
 ) -> tuple[F64, F64]:
-    r"""Return sigma0 of a surface that scatters evenly, in all directions, what roughness takes from its mirror wave.
+    r"""Return sigma0 of a surface that scatters the power lost by its specular reflection into all directions.
 
     .. math::
         \sigma^0 = \frac{4 \cos^2\theta A(\theta)^2}{2 \int_0^1 A\, \mu\, d\mu}, \quad

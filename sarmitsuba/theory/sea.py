@@ -1,6 +1,6 @@
-"""The sea under wind: published spectrum, slopes, backscatter, permittivity, and what motion does to a radar's echoes.
+"""Sea under wind: published spectrum, slopes, backscatter, permittivity, and coherence of the moving surface.
 
-Written out anew, sharing no code with the simulator's own sea. References: [E97] Elfouhaily et al., J. Geophys. Res.
+Independent of the simulator's code for the sea. References: [E97] Elfouhaily et al., J. Geophys. Res.
 102 (C7) 1997; [CM54] Cox and Munk, J. Opt. Soc. Am. 44 (1954); [H08] Hersbach, CMOD5.N, ECMWF Technical Memorandum 554
 (2008); [V78] Valenzuela, Boundary-Layer Meteorol. 13 (1978); [T98] Thompson, Elfouhaily and Chapron, IGARSS 1998.
 """
@@ -34,7 +34,7 @@ _CMOD5N = (
 
 
 def phase_speed(wavenumber: ArrayLike) -> F64:
-    """Of waves on deep water, m/s, at wavenumbers in rad/m: gravity and surface tension [E97, eq. 24]."""
+    """Phase speed of waves on deep water, m/s, at wavenumbers in rad/m: gravity and surface tension [E97, eq. 24]."""
     k = np.asarray(wavenumber, dtype=np.float64)
     return np.asarray(np.sqrt(9.81 / k * (1.0 + (k / 370.0) ** 2)))
 
@@ -202,7 +202,7 @@ def two_scale(
 
 
 def sea_water_permittivity(frequency: float, temperature: float, salinity: float) -> complex:
-    """Permittivity of water by Stogryn (IEEE Trans. MTT 19, 1971), another fit than the simulator's.
+    """Permittivity of water by Stogryn (IEEE Trans. MTT 19, 1971), a different fit from the simulator's.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def orbital_velocity(waves: F64, points: F64, time: float) -> F64:
 
 
 def speed_deviation(along: float, across: float, incidence: ArrayLike, azimuth: ArrayLike) -> F64:
-    r"""Standard deviation of the range speed of scatterers that waves carry along, m/s.
+    r"""Standard deviation of the range speed of scatterers on moving waves, m/s.
 
     .. math:: \sigma_v^2 = (\sigma_u^2 + \sigma_c^2) \cos^2\theta
               + (\sigma_u^2 \cos^2\varphi + \sigma_c^2 \sin^2\varphi) \sin^2\theta
@@ -265,7 +265,7 @@ def speed_deviation(along: float, across: float, incidence: ArrayLike, azimuth: 
 
 
 def approaching_share(azimuth: ArrayLike) -> F64:
-    r"""Share of the Bragg waves that run to the radar, :math:`\cos^4(\varphi/2)` over itself and :math:`\sin^4`.
+    r"""Share of approaching Bragg waves, :math:`\cos^4(\varphi/2)` over the sum of itself and :math:`\sin^4`.
 
     ``azimuth`` (rad) is that of the way to the radar against the direction that the wind blows to.
     """
@@ -280,7 +280,7 @@ def coherence(
     bragg_frequency: float = 0.0,
     approaching: float = 0.5,
 ) -> C128:
-    r"""Correlation of an ensemble of scatterers with itself a time later.
+    r"""Temporal correlation of an ensemble of scatterers.
 
     .. math:: \gamma(\tau) = e^{-2 (k \sigma_v \tau)^2} \bigl(p\, e^{j \Omega \tau} + (1 - p)\, e^{-j \Omega \tau}\bigr)
 
@@ -304,7 +304,7 @@ def coherence_time(wavelength: float, deviation: float) -> float:
 
 
 def azimuth_spread(slant_range: float, deviation: float, speed: float) -> float:
-    r"""Standard deviation of where an image shows the scatterers of one place along the track, m.
+    r"""Standard deviation of the azimuth displacement of the scatterers at one position, m.
 
     .. math:: \sigma_x = R \sigma_v / V
     """

@@ -94,7 +94,7 @@ def slab_insertion(
     wavelength: float,
     sheet_resistance: float = 0.0,
 ) -> tuple[C128, C128]:
-    r"""Return the field behind a slab over that of the same wave without it, TE and TM.
+    r"""Return the insertion transmission of a slab: field behind it over that without it, TE and TM.
 
     .. math:: T\, e^{+j k d \cos\theta}
     """
@@ -110,7 +110,7 @@ def slab_delay(
     wavelength: float,
     sheet_resistance: float = 0.0,
 ) -> tuple[F64, F64]:
-    r"""Return the extra path of a pulse through a slab, TE and TM, m, one way.
+    r"""Return the one-way group delay of a pulse in a slab as an additional path, TE and TM, m.
 
     .. math:: \Delta L = -\frac{\partial}{\partial k} \arg (T e^{+j k d \cos\theta})
 
@@ -133,7 +133,7 @@ def slab_shift(
     wavelength: float,
     sheet_resistance: float = 0.0,
 ) -> tuple[F64, F64]:
-    r"""Return how far a slab moves a wave sideways, towards the normal where it is in front, TE and TM, m.
+    r"""Return the lateral displacement of a wave by a slab, positive towards the normal, TE and TM, m.
 
     .. math:: \frac{\partial P}{\partial \theta}, \quad P = -\frac1k \arg (T e^{+j k d \cos\theta})
 
@@ -153,7 +153,7 @@ def slab_shift(
 def layers_insertion(
     cos_theta: float, layers: Sequence[tuple[complex, float]], wavelength: float
 ) -> tuple[complex, complex]:
-    r"""Return the field behind plane layers over that of the same wave without them, TE and TM.
+    r"""Return the insertion transmission of plane layers: field behind them over that without them, TE and TM.
 
     From the product of the layers' characteristic matrices of tangential fields,
 
@@ -198,14 +198,14 @@ def layers_insertion(
 
 
 def _airy(r: C128, delta: C128) -> tuple[C128, C128]:
-    """All reflections between the two faces of a slab."""
+    """Sum of all reflections between the two faces of a slab."""
     once = np.exp(-1j * delta)
     rest = 1.0 - r * r * once * once
     return np.asarray(r * (1.0 - once * once) / rest), np.asarray((1.0 - r * r) * once / rest)
 
 
 def _joined(first: tuple[C128, C128], second: tuple[C128, C128]) -> tuple[C128, C128]:
-    """All reflections between two symmetric layers that touch: what the wave meets first, and what lies behind it."""
+    """Sum of all reflections between two adjacent symmetric layers, in the order of incidence."""
     rest = 1.0 - first[0] * second[0]
     return (
         np.asarray(first[0] + first[1] ** 2 * second[0] / rest),

@@ -31,12 +31,12 @@ def speckle_cdf(intensity: ArrayLike, mean: float, looks: float = 1.0) -> F64:
 
 @dataclass(frozen=True)
 class SpeckleTest:
-    """Outcome of a Kolmogorov-Smirnov test of speckle.
+    """Result of a Kolmogorov-Smirnov test of speckle.
 
     Parameters
     ----------
     statistic : largest distance between the empirical and the theoretical distribution
-    p_value : chance of a distance as large if the theory holds
+    p_value : probability of a distance at least as large if the theory holds
     n_samples : independent samples
     """
 
@@ -45,7 +45,7 @@ class SpeckleTest:
     n_samples: int
 
     def accepted(self, confidence: float = 0.99) -> bool:
-        """Whether the theory survives a test that rejects true speckle with probability 1 - confidence."""
+        """Whether a test that rejects true speckle with probability 1 - confidence accepts the theory."""
         return self.p_value > 1.0 - confidence
 
 
@@ -80,7 +80,7 @@ def equivalent_number_of_looks(intensity: ArrayLike) -> float:
 def received_power(
     transmit_power: float, gain: float, wavelength: float, rcs: float, slant_range: float, losses: float = 1.0
 ) -> float:
-    r"""Return the power that a monostatic radar receives, W.
+    r"""Return the received power of a monostatic radar, W.
 
     .. math:: P_r = \frac{P_t G^2 \lambda^2 \sigma}{(4\pi)^3 R^4 L}
 

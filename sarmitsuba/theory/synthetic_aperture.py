@@ -28,7 +28,7 @@ def aperture_cell(wavelength: float, slant_range: float, length: float, squint_a
 
     Notes
     -----
-    Ignores that the line of sight turns the less the longer the track: L small against R.
+    For L small against R.
     """
     return wavelength * slant_range / (2.0 * length * float(np.cos(squint_angle)))
 
@@ -44,17 +44,17 @@ def beam_cell(antenna_length: float, sliding_factor: float = 1.0) -> float:
 
 
 def beam_taper(antenna_length: float, wavelength: float) -> Taper:
-    r"""Weight of a pulse in a point's image by the beam of a uniform aperture, over the sine s off the boresight.
+    r"""Weight of a pulse in the image of a point by a uniform aperture's beam, over the sine s of the angle off boresight.
 
     .. math:: w(s) = \mathrm{sinc}^4(D s / \lambda), \quad \mathrm{sinc} x = \sin \pi x / \pi x
 
-    One-way power twice, once as the echo's amplitude, once as the matched filter's.
+    The one-way power enters twice: as the amplitude of the echo, and as that of the matched filter.
     """
     return lambda sine: np.asarray(np.sinc(antenna_length * sine / wavelength) ** 4)
 
 
 def half_power_width(wavelength: float, half: float, taper: Taper | None = None) -> float:
-    r"""Half-power width of a point whose line of sight turns by +- ``half`` in sines, m.
+    r"""Half-power width of a point for an aperture of +- ``half`` in sines, m.
 
     .. math:: h(x) = \int_{-s_t}^{s_t} w(s) e^{j 4 \pi s x / \lambda} ds, \quad |h(\pm b / 2)|^2 = |h(0)|^2 / 2
 

@@ -131,7 +131,7 @@ def line_amplitude(
 
     Notes
     -----
-    Ignores what the ends do (reflected currents, resonances of lengths below some wavelengths) and their caps.
+    Ignores the ends (reflected currents, resonances of lengths below some wavelengths, caps).
 
     References
     ----------
@@ -280,7 +280,7 @@ def post_amplitude(
 
     Notes
     -----
-    Ignores the ends and the near field of the foot; ``line_amplitude`` says what of the line.
+    Ignores the ends and the near field of the foot, with the approximations of ``line_amplitude``.
 
     References
     ----------

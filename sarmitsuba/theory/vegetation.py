@@ -87,7 +87,7 @@ def plant_permittivity(moisture: ArrayLike, frequency: ArrayLike) -> C128:
 
 
 def isotropic_orientation(across: complex, along: complex) -> tuple[float, float, complex]:
-    r"""Mean polarimetric powers of small uniaxial scatterers in all orientations alike.
+    r"""Mean polarimetric powers of small uniaxial scatterers of isotropic orientation.
 
     With :math:`\Delta` the difference of the amplitudes along and across the axis, the means over the sphere,
     :math:`\langle n_h^2 \rangle = 1/3, \langle n_h^4 \rangle = 1/5, \langle n_h^2 n_v^2 \rangle = 1/15`, give
@@ -111,7 +111,7 @@ def isotropic_orientation(across: complex, along: complex) -> tuple[float, float
 
 
 def isotropic_between(across: complex, along: complex, cosine: float) -> float:
-    r"""Mean power of small uniaxial scatterers in all orientations alike between two polarisations.
+    r"""Mean power of small uniaxial scatterers of isotropic orientation between two polarisations.
 
     With :math:`\langle (\mathbf q \cdot \mathbf n)^2 (\mathbf e \cdot \mathbf n)^2 \rangle = (1 + 2 c^2) / 15`,
 
@@ -131,7 +131,7 @@ def isotropic_between(across: complex, along: complex, cosine: float) -> float:
 def crown_ground_sigma0(
     sigma_v: ArrayLike, kappa: ArrayLike, depth: ArrayLike, theta: ArrayLike, reflection: complex | ArrayLike
 ) -> tuple[F64, F64]:
-    r"""Backscatter coefficients of a layer by way of level smooth ground: once, and on both ways.
+    r"""Backscatter coefficients of a layer over level smooth ground: with one ground reflection, and with two.
 
     Every scatterer's leg over the ground crosses the layer down and up in all, wherever it is, and both ways round add
     in phase:
@@ -242,7 +242,7 @@ def trunk_ground_rcs(
     trunk: complex,
     ground: complex,
 ) -> tuple[F64, F64]:
-    r"""Radar cross sections HH and VV of an upright dielectric cylinder on dielectric ground: both ways of two bounces.
+    r"""Radar cross sections HH and VV of the double bounce of an upright dielectric cylinder on dielectric ground.
 
     A wave that comes at :math:`\theta` from the vertical meets the lit line of the cylinder at
     :math:`\pi/2 - \theta` from its normal. Physical optics gives the cone of reflection the bistatic cross section
@@ -274,7 +274,7 @@ def trunk_ground_rcs(
 
 
 def path_in_ball(origin: F64, direction: F64, length: ArrayLike, center: F64, radius: float) -> F64:
-    """Length of the part of straight legs that lies in a ball, m.
+    """Length of straight legs within a ball, m.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def path_in_ball(origin: F64, direction: F64, length: ArrayLike, center: F64, ra
 
 
 def path_in_box(origin: F64, direction: F64, length: ArrayLike, low: F64, high: F64) -> F64:
-    """Length of the part of straight legs that lies in a box along the axes, m; arguments as of a ball."""
+    """Length of straight legs within a box along the axes, m; arguments as for a ball."""
     a, b = (low - origin) / direction, (high - origin) / direction
     enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
     leave = np.maximum(leave, enter)

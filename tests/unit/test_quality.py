@@ -249,7 +249,7 @@ def small_image() -> SarImage:
 def test_points_outside_the_image_are_left_out_and_said() -> None:
     report = image_quality(small_image(), [(0.2, -0.3, 0.0), (900.0, 0.0, 0.0)])
     assert len(report.points) == 1 and len(report.left_out) == 1
-    assert "point 2" in report.left_out[0] and "lies outside the image" in report.left_out[0]
+    assert "point 2" in report.left_out[0] and "is outside the image" in report.left_out[0]
     assert report.left_out[0] in report.as_table()
 
 

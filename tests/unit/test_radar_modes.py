@@ -182,7 +182,7 @@ def test_one_look_and_lobes_are_refused_all_round() -> None:
         with pytest.raises(RadarError, match=f"method {method} takes one look, but the track goes round"):
             render(scene, method=method)
     image = render(scene)
-    with pytest.raises(DataError, match="made from all sides and has no carrier"):
+    with pytest.raises(DataError, match="a circular aperture has no carrier"):
         image_quality(image)
 
 

@@ -7,15 +7,15 @@ import numpy as np
 from sarmitsuba.analysis.interferometry.viewpoint import Viewpoint
 from sarmitsuba.arrays import F64
 
-# transmitters nearer to each other than this part of the receivers' distance are one
+# distance of the transmitters, relative to that of the receivers, below which they count as one
 _SAME = 1e-3
 
 
 @dataclass(frozen=True)
 class Baseline:
-    r"""Baseline from the first image's antenna to the second's, for one point.
+    r"""Interferometric baseline from the first image's antenna to the second's, for one point.
 
-    With one pass (p = 1) the transmitter is common and the baseline is that of the receivers; with two passes (p = 2)
+    In a single pass (p = 1) the transmitter is common and the baseline is that of the receivers; in two passes (p = 2)
     it is that of the phase centres.
 
     .. math:: h_a = \frac{\lambda R \sin\theta}{p B_\perp}, \qquad B_{crit} = \frac{\lambda R \tan\theta}{p \delta_r}
@@ -33,8 +33,8 @@ class Baseline:
 
     Notes
     -----
-    Ignores the slope of the terrain. The critical baseline is that of range alone: at baselines along the flight the
-    Doppler bands part too.
+    Ignores the slope of the terrain. The critical baseline holds for range alone: along-track baselines also shift the
+    Doppler bands.
     """
 
     perpendicular: float
@@ -50,7 +50,7 @@ class Baseline:
     def of(
         views: tuple[Viewpoint, Viewpoint], point: F64, wavelength: float, range_cell: float
     ) -> "Baseline":
-        """Baseline seen at a point (3,), m, frame of the user's file."""
+        """Baseline for a point (3,), m, frame of the user's file."""
         first, second = (view.look(point) for view in views)
         passes, moved = 2, second.center - first.center
         receivers = second.receiver - first.receiver
@@ -79,21 +79,21 @@ class Baseline:
 
     @property
     def critical(self) -> float:
-        """Perpendicular baseline at which the range spectra of level ground have nothing in common, m."""
+        """Critical perpendicular baseline, at which the range spectra of level ground do not overlap, m."""
         return float(
             self.wavelength * self.slant_range * np.tan(self.incidence) / (self.passes * self.range_cell)
         )
 
     @property
     def height_of_ambiguity(self) -> float:
-        """Height that changes the phase by a full turn, m; infinite without a perpendicular baseline."""
+        """Height of ambiguity: change of height for a phase of 2 pi, m; infinite without perpendicular baseline."""
         if self.perpendicular == 0.0:
             return float(np.inf)
         turn = self.wavelength * self.slant_range * np.sin(self.incidence)
         return float(turn / (self.passes * abs(self.perpendicular)))
 
     def as_dict(self) -> dict[str, object]:
-        """JSON-able facts, units in the names."""
+        """Values for JSON, units in the names."""
         return {
             "perpendicular_m": self.perpendicular,
             "parallel_m": self.parallel,

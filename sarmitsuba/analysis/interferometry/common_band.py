@@ -14,33 +14,34 @@ from sarmitsuba.image.sar_image import SarImage
 def common_band_pair(
     image: SarImage, pair: tuple[C128, C128], views: tuple[Viewpoint, Viewpoint], baseline: Baseline
 ) -> tuple[C128, C128, tuple[float, float]]:
-    r"""Both images of a pair cut to the wavenumbers of level ground that both have.
+    r"""Both images of a pair filtered to the common wavenumbers of level ground.
 
-    An image's spectrum is centred where its carrier 4 pi R_i / lambda turns. With the mean of both carriers removed
-    the two bands lie half the shift to either side of zero, and the part that both have lies about zero on both.
+    The spectrum of an image is centred at the spatial frequency of its carrier 4 pi R_i / lambda. With the mean of both
+    carriers removed, the bands are shifted by half the difference to either side of zero, and the common band is
+    centred at zero.
 
     .. math:: \Delta = \frac{4\pi}{\lambda} \nabla (R_2 - R_1), \qquad W_{common} = W - |\Delta|
 
     Parameters
     ----------
-    image : gives grid, cells and windows of both
+    image : with the grid, cells and windows of both
     pair : (n_azimuth, n_range) complex128 each
-    views : where they were seen from
-    baseline : named in the error
+    views : phase centres of both
+    baseline : for the error message
 
     Returns
     -------
-    both filtered, and the part of the band that is left in azimuth and range
+    both images filtered, and the remaining share of the band in azimuth and range
 
     Raises
     ------
     DataError
-        No common band is left.
+        There is no common band.
 
     Notes
     -----
-    For level ground at the image plane; the largest shift in the image is removed everywhere. Weights of the windows
-    over the band stay as they are, so that of a strong window a little decorrelation stays too.
+    For level ground at the image plane; the largest shift in the image is removed everywhere. The windows' weights over
+    the band are not changed, so that a strong window leaves a small decorrelation.
 
     References
     ----------
@@ -61,8 +62,8 @@ def common_band_pair(
         shift = 2.0 / image.wavelength * float(np.abs(slope).max()) * plain if slope.size else 0.0
         if shift >= 1.0:
             raise DataError(
-                f"interferogram: no common band is left: perpendicular baseline {baseline.perpendicular:.4g} m, "
-                f"critical {baseline.critical:.4g} m; take a shorter baseline or the full band"
+                f"interferogram: no common band: perpendicular baseline {baseline.perpendicular:.4g} m, critical "
+                f"{baseline.critical:.4g} m; choose a shorter baseline or the full band"
             )
         share.append(1.0 - shift)
         keep.append(np.abs(scipy.fft.fftfreq(grid.shape[axis], spacing)) * plain <= 0.5 * (1.0 - shift))

@@ -1,4 +1,4 @@
-"""Heights from interferometric phase: unwrapping, and the point of each pixel by range, Doppler and phase."""
+"""Heights from interferometric phase: unwrapping, and geolocation of pixels by range, Doppler and phase."""
 
 from dataclasses import dataclass
 
@@ -10,28 +10,28 @@ from sarmitsuba.analysis.interferometry.viewpoint import FixedAntennas
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 
-# of Newton's method; each squares the error
+# steps of Newton's method; each squares the error
 _ROUNDS = 4
-# least turn of phase over a metre of height, rad, that tells heights apart at all
+# least change of phase per metre of height, rad
 _LEAST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """A point of the scene for every block of an interferogram.
+    """Scene points of all blocks of an interferogram.
 
     Parameters
     ----------
     points : (n_azimuth, n_range, 3) float64, m, frame of the user's file: x, y, z
-    phase : (n_azimuth, n_range) float64, rad, that the points explain
+    phase : (n_azimuth, n_range) float64, rad, of the points
     sigma : (n_azimuth, n_range) float64, m; standard deviation of z from coherence and looks
     coherence : (n_azimuth, n_range)
     height_of_ambiguity : m, at the grid's middle
 
     Notes
     -----
-    Where several surfaces share range and Doppler (layover), the point lies between them, weighted by their power; in
-    shadow it means nothing, as its coherence says.
+    In layover, where several surfaces share range and Doppler, the point lies between them, weighted by their power; in
+    shadow it is meaningless, and its coherence low.
     """
 
     points: F64
@@ -42,7 +42,7 @@ class HeightMap:
 
     @property
     def z(self) -> F64:
-        """(n_azimuth, n_range) float64, m."""
+        """Heights of the points, (n_azimuth, n_range) float64, m."""
         return self.points[..., 2]
 
     def __repr__(self) -> str:
@@ -50,20 +50,19 @@ class HeightMap:
 
 
 def unwrapped_phase(pair: Interferogram, least_coherence: float = 0.3) -> F64:
-    """Phase without jumps of a full turn, rad; NaN where the coherence is below ``least_coherence``.
+    """Unwrapped phase, rad; NaN where the coherence is below ``least_coherence``.
 
-    By reliability sorting (Herraez et al., Applied Optics 41, 2002), of scikit-image. Its whole turns are chosen so
-    that the median lies in -pi ... pi: the image plane is taken for the height of most of the scene.
+    By reliability sorting (Herraez et al., Applied Optics 41, 2002) from scikit-image. The multiple of 2 pi is chosen
+    so that the median lies in -pi ... pi: most of the scene is assumed to be near the image plane.
 
     Raises
     ------
     DataError
-        scikit-image is not installed, or no block is coherent enough.
+        scikit-image is not installed, or all blocks are less coherent.
 
     Notes
     -----
-    A step of more than half the height of ambiguity between neighbours, such as a tall wall, is not told from one the
-    other way.
+    Steps of more than half the height of ambiguity between neighbours, such as tall walls, are unwrapped wrongly.
     """
     try:
         from skimage.restoration import unwrap_phase
@@ -74,7 +73,7 @@ def unwrapped_phase(pair: Interferogram, least_coherence: float = 0.3) -> F64:
     low = pair.coherence < least_coherence
     if low.all():
         raise DataError(
-            f"interferogram: no block has a coherence of {least_coherence:g}; lower the bound or take more looks"
+            f"interferogram: no block has a coherence of {least_coherence:g}; lower the bound or use more looks"
         )
     found = np.ma.filled(unwrap_phase(np.ma.masked_array(pair.phase, mask=low), rng=0), np.nan)
     turns = np.round(np.nanmedian(found) / (2.0 * np.pi))
@@ -82,7 +81,7 @@ def unwrapped_phase(pair: Interferogram, least_coherence: float = 0.3) -> F64:
 
 
 def height_map(pair: Interferogram, phase: F64 | None = None, *, lowest: float | None = None) -> HeightMap:
-    r"""Heights and places of every block: the point q of the range, Doppler and phase that it has.
+    r"""Position and height of every block: the point q with its range, Doppler and phase.
 
     .. math:: R_1(q) = R_1(p), \quad f_{D1}(q) = f_{D1}(p), \quad
               R_2(q) = R_2(p) + \frac{\lambda \phi}{4 \pi}
@@ -90,8 +89,8 @@ def height_map(pair: Interferogram, phase: F64 | None = None, *, lowest: float |
     Parameters
     ----------
     pair : the interferogram
-    phase : (n_azimuth, n_range) rad, such as :func:`unwrapped_phase`; None: the wrapped one, taken for heights from
-        ``lowest`` to a height of ambiguity above it
+    phase : (n_azimuth, n_range) rad, such as :func:`unwrapped_phase`; None: the wrapped phase, for heights from
+        ``lowest`` to one height of ambiguity above it
     lowest : m, frame of the user's file; None: a tenth of the height of ambiguity below the image plane
 
     Raises
@@ -101,14 +100,14 @@ def height_map(pair: Interferogram, phase: F64 | None = None, *, lowest: float |
 
     References
     ----------
-    Madsen, Zebker & Martin, IEEE TGRS 31 (1993): the place from range sphere, Doppler cone and phase cone.
+    Madsen, Zebker & Martin, IEEE TGRS 31 (1993): position from range sphere, Doppler cone and phase cone.
     """
     step = pair.height_step()
     wavenumber = step[..., 2]
     ambiguity = pair.baseline.height_of_ambiguity
     if np.abs(wavenumber).min() < _LEAST or not np.isfinite(ambiguity):
         raise DataError(
-            f"interferogram: heights need a perpendicular baseline, and this is {pair.baseline.perpendicular:g} m"
+            f"interferogram: heights need a perpendicular baseline; it is {pair.baseline.perpendicular:g} m"
         )
     plane = pair.grid.height + float(pair.grid.offset[2])
     if phase is None:
@@ -146,7 +145,7 @@ def _correction(
     wanted: tuple[F64, F64, F64],
     known: NDArray[np.bool_],
 ) -> F64:
-    """Newton's step towards the points of the wanted range, sine and second range; zero where nothing is known."""
+    """Newton step towards points of given range, sine and second range; zero where these are undefined."""
     missed = [
         found - value
         for found, value in zip(
@@ -154,7 +153,7 @@ def _correction(
         )
     ]
     rows = (first.gradient(place), first.sine_gradient(place), second.gradient(place))
-    # the last two in rows of like size: a sine over a metre is one over the range, both ranges' gradients differ little
+    # scale the last two rows: the gradient of a sine is of order 1 / range, the gradients of both ranges differ little
     scale = first.distance(place)
     matrix = np.stack([rows[0], rows[1] * scale[..., None], (rows[2] - rows[0]) * scale[..., None]], axis=-2)
     right = np.stack([missed[0], missed[1] * scale, (missed[2] - missed[0]) * scale], axis=-1)
@@ -167,7 +166,7 @@ def phase_sigma(coherence: F64, looks: float) -> F64:
 
     .. math:: \sigma_\phi = \min\left(\sqrt{\frac{1 - \gamma^2}{2 n \gamma^2}}, \frac{\pi}{\sqrt 3}\right)
 
-    Rodriguez & Martin, IEE Proc. F 139 (1992); right for more than about four looks.
+    Rodriguez & Martin, IEE Proc. F 139 (1992); valid for more than about four looks.
     """
     square = np.clip(coherence, 1e-6, 1.0) ** 2
     return np.asarray(np.minimum(np.sqrt((1.0 - square) / (2.0 * looks * square)), np.pi / np.sqrt(3.0)))

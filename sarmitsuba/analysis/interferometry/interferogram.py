@@ -14,37 +14,37 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means, block_middles
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 
-# independent looks that automatic blocks hold at least, about
+# approximate least number of independent looks in automatic blocks
 _LOOKS = 16.0
 _NODES = 1024
 
 
 @dataclass(frozen=True, eq=False)
 class Interferogram:
-    r"""Mean of the first image times the conjugate second over blocks of pixels, the image plane's phase removed.
+    r"""Interferogram: block mean of the first image times the conjugate second, without the phase of the image plane.
 
     .. math:: \gamma = \frac{|\langle s_1 s_2^* \rangle|}{\sqrt{\langle |s_1|^2 \rangle \langle |s_2|^2 \rangle}},
               \qquad \phi = \frac{4 \pi}{\lambda} [(R_1(p) - R_1(q)) - (R_2(p) - R_2(q))]
 
-    for what lies at q and is imaged in the pixel at p on the plane: zero on the plane itself.
+    for a scatterer at q imaged in the pixel at p on the plane; zero for scatterers on the plane.
 
     Parameters
     ----------
     values : (n_azimuth, n_range) complex128, m^2
-    powers : (2, n_azimuth, n_range) float64, m^2, mean of both images
-    grid : of the blocks' middles
+    powers : (2, n_azimuth, n_range) float64, m^2, block means of both images
+    grid : of the block centres
     wavelength : m
     channel : polarisation
     looks : pixels of a block, azimuth and range
     independent_looks : number of independent samples in a block, real
-    views : where both images were seen from
-    baseline : at the grid's middle
-    days : from the first image to the second, as their runs' ``pass_days`` say; 0 where they say nothing
+    views : phase centres of both images
+    baseline : at the centre of the grid
+    days : from the first image to the second, by ``pass_days`` of their runs; 0 if not recorded
 
     Notes
     -----
-    The sample coherence is too large where it is low: of n looks without any coherence it is about
-    sqrt(pi / 4n), see :func:`sarmitsuba.theory.expected_coherence`. Terrain's own fringes within a block lower it.
+    The sample coherence is biased: for n looks without coherence it is about sqrt(pi / 4n), see
+    :func:`sarmitsuba.theory.expected_coherence`. Fringes of the terrain within a block lower it.
 
     References
     ----------
@@ -72,7 +72,7 @@ class Interferogram:
 
     @property
     def kind(self) -> str:
-        """Kind of the pair, in words."""
+        """Description of the pair."""
         if self.baseline.passes == 1:
             return "one pass, two receivers"
         days = f" {self.days:g} day{'s' * (self.days != 1.0)} apart" if self.days else ""
@@ -80,21 +80,21 @@ class Interferogram:
 
     @property
     def phase(self) -> F64:
-        """(n_azimuth, n_range) rad, -pi ... pi, without the flat earth (the image plane)."""
+        """Interferometric phase without the flat-earth phase (image plane), (n_azimuth, n_range) rad, -pi ... pi."""
         return np.asarray(np.angle(self.values))
 
     @property
     def coherence(self) -> F64:
-        """(n_azimuth, n_range), 0 ... 1, sample estimate; 0 where nothing returns."""
+        """Sample coherence, (n_azimuth, n_range), 0 ... 1; 0 where the power is zero."""
         power = np.sqrt(self.powers[0] * self.powers[1])
         return np.asarray(np.abs(self.values) / np.where(power > 0.0, power, 1.0))
 
     def positions(self) -> F64:
-        """(n_azimuth, n_range, 3) m: places of the blocks on the image plane, frame of the user's file."""
+        """Positions of the blocks on the image plane, (n_azimuth, n_range, 3), m, frame of the user's file."""
         return np.asarray(self.grid.positions() + self.grid.offset)
 
     def flat_earth_phase(self) -> F64:
-        r"""Phase of the image plane in a pair whose images keep their carriers, rad, not wrapped.
+        r"""Flat-earth phase: phase of the image plane in images with their carriers, rad, not wrapped.
 
         .. math:: \phi_{flat} = -\frac{4 \pi}{\lambda} (R_1(p) - R_2(p))
         """
@@ -103,7 +103,7 @@ class Interferogram:
         return np.asarray(-4.0 * np.pi / self.wavelength * (first - second))
 
     def with_flat_earth(self) -> C128:
-        """Values as of images that keep their carriers: the fringes of the image plane are in again."""
+        """Values with the flat-earth phase, as for images with their carriers."""
         return np.asarray(self.values * np.exp(1j * self.flat_earth_phase()))
 
     def vertical_wavenumber(self) -> F64:
@@ -116,7 +116,7 @@ class Interferogram:
         return self.height_step()[..., 2]
 
     def height_step(self) -> F64:
-        """(n_azimuth, n_range, 3): east and north displacement per metre of height, and the vertical wavenumber."""
+        """East and north displacement per metre of height, and vertical wavenumber, (n_azimuth, n_range, 3)."""
         points = self.positions()
         first, second = (view.look(points) for view in self.views)
         u = np.cross(first.gradient(points), first.sine_gradient(points))
@@ -147,22 +147,22 @@ def interferogram(
     channel: str | None = None,
     band: Literal["full", "common"] = "full",
 ) -> Interferogram:
-    """Interferogram of two images of one grid.
+    """Interferogram of two images on one grid.
 
     Parameters
     ----------
-    first, second : focused on the same grid; ``focus(raw, first.grid)`` does it for the second pass
-    looks : pixels in azimuth and range that are averaged; None: blocks about square on the ground of at least 16
-        independent samples, about
-    channel : default the first
-    band : ``full``, or ``common``: only the part of both spectra that shows the same wavenumbers of level ground, see
+    first, second : focused on the same grid, by ``focus(raw, first.grid)`` for the second pass
+    looks : averaged pixels in azimuth and range; None: blocks about square on the ground with about 16 or more
+        independent samples
+    channel : default: the first
+    band : ``full``, or ``common``: spectra filtered to the common wavenumbers of level ground, see
         :mod:`sarmitsuba.analysis.interferometry.common_band`
 
     Raises
     ------
     DataError
-        The images do not share grid, wavelength or channel, carry no scene phases, or do not say where they were
-        seen from; the looks do not fit; no common band is left.
+        The images differ in grid, wavelength or channel, have no scene phases, or no recorded track; the looks do not
+        fit; there is no common band.
     """
     channel = channel or first.channels[0]
     check_pair(first, second, channel)
@@ -198,12 +198,12 @@ def interferogram(
 
 
 def _days(image: SarImage) -> float:
-    """Since the first pass, as the image's run says."""
+    """Days since the first pass, as recorded by the image's run."""
     return float(image.metadata.get("settings", {}).get("pass_days", 0.0))
 
 
 def check_pair(first: SarImage, second: SarImage, channel: str) -> None:
-    """Raise a DataError, one line, where two images make no interferogram."""
+    """Raise a DataError where two images cannot form an interferogram."""
     for number, image in (("first", first), ("second", second)):
         if channel not in image.channels:
             raise DataError(
@@ -211,12 +211,12 @@ def check_pair(first: SarImage, second: SarImage, channel: str) -> None:
             )
         if image.metadata.get("focus", {}).get("all_round"):
             raise DataError(
-                f"interferogram: the {number} image was made from all sides and has no line of sight; take another mode"
+                f"interferogram: the {number} image has a circular aperture without a line of sight; choose another mode"
             )
         if image.metadata.get("focus", {}).get("method") == "raster":
             raise DataError(
-                f"interferogram: the {number} image was made by method raster, whose speckle is drawn anew for every "
-                "image; take method hybrid, raw or image"
+                f"interferogram: the {number} image is by method raster, with independent speckle in every image; "
+                "choose method hybrid, raw or image"
             )
     if not np.isclose(first.wavelength, second.wavelength, rtol=1e-9):
         raise DataError(
@@ -225,13 +225,13 @@ def check_pair(first: SarImage, second: SarImage, channel: str) -> None:
         )
     if not same_grid(first.grid, second.grid):
         raise DataError(
-            "interferogram: the images stand on different grids; focus the second's raw data on the first's grid: "
+            "interferogram: the images have different grids; focus the second's raw data on the first's grid: "
             "focus(raw, first.grid)"
         )
 
 
 def same_grid(a: ImageGrid, b: ImageGrid) -> bool:
-    """Whether pixels are at the same places, to a thousandth of their spacing."""
+    """Whether two grids have equal pixel positions, to a thousandth of the spacing."""
     if a.kind != b.kind or a.shape != b.shape:
         return False
     other = b.in_frame(a.offset)
@@ -244,14 +244,14 @@ def same_grid(a: ImageGrid, b: ImageGrid) -> bool:
 
 
 def block_grid(grid: ImageGrid, block: tuple[int, int]) -> ImageGrid:
-    """Grid of the middles of blocks of pixels."""
+    """Grid of the centres of blocks of pixels."""
     return replace(
         grid, azimuth=block_middles(grid.azimuth, block[0]), range=block_middles(grid.range, block[1])
     )
 
 
 def automatic_looks(image: SarImage, share: tuple[float, float] = (1.0, 1.0)) -> tuple[int, int]:
-    """Pixels of a block about square on the ground that holds some sixteen cells, at least one pixel each way."""
+    """Pixels of a block about square on the ground with about sixteen cells, at least one pixel each way."""
     grid, column = image.grid, image.grid.shape[1] // 2
     cells = [cell / part for cell, part in zip(grid_cells(image, column), share, strict=True)]
     to_ground = 1.0 if grid.kind == "ground" else 1.0 / float(np.sin(image.incidence_angle[column]))
@@ -264,17 +264,17 @@ def automatic_looks(image: SarImage, share: tuple[float, float] = (1.0, 1.0)) ->
 def independent_looks(
     image: SarImage, block: tuple[int, int], share: tuple[float, float] = (1.0, 1.0)
 ) -> float:
-    r"""Equivalent number of independent samples in a block of even ground.
+    r"""Equivalent number of independent samples in a block of homogeneous ground.
 
     .. math:: n = \prod_{axes} \frac{N}{\sum_{|l| < N} (1 - |l| / N) |\rho(l)|^2}
 
-    rho the correlation of pixels l apart, from cell and window.
+    with rho the correlation of pixels at lag l, from cell and window.
 
     Parameters
     ----------
-    image : gives cells and windows
+    image : with its cells and windows
     block : pixels N, azimuth and range
-    share : part of the band that is left, azimuth and range
+    share : remaining share of the band, azimuth and range
     """
     cells = grid_cells(image, image.grid.shape[1] // 2)
     spacings = (image.grid.azimuth_spacing, image.grid.range_spacing)

@@ -8,7 +8,7 @@ import numpy as np
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.radar import Radar
 
-# automatic: the scene's relief is this part of the height of ambiguity, and level ground keeps this coherence
+# automatic baseline: relief of the scene over the height of ambiguity, and share of the critical baseline
 RELIEF_SHARE, LEAST_COHERENCE = 0.6, 0.8
 
 
@@ -19,7 +19,7 @@ class PassOffset:
     Parameters
     ----------
     across, up : m, to the right of the track and upwards
-    passes : 2, or 1 where both images come from one transmission
+    passes : 2, or 1 for two receivers and one transmission
     """
 
     across: float
@@ -28,7 +28,7 @@ class PassOffset:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Of ``sar_antenna``, as scene files and ``RadarDescription`` have them."""
+        """Parameters of ``sar_antenna``, by their names in scene files and ``RadarDescription``."""
         what = "pass_offset" if self.passes == 2 else "receiver_offset"
         return {f"{what}_across": self.across, f"{what}_up": self.up}
 
@@ -36,14 +36,14 @@ class PassOffset:
 def second_pass(
     radar: Radar, relief: float, baseline: float | None = None, passes: Literal[1, 2] = 2
 ) -> PassOffset:
-    r"""Offset along the normal of line of sight and flight, at the aim point.
+    r"""Offset of the second pass, normal to line of sight and flight at the aim point.
 
     .. math:: B_\perp = \min\left(\frac{0.6\, \lambda R \sin\theta}{p\, \Delta z}, 0.2\, B_{crit}\right)
 
     Parameters
     ----------
     radar : of the first pass
-    relief : Delta z, m; from the lowest to the highest place of the scene; 0 for level ground
+    relief : Delta z, m, height range of the scene; 0 for level ground
     baseline : perpendicular, m, positive upwards, in place of the automatic one
     passes : p: 2, or 1 with one transmission and two receivers
     """

@@ -9,19 +9,19 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.flight import Flight
 
-# rounds for the time at which a point is at the beam's squint: the orbit's curvature leaves a tenth of the error each
+# iterations for the time at which a point is at the beam's squint: in orbit each leaves a tenth of the error
 _ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """Phase centres of an image's apertures, in the frame of the user's file.
+    """Phase centres of the apertures of an image, in the frame of the user's file.
 
     Parameters
     ----------
     transmitter : its flight
-    receiver : its flight where it is apart; None for one antenna
-    squint_sine : sine of the squint at which every point has an aperture of its own; None where all share mid-aperture
+    receiver : flight of a separate receiver; None: monostatic
+    squint_sine : sine of the squint if every point has its own aperture; None: one aperture for all points
     """
 
     transmitter: Flight
@@ -35,12 +35,12 @@ class Viewpoint:
         Raises
         ------
         DataError
-            The image does not say where the antenna was.
+            The image has no recorded track.
         """
         facts = image.metadata.get("focus", {})
         if "flight" not in facts:
             raise DataError(
-                "interferogram: the image does not say where its antenna flew; focus its raw data again"
+                "interferogram: the image has no recorded track; focus its raw data again"
             )
         receiver = facts.get("receiver_flight")
         sine = facts.get("squint_sine")
@@ -51,7 +51,7 @@ class Viewpoint:
         )
 
     def time(self, points: F64) -> F64:
-        """(...,) s: middle of the aperture of points (..., 3)."""
+        """Time of the aperture centre of points (..., 3), (...,) s."""
         path = self.transmitter
         time = np.full(points.shape[:-1], path.span[1])
         if self.squint_sine is None:
@@ -67,7 +67,7 @@ class Viewpoint:
 
     def antennas(self, time: F64) -> tuple[F64, F64]:
         """Positions of transmitter and receiver at times (...,), two (..., 3), m."""
-        if self.squint_sine is None:  # mid-aperture exactly, whatever the track does elsewhere
+        if self.squint_sine is None:  # mid-aperture exactly
             places = [
                 np.broadcast_to(path.center, (*time.shape, 3))
                 for path in (self.transmitter, self.receiver or self.transmitter)
@@ -77,7 +77,7 @@ class Viewpoint:
         return first, first if self.receiver is None else self.receiver.position(time)
 
     def look(self, points: F64) -> "FixedAntennas":
-        """What is seen of points (..., 3), m: the antennas stay where each point's aperture has its middle."""
+        """Antennas at the aperture centres of points (..., 3), m."""
         time = self.time(points)
         transmitter, receiver = self.antennas(time)
         velocity = (
@@ -88,13 +88,13 @@ class Viewpoint:
         )
 
     def distance(self, points: F64) -> F64:
-        """(...,) m: slant range of points (..., 3), half the path there and back."""
+        """Slant range of points (..., 3), half the two-way path, (...,) m."""
         return self.look(points).distance(points)
 
 
 @dataclass(frozen=True, eq=False)
 class FixedAntennas:
-    """Antennas that see points from fixed places.
+    """Antennas at fixed positions.
 
     Parameters
     ----------
@@ -108,27 +108,27 @@ class FixedAntennas:
 
     @property
     def center(self) -> F64:
-        """(..., 3) m: middle of both antennas, the phase centre of a pair that is close together."""
+        """Phase centre: midpoint of both antennas, (..., 3), m."""
         return np.asarray(0.5 * (self.transmitter + self.receiver))
 
     def distance(self, points: F64) -> F64:
-        """(...,) m: slant range."""
+        """Slant range, (...,) m."""
         legs = [np.linalg.norm(points - place, axis=-1) for place in (self.transmitter, self.receiver)]
         return np.asarray(0.5 * (legs[0] + legs[1]))
 
     def gradient(self, points: F64) -> F64:
-        """(..., 3): change of the slant range per metre; the line of sight, or the mean of both."""
+        """Gradient of the slant range, (..., 3): the line of sight, or the mean of both."""
         lines = [points - place for place in (self.transmitter, self.receiver)]
         units = [line / np.linalg.norm(line, axis=-1, keepdims=True) for line in lines]
         return np.asarray(0.5 * (units[0] + units[1]))
 
     def sine(self, points: F64) -> F64:
-        """(...,): sine of the direction to points along the flight, from the phase centre; constant at one Doppler."""
+        """Sine of the angle to points along the flight, from the phase centre, (...,); constant at one Doppler."""
         line = points - self.center
         return np.asarray(np.sum(line * self.forward, axis=-1) / np.linalg.norm(line, axis=-1))
 
     def sine_gradient(self, points: F64) -> F64:
-        """(..., 3): change of `sine` per metre."""
+        """Gradient of `sine`, (..., 3), 1/m."""
         line = points - self.center
         distance = np.linalg.norm(line, axis=-1, keepdims=True)
         unit = line / distance

@@ -1,4 +1,4 @@
-r"""Entropy, anisotropy and alpha: the eigenvalues and eigenvectors of the coherency matrix.
+r"""Cloude-Pottier decomposition: entropy, anisotropy and alpha from the eigenvectors of the coherency matrix.
 
 Source: Cloude and Pottier, IEEE TGRS 35 (1), 68-78, 1997.
 """
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from sarmitsuba.analysis.polarimetry.coherency import hermitian
 from sarmitsuba.arrays import F64, U8
 
-# zones of the plane of entropy and alpha, Cloude and Pottier 1997, figure 3
+# zones of the entropy-alpha plane, Cloude and Pottier 1997, figure 3
 ZONES: dict[int, str] = {
     1: "high entropy, multiple scattering",
     2: "high entropy, vegetation",
@@ -30,7 +30,7 @@ ALPHA_BOUNDS_DEG = ((42.5, 47.5), (40.0, 50.0), (40.0, 55.0))
 
 @dataclass(frozen=True, eq=False)
 class CloudePottier:
-    r"""Parameters of T3 on a grid; NaN where there is no power.
+    r"""Cloude-Pottier parameters of T3 on a grid; NaN where the power is zero.
 
     With the eigenvalues :math:`\lambda_1 \ge \lambda_2 \ge \lambda_3`, their shares :math:`p_i` of the span and
     eigenvectors :math:`e_i = (\cos\alpha_i, \sin\alpha_i \cos\beta_i e^{j\delta_i}, \sin\alpha_i \sin\beta_i
@@ -42,7 +42,7 @@ class CloudePottier:
 
     Parameters
     ----------
-    eigenvalues : (..., 3) float64, falling, in the unit of T3; negative ones from rounding are 0
+    eigenvalues : (..., 3) float64, descending, in the unit of T3; negative ones from rounding are 0
     entropy, anisotropy : (...) float64, 0 to 1; A is 0 where the second and third eigenvalue vanish
     alpha, beta : (...) float64, rad, 0 to pi / 2, means over the eigenvectors
     alpha_1, beta_1, delta_1, gamma_1 : (...) float64, rad, of the first eigenvector
@@ -60,7 +60,7 @@ class CloudePottier:
 
     @property
     def zone(self) -> U8:
-        """(...) uint8, number of the zone in :data:`ZONES`; 0 where there is no power."""
+        """Number of the zone in :data:`ZONES`, (...) uint8; 0 where the power is zero."""
         column = np.digitize(self.entropy, ENTROPY_BOUNDS)
         bounds = np.radians(ALPHA_BOUNDS_DEG)[np.minimum(column, 2)]
         row = (self.alpha <= bounds[..., 1]).astype(int) + (self.alpha <= bounds[..., 0])
@@ -78,13 +78,13 @@ def cloude_pottier(coherency: ArrayLike) -> CloudePottier:
 
     Notes
     -----
-    Takes no noise off. With few looks H is too low (one look has none) and A too high: 49 looks leave a few per cent
+    Noise is not removed. With few looks H is biased low (zero for one look) and A high; with 49 looks by a few per cent
     (Lopez-Martinez et al., IEEE TGRS 43 (6) 2005). Looks are independent cells, not pixels.
     """
     t = hermitian(coherency)
     lit = np.trace(t, axis1=-2, axis2=-1).real > 0.0
     values, vectors = np.linalg.eigh(np.where(lit[..., None, None], t, np.eye(3)))
-    # rising from eigh; those below the rounding of the largest are 0, so that a pure target has no entropy
+    # ascending from eigh; those below the rounding of the largest are set to 0, so that a pure target has entropy 0
     values, vectors = values[..., ::-1], vectors[..., ::-1]
     values = np.where(values < 1e-12 * values[..., :1], 0.0, values)
     share = values / values.sum(axis=-1, keepdims=True)
@@ -113,12 +113,12 @@ def cloude_pottier(coherency: ArrayLike) -> CloudePottier:
 
 
 def orientation_angle(coherency: ArrayLike) -> F64:
-    r"""Angle by which even-bounce scatterers are turned about the line of sight, rad, -pi/4 to pi/4.
+    r"""Orientation angle of even-bounce scatterers about the line of sight, rad, -pi/4 to pi/4.
 
     .. math:: \psi = \tfrac14 \arctan_2(2\,\mathrm{Re}\,T_{23}, T_{22} - T_{33})
 
-    (Lee, Schuler, Ainsworth, IEEE TGRS 38 (5) 2000, in the sense from h towards v). A dihedral turned by 90 degrees is
-    one turned by 0: the angle is known but for multiples of 90 degrees.
+    (Lee, Schuler, Ainsworth, IEEE TGRS 38 (5) 2000, in the sense from h towards v). The angle is ambiguous by multiples
+    of 90 degrees.
     """
     t = hermitian(coherency)
     return np.asarray(0.25 * np.arctan2(2.0 * t[..., 1, 2].real, t[..., 1, 1].real - t[..., 2, 2].real))

@@ -1,7 +1,7 @@
-r"""Target vectors and their second moments: coherency matrix T, covariance matrix C.
+r"""Scattering vectors and their second moments: coherency matrix T, covariance matrix C.
 
-Reciprocity is assumed but in :func:`coherency4`: the cross-polar channel is ``X = (HV + VH) / 2``. Sources: Cloude and
-Pottier, IEEE TGRS 34 (2) 1996, equations 8 to 18; Lee and Pottier, Polarimetric Radar Imaging (2009), chapter 3.
+Reciprocity is assumed except in :func:`coherency4`: the cross-polar channel is ``X = (HV + VH) / 2``. Sources: Cloude
+and Pottier, IEEE TGRS 34 (2) 1996, equations 8 to 18; Lee and Pottier, Polarimetric Radar Imaging (2009), chapter 3.
 """
 
 import numpy as np
@@ -18,15 +18,15 @@ _TO_PAULI = np.array([[1.0, 0.0, 1.0], [1.0, 0.0, -1.0], [0.0, _ROOT_2, 0.0]]) /
 
 
 def pauli_vector(quad: QuadPol) -> C64:
-    r""":math:`k = (S_{HH} + S_{VV}, S_{HH} - S_{VV}, 2 X) / \sqrt 2`, (n_azimuth, n_range, 3).
+    r"""Pauli vector :math:`k = (S_{HH} + S_{VV}, S_{HH} - S_{VV}, 2 X) / \sqrt 2`, (n_azimuth, n_range, 3).
 
-    Odd bounces and surfaces; even bounces; even bounces turned by 45 degrees and volumes.
+    Components: odd bounces and surfaces; even bounces; even bounces rotated by 45 degrees, and volumes.
     """
     return _stacked(quad.hh + quad.vv, quad.hh - quad.vv, 2.0 * quad.cross)
 
 
 def lexicographic_vector(quad: QuadPol) -> C64:
-    r""":math:`\Omega = (S_{HH}, \sqrt 2 X, S_{VV})`, (n_azimuth, n_range, 3); its squared length is the span."""
+    r"""Lexicographic vector :math:`\Omega = (S_{HH}, \sqrt 2 X, S_{VV})`, (n_azimuth, n_range, 3)."""
     return np.stack([quad.hh, np.asarray(quad.cross * np.float32(_ROOT_2)), quad.vv], axis=-1)
 
 
@@ -36,8 +36,8 @@ def coherency(quad: QuadPol, looks: tuple[int, int] = (1, 1), *, sliding: bool =
     Parameters
     ----------
     quad : scattering matrices
-    looks : pixels (azimuth, range) that are averaged
-    sliding : a window about every pixel in place of blocks
+    looks : averaged pixels (azimuth, range)
+    sliding : whether to use a window about every pixel instead of blocks
 
     Raises
     ------
@@ -52,7 +52,7 @@ def coherency4(quad: QuadPol, looks: tuple[int, int] = (1, 1), *, sliding: bool 
 
     .. math:: k_4 = (S_{HH} + S_{VV}, S_{HH} - S_{VV}, S_{HV} + S_{VH}, j (S_{HV} - S_{VH})) / \sqrt 2
 
-    The upper 3 x 3 block is T3; the last diagonal element is what HV and VH differ by: noise or a fault.
+    The upper 3 x 3 block is T3; the last diagonal element is the power of HV - VH: noise or a fault.
     """
     vector = _stacked(
         quad.hh + quad.vv, quad.hh - quad.vv, quad.hv + quad.vh, np.complex64(1j) * (quad.hv - quad.vh)
@@ -66,12 +66,12 @@ def covariance(quad: QuadPol, looks: tuple[int, int] = (1, 1), *, sliding: bool 
 
 
 def covariance_of_coherency(matrices: ArrayLike) -> C128:
-    """C3 of T3, (..., 3, 3)."""
+    """Covariance matrix C3 from T3, (..., 3, 3)."""
     return np.asarray(_TO_PAULI.T @ hermitian(matrices) @ _TO_PAULI)
 
 
 def coherency_of_covariance(matrices: ArrayLike) -> C128:
-    """T3 of C3, (..., 3, 3)."""
+    """Coherency matrix T3 from C3, (..., 3, 3)."""
     return np.asarray(_TO_PAULI @ hermitian(matrices) @ _TO_PAULI.T)
 
 
@@ -86,7 +86,7 @@ def hermitian(matrices: ArrayLike) -> C128:
     Raises
     ------
     DataError
-        The shape is another, or a matrix is not Hermitian.
+        The shape differs, or a matrix is not Hermitian.
     """
     array = np.asarray(matrices, dtype=np.complex128)
     if array.shape[-2:] != (3, 3):

@@ -1,4 +1,4 @@
-"""From three powers to a colour: one fixed law for every picture."""
+"""Colours from three powers, by one law for all pictures."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -7,9 +7,9 @@ from sarmitsuba.analysis.polarimetry.coherency import hermitian
 from sarmitsuba.arrays import U8
 from sarmitsuba.errors import DataError
 
-# of the brightness, dB from black to white
+# range of the brightness from black to white, dB
 SPAN_DB = 50.0
-# per cent of the lit pixels that are darker than white
+# percentile of the lit pixels shown as white
 WHITE_PERCENTILE = 99.0
 
 
@@ -21,19 +21,18 @@ def colours(powers: ArrayLike, *, white_db: float | None = None, span_db: float 
 
     .. math:: c_i = 255\, b \sqrt{P_i / \max_k P_k}, \quad b = 1 + (10 \log_{10} \sum_k P_k - w) / s
 
-    clipped to 0 ... 1. The same scattering has the same hue however strong it is, and no channel is stretched apart
-    from the others.
+    clipped to 0 ... 1. The hue is independent of the strength, and channels are not stretched separately.
 
     Parameters
     ----------
     powers : (rows, columns, 3), linear, not negative
-    white_db : w, dB of the powers' unit; None takes the 99th percentile of the sum over the pixels that have power
+    white_db : w, dB of the powers' unit; None: the 99th percentile of the sum over pixels with power
     span_db : s
 
     Raises
     ------
     DataError
-        The powers are not of three colours, or ``span_db`` is not above 0.
+        The shape of the powers differs, or ``span_db`` is not above 0.
     """
     p = np.asarray(powers, dtype=np.float64)
     if p.shape[-1:] != (3,):
@@ -52,6 +51,6 @@ def colours(powers: ArrayLike, *, white_db: float | None = None, span_db: float 
 
 
 def pauli_rgb(coherency: ArrayLike, *, white_db: float | None = None) -> U8:
-    """Colours of T3 (rows, columns, 3, 3): red even bounces (T22), green T33, blue odd bounces and surfaces (T11)."""
+    """Pauli colours of T3 (rows, columns, 3, 3): red T22 (even bounces), green T33, blue T11 (odd bounces)."""
     t = hermitian(coherency)
     return colours(np.stack([t[..., i, i].real for i in (1, 2, 0)], axis=-1), white_db=white_db)

@@ -22,8 +22,8 @@ class Stokes:
         S_1 = \langle |E_H|^2 + |E_V|^2 \rangle, \; S_2 = \langle |E_H|^2 - |E_V|^2 \rangle, \;
         S_3 = 2\,\mathrm{Re} \langle E_H E_V^* \rangle, \; S_4 = -2\,\mathrm{Im} \langle E_H E_V^* \rangle
 
-    With exp(+j w t) and h and v the same on transmit and receive, S4 is positive for a left-handed received wave: what
-    one bounce makes of a right-handed one.
+    With exp(+j w t) and equal h and v on transmit and receive, S4 is positive for a left-handed received wave, the echo
+    of a right-handed wave after one bounce.
 
     Parameters
     ----------
@@ -39,14 +39,14 @@ class Stokes:
 
     @property
     def polarised(self) -> F64:
-        """Degree of polarisation m, 0 to 1; NaN where there is no power."""
+        """Degree of polarisation m, 0 to 1; NaN where the power is zero."""
         with np.errstate(divide="ignore", invalid="ignore"):
             m = np.sqrt(self.s2**2 + self.s3**2 + self.s4**2) / self.s1
-        return np.asarray(np.minimum(m, 1.0))  # one look has 1 but for rounding
+        return np.asarray(np.minimum(m, 1.0))  # 1 for one look, except for rounding
 
     @property
     def chi(self) -> F64:
-        r"""Ellipticity, rad: :math:`\sin 2\chi = \mp S_4 / (m S_1)`; -pi/4 for one bounce, pi/4 for two."""
+        r"""Ellipticity angle, rad: :math:`\sin 2\chi = \mp S_4 / (m S_1)`; -pi/4 for one bounce, pi/4 for two."""
         with np.errstate(divide="ignore", invalid="ignore"):
             sine = -self._sign * self.s4 / np.sqrt(self.s2**2 + self.s3**2 + self.s4**2)
         return np.asarray(0.5 * np.arcsin(np.clip(sine, -1.0, 1.0)))
@@ -69,9 +69,9 @@ def stokes(
     Parameters
     ----------
     image : with both channels
-    looks : pixels (azimuth, range) that are averaged
-    sent : ``R`` or ``L``; None takes the one that the image has, R before L
-    sliding : a window about every pixel in place of blocks
+    looks : averaged pixels (azimuth, range)
+    sent : ``R`` or ``L``; None: the sense in the image, R before L
+    sliding : whether to use a window about every pixel instead of blocks
 
     Raises
     ------
@@ -101,7 +101,7 @@ def stokes_of(
 
 
 def m_chi(vector: Stokes) -> F64:
-    r"""Powers of even bounces, of what is not polarised, and of odd bounces: red, green, blue, (rows, columns, 3).
+    r"""m-chi powers of even bounces, unpolarised and odd-bounce echoes (red, green, blue), (rows, columns, 3).
 
     .. math:: m S_1 (1 + \sin 2\chi) / 2, \quad S_1 (1 - m), \quad m S_1 (1 - \sin 2\chi) / 2
     """
@@ -109,9 +109,9 @@ def m_chi(vector: Stokes) -> F64:
 
 
 def m_delta(vector: Stokes) -> F64:
-    r"""As :func:`m_chi`, with :math:`\sin\delta` in the place of :math:`\sin 2\chi`.
+    r"""m-delta powers: as :func:`m_chi`, with :math:`\sin\delta` instead of :math:`\sin 2\chi`.
 
-    The same where S2 = 0; dipoles, which polarise along their axis, are told apart by m-chi only.
+    Equal to m-chi where S2 = 0; only m-chi distinguishes dipoles, which polarise along their axis.
     """
     return _split(vector, np.sin(vector.delta))
 

@@ -1,4 +1,4 @@
-"""Averages over looks: blocks of pixels, or a window that slides over them."""
+"""Multilook averages over blocks of pixels, or over a sliding window."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,8 @@ def averaged(values: NDArray[np.complexfloating], looks: tuple[int, int], slidin
     ----------
     values : (n_azimuth, n_range) complex
     looks : pixels of a block or of the window
-    sliding : a window centred on every pixel (boxcar; mirrored at the rim) in place of blocks, whose rest at the far
-        ends is dropped
+    sliding : whether to use a window centred on every pixel (boxcar, mirrored at the edges) instead of blocks;
+        incomplete blocks at the far ends are dropped
 
     Raises
     ------

@@ -13,18 +13,18 @@ from sarmitsuba.arrays import C128, F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 
-# resolution cells on a side of an automatic look: 25 looks, enough for H within some 0.05
+# resolution cells along the side of an automatic block: 25 looks give H to about 0.05
 CELLS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class PolarimetryReport:
-    """Results of the decompositions; None for those whose channels an image lacks.
+    """Results of the decompositions; None for those whose channels are missing.
 
     Parameters
     ----------
     looks : pixels (azimuth, range) averaged into one
-    cells : resolution cells in such a block, its number of independent looks
+    cells : resolution cells in a block, the number of independent looks
     coherency : (rows, columns, 3, 3) complex128, T3, m^2
     decomposition : of the coherency matrix
     asymmetry_db : energy of HV - VH over that of both, dB; NaN without both
@@ -39,7 +39,7 @@ class PolarimetryReport:
     stokes: Stokes | None
 
     def as_dict(self) -> dict[str, object]:
-        """JSON-able; what was not measured is None, powers are shares."""
+        """Values for JSON; None for those not measured, powers as shares."""
         return {
             "looks": list(self.looks),
             "cells_per_block": self.cells,
@@ -48,7 +48,7 @@ class PolarimetryReport:
         }
 
     def as_table(self) -> str:
-        """Figures for a terminal."""
+        """Table of the values for a terminal."""
         lines = [
             f"blocks of {self.looks[0]} x {self.looks[1]} pixels, {self.cells:.3g} resolution cells each"
         ]
@@ -151,7 +151,7 @@ def cell_pixels(image: SarImage) -> tuple[float, float]:
 
 
 def automatic_looks(image: SarImage, cells: float = CELLS) -> tuple[int, int]:
-    """Pixels (azimuth, range) of so many resolution cells each way; no more than the image has."""
+    """Pixels (azimuth, range) of ``cells`` resolution cells each way, at most those of the image."""
     rows, columns = (
         min(max(1, round(cells * pixels)), size)
         for pixels, size in zip(cell_pixels(image), image.grid.shape, strict=True)
@@ -160,7 +160,7 @@ def automatic_looks(image: SarImage, cells: float = CELLS) -> tuple[int, int]:
 
 
 def pauli_shares(matrices: C128) -> tuple[float, float, float]:
-    """Shares of the whole power: ``|HH + VV|^2 / 2``, ``|HH - VV|^2 / 2``, ``2 |X|^2``; NaN without any."""
+    """Pauli shares of the power: ``|HH + VV|^2 / 2``, ``|HH - VV|^2 / 2``, ``2 |X|^2``; NaN without power."""
     powers = [float(matrices[..., i, i].real.sum()) for i in range(3)]
     total = sum(powers)
     odd, even, cross = (p / total if total > 0.0 else float("nan") for p in powers)
@@ -168,7 +168,7 @@ def pauli_shares(matrices: C128) -> tuple[float, float, float]:
 
 
 def zone_shares(decomposition: CloudePottier, power: F64) -> dict[int, tuple[str, float, float]]:
-    """Per zone of :data:`ZONES`: its name, and its shares of the area and of the power that has one."""
+    """Name, share of the area and share of the power of each zone of :data:`ZONES`."""
     number = decomposition.zone.ravel()
     counts = np.bincount(number, minlength=10)[1:].astype(np.float64)
     powers = np.bincount(number, weights=power.ravel(), minlength=10)[1:]
@@ -177,7 +177,7 @@ def zone_shares(decomposition: CloudePottier, power: F64) -> dict[int, tuple[str
 
 
 def m_chi_shares(vector: Stokes) -> dict[str, float]:
-    """Shares of the whole power in :func:`sarmitsuba.analysis.polarimetry.m_chi`'s three parts; NaN without any."""
+    """Shares of the power in the three parts of :func:`sarmitsuba.analysis.polarimetry.m_chi`; NaN without power."""
     powers = m_chi(vector).sum(axis=(0, 1))
     total = float(powers.sum())
     names = ("even_bounce", "unpolarised", "odd_bounce")

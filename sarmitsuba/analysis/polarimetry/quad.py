@@ -1,4 +1,4 @@
-"""The scattering matrix of every pixel."""
+"""Scattering matrices of an image's pixels."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,13 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
 
-# share of power that float32 sums leave where there is nothing
+# relative power of float32 rounding
 _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class QuadPol:
-    """Scattering matrices on a grid of pixels, in backscatter alignment; one array a channel, transmit letter first.
+    """Scattering matrices on a grid, in backscatter alignment; one array per channel, transmit letter first.
 
     Parameters
     ----------
@@ -42,15 +42,15 @@ class QuadPol:
 
     @property
     def cross(self) -> C64:
-        """Symmetrised cross-polar channel, ``(HV + VH) / 2``: reciprocity makes both one, noise apart."""
+        """Symmetrised cross-polar channel, ``(HV + VH) / 2``; by reciprocity both are equal except for noise."""
         return np.asarray(0.5 * (self.hv + self.vh))
 
     @property
     def asymmetry_db(self) -> float:
         r"""Energy of ``HV - VH`` over that of both, ``sum |HV - VH|^2 / sum (|HV|^2 + |VH|^2)``, dB.
 
-        0 dB for independent noise; -inf where both are equal; NaN where both are no more than the rounding of the
-        co-polar channels (120 dB below them).
+        0 dB for independent noise; -inf if both are equal; NaN if both are within the rounding of the co-polar
+        channels (120 dB below them).
         """
         co_polar = np.sum(
             np.abs(self.hh.astype(np.complex128)) ** 2 + np.abs(self.vv.astype(np.complex128)) ** 2
@@ -63,7 +63,7 @@ class QuadPol:
 
 
 def quad_pol(image: SarImage) -> QuadPol:
-    """Scattering matrices of an image with HH, VV, and HV or VH or both; one cross-polar channel stands for both.
+    """Scattering matrices of an image with HH, VV, and HV or VH; a missing cross-polar channel equals the other one.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Image quality: points, areas and looks, measured and predicted."""
+"""Image quality of points and areas, multilooking, and error budget."""
 
 from sarmitsuba.analysis.quality.areas import Area, AreaQuality
 from sarmitsuba.analysis.quality.error_budget import ErrorPart, error_budget

@@ -1,4 +1,4 @@
-"""Areas of an image: speckle, contrast, entropy, and the noise's level."""
+"""Quality of areas: speckle, contrast, entropy, and noise level."""
 
 import math
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ from sarmitsuba.image.averaging import block_means
 from sarmitsuba.image.metrics import equivalent_number_of_looks, windows_over
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 
-# cells along the edge of an automatic area, and of the pieces that it is judged by
+# cells along the edge of an automatic area, and of the pieces by which it is chosen
 _EDGE, _PIECE = 24.0, 6.0
 
 
 @dataclass(frozen=True)
 class Area:
-    """A rectangle in the image's coordinates.
+    """Rectangle in the image's coordinates.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ class Area:
     name: str = ""
 
     def pixels(self, grid: ImageGrid) -> tuple[slice, slice]:
-        """Rows and columns inside.
+        """Rows and columns of the pixels inside.
 
         Raises
         ------
         DataError
-            There are fewer than 2 x 2.
+            There are fewer than 2 x 2 pixels.
         """
         found = []
         for axis, (first, last) in ((grid.azimuth, self.azimuth), (grid.range, self.range)):
@@ -55,7 +55,7 @@ class Area:
 
 @dataclass(frozen=True)
 class AreaQuality:
-    r"""An area as measured.
+    r"""Measured quality of an area.
 
     Parameters
     ----------
@@ -67,10 +67,10 @@ class AreaQuality:
     enl : :math:`\langle I \rangle^2 / \mathrm{var} I`; 1 for fully developed speckle of one look
     enl_sigma : standard deviation of that estimate, :math:`\mathrm{ENL} \sqrt{2 (1 + 1 / \mathrm{ENL}) / n}`, n cells,
         for gamma-distributed intensity
-    predicted_enl : of the looks that were averaged, 1 without
+    predicted_enl : of the averaged looks, 1 without
     contrast : standard deviation over mean of the intensity
     entropy : :math:`-\sum p \ln p`, :math:`p = I / \sum I`
-    entropy_deficit : :math:`\ln N - \mathrm{entropy}`; 0 for equal pixels, 0.423 for one look of even ground
+    entropy_deficit : :math:`\ln N - \mathrm{entropy}`; 0 for equal pixels, 0.423 for single-look speckle
     """
 
     name: str
@@ -88,14 +88,14 @@ class AreaQuality:
 
 
 def contrast(intensity: NDArray[np.floating]) -> float:
-    """Standard deviation over mean of the intensity; what autofocus raises."""
+    """Contrast: standard deviation over mean of the intensity."""
     values = np.asarray(intensity, dtype=np.float64)
     mean = float(values.mean())
     return float(values.std()) / mean if mean > 0.0 else 0.0
 
 
 def entropy(intensity: NDArray[np.floating]) -> float:
-    """Entropy of the intensity taken as a distribution, nats; what autofocus lowers."""
+    """Entropy of the intensity as a distribution, nats."""
     values = np.asarray(intensity, dtype=np.float64).ravel()
     total = float(values.sum())
     if not total > 0.0:
@@ -111,11 +111,11 @@ def measure_area(
 
     Parameters
     ----------
-    image : whose grid it is
+    image : of the area
     area : the rectangle
     sigma0 : (n_azimuth, n_range) float64, of the image or of its looks
     predicted_enl : of the looks in ``sigma0``
-    cells : how much larger a cell of ``sigma0`` is than one of the image
+    cells : ratio of the cell areas of ``sigma0`` and of the image
     """
     grid = image.grid
     rows, columns = area.pixels(grid)
@@ -144,15 +144,15 @@ def measure_area(
 def automatic_areas(
     image: SarImage, channel: str | None = None, points: Sequence[tuple[float, float]] = ()
 ) -> tuple[Area, ...]:
-    """The evenest and the darkest square of 24 cells, as ``even`` and ``dark``; none where no square is free.
+    """Most homogeneous and darkest square of 24 cells, as ``even`` and ``dark``; empty if no square is free.
 
-    Even is where the means of pieces of 6 cells vary least, in the brighter half of the image. That says little about
-    the speckle inside them, so that ENL is hardly biased by the choice.
+    The homogeneous square has the least variation of means over pieces of 6 cells, in the brighter half of the image.
+    These means are nearly independent of the speckle within pieces, so that the choice hardly biases ENL.
 
     Parameters
     ----------
-    image, channel : what is searched
-    points : azimuth and range of targets that are to lie in no square, m of the grid
+    image, channel : to search
+    points : azimuth and range of targets to be excluded, m of the grid
     """
     grid, sigma0 = image.grid, image.sigma0(channel)
     cells = grid_cells(image, grid.range.size // 2)

@@ -1,4 +1,4 @@
-"""Carrier of a focused image: its phase ramp from pixel to pixel, from the geometry."""
+"""Carrier of a focused image: its phase ramp over the pixels, from the geometry."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from sarmitsuba.radar.flight import Flight
 
 @dataclass(frozen=True)
 class Lobes:
-    """How the impulse response of a point lies on the grid.
+    """Directions of the side lobes of a point on the grid.
 
     Parameters
     ----------
@@ -31,30 +31,30 @@ class Lobes:
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    r"""Distance D whose phase :math:`e^{j 4 \pi D / \lambda}` every pixel of an image carries.
+    r"""Distance D that gives the carrier phase :math:`e^{j 4 \pi D / \lambda}` of the pixels of an image.
 
-    Interpolating between pixels, and cutting the spectrum into looks, is for what remains when it is taken out.
+    It is removed before interpolation between pixels and before division of the spectrum into looks.
 
     .. math:: D_{spotlight} = |p - c|, \qquad D_{stripmap} = x \sin\psi + \rho \cos\psi, \qquad
               D_{sliding} = -|p - q|
 
-    c the antenna at mid-aperture, x the position along its line of flight, rho the range of closest approach to it, psi
-    the squint of a pixel's own aperture, q the point that a sliding spotlight's beam turns about: the line of sight at
-    the middle of a pixel's own aperture goes through it.
+    with c the antenna at mid-aperture, x the position along its line of flight, rho the range of closest approach, psi
+    the squint of a pixel's aperture, and q the rotation centre of a sliding spotlight's beam, through which the line of
+    sight at the centre of a pixel's aperture passes.
 
     Parameters
     ----------
     grid : of the image
     wavelength : m
     center : (3,) float64, m, frame of the grid; antenna at mid-aperture
-    forward : (3,) float64, unit vector of its flight there; in orbit it climbs or sinks seen from the scene
-    squint_sine : sine of the squint of pixels that have apertures of their own; None where all share one
+    forward : (3,) float64, unit vector of its velocity; in orbit not horizontal in the scene frame
+    squint_sine : sine of the squint if every pixel has its own aperture; None: one aperture for all
     turning_range : m, range of closest approach of q; infinite for a beam fixed to the track
 
     Notes
     -----
-    For a track that is straight over the aperture of one pixel. On an aperture of many degrees what remains
-    is wide, but centred.
+    For a track that is straight over the aperture of one pixel. For an aperture of many degrees the remaining band is
+    wide, but centred.
     """
 
     grid: ImageGrid
@@ -71,13 +71,13 @@ class Carrier:
         Raises
         ------
         DataError
-            A ground image that does not say where the antenna was, or an image made from all sides.
+            A ground image without a recorded track, or an image of a circular aperture.
         """
         facts = image.metadata.get("focus", {})
         if facts.get("all_round"):
             raise DataError(
-                "image: it was made from all sides and has no carrier, and no lobes along azimuth and "
-                "range to measure; sarmitsuba.theory.circular_response is the response of a point"
+                "image: a circular aperture has no carrier, and no lobes along azimuth and range; "
+                "sarmitsuba.theory.circular_response is the response of a point"
             )
         grid = image.grid
         if "center_position" in facts:
@@ -86,7 +86,7 @@ class Carrier:
             center = grid.origin
         else:
             raise DataError(
-                "image: it does not say where the antenna was; only slant images may leave that out"
+                "image: no recorded track, which ground images need; focus the raw data again"
             )
         velocity = np.asarray(grid.along, dtype=np.float64)
         if "flight" in facts:
@@ -99,7 +99,7 @@ class Carrier:
         return cls(grid, image.wavelength, center, forward, None if sine is None else float(sine), turning)
 
     def distance(self, azimuth: ArrayLike, range: ArrayLike) -> F64:
-        """D at grid coordinates, m, of any shapes that fit each other."""
+        """Distance D at grid coordinates, m, of any broadcastable shapes."""
         x, rho = self._cylinder(azimuth, range)
         if self.squint_sine is None:
             return np.hypot(x, rho)
@@ -113,20 +113,20 @@ class Carrier:
         return np.asarray(np.exp(4j * np.pi / self.wavelength * self.distance(azimuth, range)))
 
     def removed(self, data: C64, rows: slice, columns: slice) -> C128:
-        """Pixels of a piece of the image without their carrier."""
+        """Pixels of a part of the image without the carrier."""
         axes = self.grid.azimuth[rows, None], self.grid.range[None, columns]
         return np.asarray(data[rows, columns] * self.phasor(*axes).conj())
 
     def lobes(self, azimuth: float, range: float) -> "Lobes":
         r"""Directions of the side lobes of a point at grid coordinates.
 
-        The spectrum of a point is about a parallelogram: one pair of edges along the line of sight's slope
-        :math:`\nabla D`, the other along that slope's change over the aperture. Lobes are across the edges.
+        The spectrum of a point is about a parallelogram, with edges along the gradient :math:`\nabla D` and along its
+        change over the aperture. Lobes are perpendicular to the edges.
         """
         x, rho = (float(v) for v in self._cylinder(azimuth, range))
         shift = 0.0  # along the track, to the middle of the point's own aperture
         if self.squint_sine is not None:
-            # the line of sight's tangent: through q, or the same for all pixels
+            # tangent of the squint: of lines through q, or constant
             beyond = self.turning_range - rho
             tangent = (
                 (self.turning_range * self._tangent - x) / beyond if np.isfinite(beyond) else self._tangent
@@ -147,7 +147,7 @@ class Carrier:
 
     @property
     def _tangent(self) -> float:
-        """Tangent of the squint, 0 where all pixels share one aperture."""
+        """Tangent of the squint, 0 if all pixels share one aperture."""
         sine = self.squint_sine or 0.0
         return sine / float(np.sqrt(1.0 - sine**2))
 
@@ -161,7 +161,7 @@ class Carrier:
         return np.array([d[0] - d[1], d[2] - d[3]]) / (2.0 * step)
 
     def chip_about(self, data: C64, azimuth: float, range: float, half: int = 32) -> Chip:
-        """Piece of the image about grid coordinates, without its carrier, ``half`` pixels to every side."""
+        """Chip of the image about grid coordinates, without the carrier, ``half`` pixels to every side."""
         grid = self.grid
         row = round((azimuth - float(grid.azimuth[0])) / grid.azimuth_spacing)
         column = round((range - float(grid.range[0])) / grid.range_spacing)
@@ -169,7 +169,7 @@ class Carrier:
         return Chip(self.removed(data, rows, columns), rows.start, columns.start)
 
     def place(self, point: F64) -> tuple[float, float]:
-        """Grid coordinates at which a point of any height is imaged: of the same range and Doppler on the image plane.
+        """Grid coordinates of the image of a point of any height: of equal range and Doppler on the image plane.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class Carrier:
         Raises
         ------
         DataError
-            It is nearer to the track than the image plane.
+            The point is closer to the track than the image plane.
         """
         grid = self.grid
         line = point - self.center
@@ -190,7 +190,7 @@ class Carrier:
         scale = along**2 + across**2
         square = left * scale - wanted**2
         if square < 0.0:
-            raise DataError(f"point at {point.tolist()} m is nearer to the track than the image plane")
+            raise DataError(f"point at {point.tolist()} m is closer to the track than the image plane")
         root = float(np.sqrt(square)) / scale
         foot = self.center - grid.origin
         a = wanted * along / scale - root * across + float(foot @ grid.along)
@@ -198,7 +198,7 @@ class Carrier:
         return a, b if grid.kind == "ground" else float(np.hypot(b, grid.origin[2] - grid.height))
 
     def scene_position(self, azimuth: float, range: float) -> F64:
-        """(3,) float64, m, frame of the user's file: where grid coordinates lie on the image's plane."""
+        """Position of grid coordinates on the image plane, (3,) float64, m, frame of the user's file."""
         grid = self.grid
         across = range
         if grid.kind == "slant":

@@ -8,22 +8,22 @@ from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.image.sar_image import SarImage
 
 MEASURED, AT_MOST, UNKNOWN = "measured", "at most", "not measured"
-# energy of the echoes that an image may lack before errors over theirs are told over its own, dB
+# energy of the echoes outside the image, dB, above which errors are stated relative to the image's energy
 SHOWN_DB = 1.0
-# of echoes in complex64, over the profiles of single pulses (benchmarks/suite/stated_errors.py)
+# rounding of echoes in complex64, relative to profiles of single pulses (benchmarks/suite/stated_errors.py)
 _ROUNDING_DB = -115.0
 
 
 @dataclass(frozen=True)
 class ErrorPart:
-    """Energy of one error over that of the image.
+    """Energy of one error relative to that of the image.
 
     Parameters
     ----------
     name : of the cause
-    error_db : dB; NaN where it is not known, -inf where there is none
+    error_db : dB; NaN: unknown, -inf: no error
     known : ``measured``, ``at most`` or ``not measured``
-    why : how it is known, or why it is not
+    why : source of the value, or reason for its absence
     """
 
     name: str
@@ -32,7 +32,7 @@ class ErrorPart:
     why: str = ""
 
     def __str__(self) -> str:
-        """``blocks of pulses -28.0 dB``."""
+        """Text such as ``blocks of pulses -28.0 dB``."""
         if self.known == UNKNOWN or math.isnan(self.error_db):
             return f"{self.name} {UNKNOWN}"
         if self.error_db == -math.inf:
@@ -41,14 +41,14 @@ class ErrorPart:
         return f"{self.name} {bound}{self.error_db:.1f} dB"
 
     def as_dict(self) -> dict[str, object]:
-        """JSON-able form; an error that is not known, or none, is None."""
+        """Values for JSON; None for an unknown error, or no error."""
         error = round(self.error_db, 2) if math.isfinite(self.error_db) else None
         known = "none" if self.error_db == -math.inf else self.known
         return {"error_db": error, "known": known, "why": self.why}
 
 
 def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
-    """Errors of an image that was simulated here, as the run and the focuser left them in its metadata.
+    """Error budget of a simulated image, from the metadata of run and focuser.
 
     Parameters
     ----------
@@ -57,12 +57,12 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
     Returns
     -------
     rays, bounces left out, blocks of pulses, gridding, focuser, effects left out, physical optics. The first is the
-    stated error of the image, the worst channel's; none of the others is in it
+    stated error of the image (worst channel), which excludes the others
 
     Notes
     -----
-    Effects left out are added up as energies, as if they had nothing in common; those without a bound are named. What
-    physical optics leaves out is not known without another solver, see docs/accuracy.md.
+    Effects left out are summed as independent energies; those without a bound are named. The error of physical optics
+    is unknown without another solver, see docs/accuracy.md.
     """
     data = _Read(image.metadata)
     return (
@@ -78,7 +78,7 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
 
 @dataclass(frozen=True)
 class _Read:
-    """Metadata, which may come from a file: what is of another kind than expected is taken as missing."""
+    """Metadata, possibly from a file: values of unexpected types count as missing."""
 
     metadata: Mapping[str, object]
 
@@ -130,7 +130,7 @@ def _blocks(data: _Read) -> ErrorPart:
 
 
 def _of_image(data: _Read, part: ErrorPart) -> ErrorPart:
-    """An error over the energy of the echoes as one over that of the image, were all of it within the image."""
+    """Error relative to the echoes' energy, converted to the image's energy as if all of it were within the image."""
     shown = _number(data.part("focus").get("shown_energy_db"))
     if not shown < -SHOWN_DB:
         return part
@@ -159,7 +159,7 @@ def _focuser(data: _Read) -> ErrorPart:
 
 
 def _effects(data: _Read) -> ErrorPart:
-    """Effects that are off and would change something."""
+    """Error of effects that are off and would change the image."""
     if data.metadata.get("method") == "raster":
         why = "method raster has one bounce, no coherent return, no wires and no volumes"
         return ErrorPart("effects left out", math.nan, UNKNOWN, why)

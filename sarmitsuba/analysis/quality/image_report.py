@@ -1,4 +1,4 @@
-"""The quality of an image as one report: points, areas, noise."""
+"""Report of image quality: points, areas, noise."""
 
 import dataclasses
 import math
@@ -34,11 +34,11 @@ class QualityReport:
     channel : polarisation
     points : point targets
     areas : rectangles
-    looks : (azimuth, range) that the areas are measured on
+    looks : (azimuth, range) used for the areas
     contrast, entropy : of the whole image's intensity
-    nesz_db : predicted noise-equivalent sigma0 at the image's centre; NaN where the radar has no noise
-    darkest_db : mean sigma0 of the darkest area, an upper bound of the noise in the image; NaN where there is none
-    left_out : points that could not be measured, one line each
+    nesz_db : predicted noise-equivalent sigma0 at the image's centre; NaN without noise
+    darkest_db : mean sigma0 of the darkest area, an upper bound of the noise in the image; NaN without such an area
+    left_out : one line for each point that could not be measured
     """
 
     channel: str
@@ -52,7 +52,7 @@ class QualityReport:
     left_out: tuple[str, ...]
 
     def as_dict(self) -> dict[str, object]:
-        """JSON-able: every field with its unit in the name where it has one; what was not measured is None."""
+        """Values for JSON, units in the names; None for those not measured."""
         return {
             "channel": self.channel,
             "looks": list(self.looks),
@@ -125,27 +125,27 @@ def image_quality(
     Parameters
     ----------
     image : focused
-    points : point targets, or their positions x, y, z, m, in the frame of the scene's file; None takes the scene's own
-        point scatterers where the image names them, else finds some
-    areas : rectangles; None takes the evenest and the darkest square
-    channel : default the first
-    looks : numbers of looks in azimuth and range that areas are measured on, see
+    points : point targets, or their positions x, y, z, m, in the frame of the scene's file; None: the scene's point
+        scatterers if recorded in the image, else the brightest points found
+    areas : rectangles; None: the most homogeneous and the darkest square
+    channel : default: the first
+    looks : numbers of looks in azimuth and range for the areas, see
         :func:`sarmitsuba.analysis.quality.spectral_looks`
-    most : points to find
+    most : largest number of points to find
 
     Raises
     ------
     DataError
-        No such channel, an area outside the image, looks that it does not have, or an image that looks all round.
+        Unknown channel, an area outside the image, too many looks, or an image of a circular aperture.
 
     Notes
     -----
     IRW: half-power width. PSLR: highest side lobe beyond the first nulls over the peak. ISLR: energy beyond the first
-    nulls over that between them, along the lobe, to 16 cells. Widths are along the lobes, which squint turns.
+    nulls over that between them, along the lobe, to 16 cells. Widths are along the lobes, which squint rotates.
     """
     if points is not None and not points:
         raise DataError(
-            "quality: the list of points is empty; give some, or leave it out for points to be found"
+            "quality: the list of points is empty; give points, or leave it out to find them"
         )
     known = scene_points(image, channel) if points is None else [_known(point) for point in points]
     left_out: tuple[str, ...] = ()

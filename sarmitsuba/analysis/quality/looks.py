@@ -1,4 +1,4 @@
-"""Spectral multi-looking: sub-apertures and sub-bands whose powers are averaged."""
+"""Spectral multilooking: mean power of sub-apertures and sub-bands."""
 
 from dataclasses import dataclass
 
@@ -13,9 +13,9 @@ from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
 
-# the image's window is divided out down to this part of its peak, so that hann's ends do not amplify noise
+# least relative weight of the image's window that is divided out, so that the ends of hann do not amplify noise
 _FLOOR = 0.1
-# largest part of the sampled spectrum that the image's band may take
+# largest share of the sampled spectrum for the image's band
 _NYQUIST = 1.0 + 1e-6
 
 
@@ -25,9 +25,9 @@ class Looks:
 
     Parameters
     ----------
-    sigma0 : (n_azimuth, n_range) float64, linear, on the image's own pixels
+    sigma0 : (n_azimuth, n_range) float64, linear, on the image's pixels
     looks : (azimuth, range)
-    predicted_enl : equivalent number of looks of even ground, from the overlap of the looks' bands
+    predicted_enl : equivalent number of looks of homogeneous ground, from the overlap of the looks' bands
     azimuth_cell, range_cell : m of the grid, noise-equivalent, of one look at the image's centre
     """
 
@@ -56,11 +56,11 @@ def spectral_looks(
     overlap: float = 0.0,
     channel: str | None = None,
 ) -> Looks:
-    r"""Average the power of sub-apertures (azimuth) and sub-bands (range).
+    r"""Mean power of sub-apertures (azimuth) and sub-bands (range).
 
-    The image without its carrier has the processed band about zero; it is cut into pieces, each with the image's own
-    window over it in place of the part of the whole window there. Averaging pixels of one look
-    (:meth:`sarmitsuba.SarImage.multilook`) gains less, since neighbouring pixels are not independent.
+    Without its carrier the processed band of the image is centred at zero; it is divided into parts, each weighted by
+    the image's window over the part instead of the section of the whole window. Averaging pixels of one look
+    (:meth:`sarmitsuba.SarImage.multilook`) reduces speckle less, since neighbouring pixels are correlated.
 
     .. math:: \mathrm{ENL} = \frac{n^2}{\sum_{ij} |\rho_{ij}|^2}, \qquad
               \rho_{ij} = \frac{\int W_i W_j}{\sqrt{\int W_i^2 \int W_j^2}}
@@ -69,12 +69,12 @@ def spectral_looks(
     ----------
     image : focused
     azimuth, range : numbers of looks
-    overlap : part of a look's band that the next one shares, 0 up to 0.9
-    channel : default the first
+    overlap : share of a look's band common with the next, 0 to 0.9
+    channel : default: the first
 
     Returns
     -------
-    Looks; the mean sigma0 of even ground is the image's own, a point is wider and lower
+    Looks; the mean sigma0 of homogeneous ground is preserved, a point is wider and lower
 
     Raises
     ------
@@ -84,8 +84,8 @@ def spectral_looks(
 
     Notes
     -----
-    The band is that of the image's centre; where the cell changes over a wide swath the outermost looks lose
-    a little of theirs. On a ground grid the range band changes with the incidence angle likewise.
+    The band is that of the image's centre; where the cell changes over a wide swath the outermost looks lose a small
+    part of theirs. On a ground grid the range band likewise changes with the incidence angle.
 
     References
     ----------
@@ -107,7 +107,7 @@ def spectral_looks(
     for name, n, spacing, size, cell, window in parts:
         plain = cell / window.broadening
         if n > size * spacing / plain:
-            raise DataError(f"looks: {n} looks in {name} of an image of {size * spacing / plain:.3g} cells")
+            raise DataError(f"looks: {n} looks in {name} exceed the {size * spacing / plain:.3g} cells of the image")
         if n > 1 and spacing / plain > _NYQUIST:
             raise DataError(
                 f"looks: pixels of {spacing:g} m in {name} are too coarse for cells of {plain:.3g} m; focus with a "
@@ -134,16 +134,16 @@ def spectral_looks(
 
 
 def _bands(n: int, u: F64, window: Window, overlap: float) -> tuple[F64, float]:
-    """Weights of each look over the FFT's bins, (n, size), and a look's part of the band.
+    """Weights of each look over the FFT bins, (n, size), and a look's share of the band.
 
-    Scaled so that white ground keeps its mean power.
+    Scaled so that the mean power of clutter is preserved.
 
     Parameters
     ----------
     n : looks
     u : (size,) frequencies of the bins, -1/2 ... 1/2 over the band
     window : of the image
-    overlap : part of a look's band that the next one shares
+    overlap : share of a look's band common with the next
     """
     if n == 1:
         return np.ones((1, u.size)), 1.0
@@ -154,12 +154,12 @@ def _bands(n: int, u: F64, window: Window, overlap: float) -> tuple[F64, float]:
     weights = window((u - centers[:, None]) / share) * inverse
     level = np.sum((weights * whole) ** 2, axis=1, keepdims=True)
     if not level.min() > 0.0:
-        raise DataError(f"looks: {n} looks are more than the image's spectrum has bins for")
+        raise DataError(f"looks: {n} looks exceed the bins of the image's spectrum; give fewer")
     return np.asarray(weights * np.sqrt(np.sum(whole**2) / level)), share
 
 
 def _enl(bands: F64) -> float:
-    """Equivalent number of looks of bands, (n, size), that are laid over a white spectrum."""
+    """Equivalent number of looks of bands, (n, size), for a white spectrum."""
     cross = bands @ bands.T
     norm = np.sqrt(np.outer(np.diag(cross), np.diag(cross)))
     return float(bands.shape[0] ** 2 / np.sum((cross / norm) ** 2))

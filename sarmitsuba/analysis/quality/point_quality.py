@@ -1,4 +1,4 @@
-"""Point targets in an image: positions, found or given, and impulse responses."""
+"""Point targets in an image: positions (found or given) and impulse responses."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,11 +15,11 @@ from sarmitsuba.image.metrics import Chip, CutMetrics, PointTargetMetrics, point
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.polarisation import isotropic_response
 
-# a chip reaches so many cells from its point: ISLR to 10 widths fits with every window
+# half size of a chip, cells: ISLR to 10 widths fits for every window
 _REACH = 16.0
 _SMALLEST_CHIP, _LARGEST_CHIP = 32, 512
-# Finding: brightest within so many cells, so far above its surroundings (speckle's highest of 4000 pixels: 9.2 dB above
-# the mean), and of about the width of a point
+# Search: brightest within a number of cells, a level above its surroundings (the maximum of 4000 pixels of speckle is
+# 9.2 dB above the mean), and about the width of a point
 _ALONE, _ABOVE_DB = 6.0, 16.0
 _WIDTHS = (0.7, 1.4)
 # mean over median of single-look intensity
@@ -28,7 +28,7 @@ _MEAN_OVER_MEDIAN = 1.0 / math.log(2.0)
 
 @dataclass(frozen=True)
 class KnownPoint:
-    """A point target whose place is known.
+    """Point target at a known position.
 
     Parameters
     ----------
@@ -46,20 +46,20 @@ class KnownPoint:
 
 @dataclass(frozen=True)
 class PointQuality:
-    """A point target as measured; NaN where there is nothing to compare with.
+    """Measured quality of a point target; NaN where no reference is known.
 
     Parameters
     ----------
     name : of the point
     azimuth, range : m, peak in the grid's coordinates
     position : m, x, y, z of the peak on the image plane, frame of the scene's file
-    azimuth_error, range_error : m, peak minus the place where the point is imaged
+    azimuth_error, range_error : m, peak minus expected position in the image
     rcs : m^2, |peak|^2
-    rcs_error_db : over the point's own
-    phase : rad, at the known place, else at the peak
-    phase_error : rad, less the point's own, at the known place
-    background_db : peak over the mean of its surroundings
-    azimuth_cut, range_cut : impulse response along its lobes, see :class:`sarmitsuba.image.metrics.CutMetrics`
+    rcs_error_db : relative to the known RCS
+    phase : rad, at the known position, else at the peak
+    phase_error : rad, relative to the known phase, at the known position
+    background_db : peak over the mean of the surroundings
+    azimuth_cut, range_cut : impulse response along the lobes, see :class:`sarmitsuba.image.metrics.CutMetrics`
     predicted_irw : m, of azimuth and range, from cells and windows
     """
 
@@ -80,7 +80,7 @@ class PointQuality:
 
 
 def scene_points(image: SarImage, channel: str | None = None) -> tuple[KnownPoint, ...]:
-    """Point scatterers of the scene at rest, as the image's metadata name them, with what they have in a channel."""
+    """Point scatterers of the scene at rest, from the image's metadata, with their reflectivity in a channel."""
     entries = image.metadata.get("points", ())
     if not entries:
         return ()  # images from elsewhere may have channels of any name
@@ -98,7 +98,7 @@ def scene_points(image: SarImage, channel: str | None = None) -> tuple[KnownPoin
 
 
 def _moves(entry: Mapping[str, object]) -> bool:
-    """Whether a point of the metadata moves: an image shows it elsewhere."""
+    """Whether a point of the metadata moves, so that the image shows it displaced."""
     motion = [entry.get(name) for name in ("velocity", "acceleration")]
     return any(isinstance(numbers, list) and any(numbers) for numbers in motion)
 
@@ -106,11 +106,11 @@ def _moves(entry: Mapping[str, object]) -> bool:
 def measure_known(
     image: SarImage, points: Sequence[KnownPoint], channel: str | None = None
 ) -> tuple[tuple[PointQuality, ...], tuple[str, ...]]:
-    """Measure points at known places; what cannot be measured comes back as a line of its own.
+    """Measure points at known positions; returns one line for each point that cannot be measured.
 
     Returns
     -------
-    measured points, and one line for each of the others
+    measured points, and one line for each other point
     """
     carrier, data = Carrier.of(image), image.total(channel)
     found, left_out = [], []
@@ -127,8 +127,8 @@ def measure_known(
 def find_points(image: SarImage, channel: str | None = None, most: int = 12) -> tuple[PointQuality, ...]:
     """Find isolated point targets, the brightest first.
 
-    A pixel counts that is the brightest within 6 cells, 16 dB above the surroundings' mean, and as wide as
-    a point should be (0.7 to 1.4 of the predicted width in both directions), all of it away from the image's edge.
+    A point is a pixel that is the brightest within 6 cells, 16 dB above the mean of its surroundings, of about the
+    predicted width (0.7 to 1.4 times, in both directions), and not at the image's edge.
     """
     carrier, data = Carrier.of(image), image.total(channel)
     power = np.abs(data.astype(np.complex128)) ** 2
@@ -150,7 +150,7 @@ def find_points(image: SarImage, channel: str | None = None, most: int = 12) -> 
         try:
             point = _measure(image, data, carrier, place, f"found {len(found) + 1}", None)
         except DataError:
-            continue  # at the edge, or no peak of its own
+            continue  # at the edge, or no separate peak
         ratios = [
             cut.irw / wanted
             for cut, wanted in zip((point.azimuth_cut, point.range_cut), point.predicted_irw, strict=True)
@@ -176,7 +176,7 @@ def _measure(
     )
     pixel = [(p - s) / d for p, s, d in zip(place, start, step, strict=True)]
     if not all(-0.5 <= p <= n - 0.5 for p, n in zip(pixel, grid.shape, strict=True)):
-        raise DataError(f"azimuth {place[0]:.6g} m, range {place[1]:.6g} m lies outside the image")
+        raise DataError(f"azimuth {place[0]:.6g} m, range {place[1]:.6g} m is outside the image")
     column = int(np.clip(round(pixel[1]), 0, grid.shape[1] - 1))
     cells = grid_cells(image, column)
     piece = _square(pixel, cells, step, grid.shape)
@@ -222,7 +222,7 @@ def _measure(
 def _square(
     pixel: Sequence[float], cells: tuple[float, float], step: tuple[float, float], shape: tuple[int, int]
 ) -> tuple[slice, slice]:
-    """The piece of the image about a point."""
+    """Part of the image about a point."""
     half = [
         int(np.clip(math.ceil(_REACH * cell / d), _SMALLEST_CHIP // 2, _LARGEST_CHIP // 2))
         for cell, d in zip(cells, step, strict=True)
@@ -237,7 +237,7 @@ def _square(
 def _background_db(
     chip: C128, m: PointTargetMetrics, cells: tuple[float, float], step: tuple[float, float]
 ) -> float:
-    """Peak over the mean of what lies off the point's lobes, from its median."""
+    """Peak over the mean of the surroundings without the point's lobes, from their median."""
     away = [
         np.abs(np.arange(n) - index) * d > 3.0 * cell
         for n, index, d, cell in zip(chip.shape, (m.azimuth_index, m.range_index), step, cells, strict=True)

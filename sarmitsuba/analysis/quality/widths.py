@@ -22,7 +22,7 @@ def window_irw(text: str) -> float:
 
 
 def windows_of(image: SarImage) -> tuple[Window, Window]:
-    """Azimuth and range window that the image was focused with; rectangular where it does not say."""
+    """Azimuth and range window of the image; rectangular if not recorded."""
     facts = image.metadata.get("focus", {})
     azimuth, range_ = (
         parse_window(str(facts.get(name, "rectangular"))) for name in ("azimuth_window", "range_window")
@@ -44,10 +44,10 @@ def grid_cells(image: SarImage, column: int) -> tuple[float, float]:
 
 
 def predicted_irw(image: SarImage, lobes: Lobes, column: int) -> tuple[float, float]:
-    r"""Half-power widths along the azimuth and the range lobe that cells and windows give, m of the grid.
+    r"""Predicted half-power widths along the azimuth and the range lobe, from cells and windows, m of the grid.
 
-    For a spectrum that is a parallelogram: the range cell over the slope of the slant range and the skew, and the area
-    of the impulse response over the range cell,
+    For a spectrum of the form of a parallelogram: the range cell over the gradient of the slant range and the skew, and
+    the area of the impulse response over the range cell,
 
     .. math:: w_r = \frac{\delta_r}{|\nabla D| s}, \qquad w_a = \frac{A |\nabla D|}{\delta_r}
     """

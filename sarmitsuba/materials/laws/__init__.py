@@ -1,1 +1,1 @@
-"""Diffuse laws, one per file: how the incoherent return of a surface depends on angle."""
+"""Diffuse laws, one per file: angular dependence of the incoherent return of surfaces."""

@@ -11,7 +11,7 @@ class Constant(DiffuseLaw):
     """Constant sigma0, equal for hh and vv."""
 
     name = "constant"
-    title = "sigma0 the same at every angle"
+    title = "sigma0 constant over angle"
     level = "sigma0"
 
     def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:

@@ -6,7 +6,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
 from sarmitsuba.units import power_from_db
 
-# gamma sqrt(cos_i cos_s) over the hemisphere is gamma / 3 of the power that arrives at normal incidence
+# gamma sqrt(cos_i cos_s) integrates over the hemisphere to gamma / 3 of the power incident at normal incidence
 _MOST_GAMMA = 3.0
 
 

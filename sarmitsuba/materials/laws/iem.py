@@ -134,7 +134,7 @@ def _transition(
 
 
 class IntegralEquation(DiffuseLaw):
-    """Exponential correlation; from slightly rough to very rough surfaces."""
+    """Integral-equation model, exponential correlation; from slightly rough to very rough surfaces."""
 
     name = "iem"
     title = "integral-equation model, from slightly to very rough"

@@ -6,7 +6,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface, correlation_length_of
 from sarmitsuba.materials.fresnel import fresnel
 
-# rms slopes between which geometrical optics is evaluated: below a mirror, above no return
+# rms slopes for which geometrical optics is evaluated: smaller ones are a mirror, larger ones have no return
 _SLOPES = (1e-6, 1e6)
 
 
@@ -54,12 +54,12 @@ class Kirchhoff(DiffuseLaw):
             notes.append(f"k l = {k * length:.3g} is below 6; use iem")
         if length**2 < 2.76 * s * wavelength:
             notes.append(
-                f"l^2 = {length**2:.3g} m^2 is below 2.76 s lambda = {2.76 * s * wavelength:.3g} m^2, it curves "
-                "too sharply for tangent planes; use iem"
+                f"l^2 = {length**2:.3g} m^2 is below 2.76 s lambda = {2.76 * s * wavelength:.3g} m^2, too strongly "
+                "curved for the tangent-plane approximation; use iem"
             )
         if slope < 2.0 * (theta[1] - theta[0]):
             notes.append(
-                f"rms slope {slope:.3g} is a lobe narrower than two steps of the table, "
+                f"rms slope {slope:.3g} gives a lobe narrower than two steps of the table, "
                 f"{2 * np.degrees(theta[1]):.2g} deg; "
                 "raise rms_height, shorten correlation_length or use no diffuse law"
             )

@@ -16,8 +16,8 @@ def shared_energy_sigma0(theta: F64, reflectivity: F64, rms_phase: float) -> F64
         \sigma^0(\theta_i, \theta_s) = 4 \cos\theta_i \cos\theta_s \frac{A(\theta_i) A(\theta_s)}{\bar A},
         \quad \bar A = 2 \int_0^{\pi/2} A \cos\theta \sin\theta\, d\theta
 
-    Scattered over the hemisphere, this is the fraction ``A(theta_i)`` of the incident power for *every*
-    incidence angle, and it is reciprocal; the mean albedo in the denominator is what makes both true at once.
+    Integrated over the hemisphere, this is the fraction ``A(theta_i)`` of the incident power for *every* incidence
+    angle, and it is reciprocal; both hold because of the mean albedo in the denominator.
 
     Parameters
     ----------

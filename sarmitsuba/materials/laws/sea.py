@@ -33,7 +33,7 @@ def two_scale_sigma0(
         \sqrt{1 + z^2}\, p(z_x, z_y)\, d^2z
         + \frac{\pi |R(0)|^2}{\cos^4\theta} e^{-4 k^2 s^2} p(z_x = -\tan\theta, 0)
 
-    with the local incidence angle :math:`\theta_l`, the turn :math:`\chi` of the local plane of incidence, the
+    with the local incidence angle :math:`\theta_l`, the rotation :math:`\chi` of the local plane of incidence, the
     Bragg wave vector :math:`\mathbf K`, of length :math:`2 k \sin\theta_l`, along the facet, Gaussian slopes z of the
     waves between ``longest`` and ``TILTING`` k, and the height s of all shorter ones.
 
@@ -42,9 +42,9 @@ def two_scale_sigma0(
     sea : spectrum
     wavenumber : k of the radar, rad/m
     permittivity : of the water
-    longest : rad/m, wavenumber from which waves tilt; longer ones are geometry of the tracer
+    longest : rad/m, least wavenumber of tilting waves; longer waves are traced as geometry
     theta : (n,) rad
-    azimuth : of the look to the wind, rad
+    azimuth : angle between look and wind direction, rad
 
     References
     ----------
@@ -66,7 +66,7 @@ def two_scale_sigma0(
     cos_l = (cos - zx * sin) / stretch
     lit = cos_l > 0.0
     cos_l = np.clip(cos_l, 1e-6, 1.0)
-    # the line of sight along the facet, seen from above: direction of the waves that Bragg scattering picks
+    # line of sight projected onto the facet, seen from above: direction of the Bragg waves
     kx, ky = sin + zx * cos_l / stretch, zy * cos_l / stretch
     # the vertical plane of incidence and the facet's
     turned = np.square(zy) / np.maximum(np.square(zx * cos + sin) + np.square(zy), 1e-30)
@@ -144,7 +144,7 @@ class Sea(DiffuseLaw):
             "wind_direction_deg",
             "float",
             0.0,
-            "where the wind blows from, clockwise from north",
+            "origin of the wind, clockwise from north",
             "deg",
             -360.0,
             360.0,

@@ -56,7 +56,7 @@ def bragg_spectrum(
 
 
 class SmallPerturbation(DiffuseLaw):
-    """Exponential correlation; vv above hh. Leaves out the quasi-specular lobe about the vertical."""
+    """First-order perturbation theory, exponential correlation; vv above hh; without the quasi-specular lobe."""
 
     name = "small_perturbation"
     title = "Bragg scattering of slightly rough surfaces, vv above hh"

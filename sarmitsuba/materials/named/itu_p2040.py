@@ -62,7 +62,7 @@ class ItuMaterial(NamedMaterial):
         return permittivity_from_conductivity(a * ghz**b, c * ghz**d, frequency)
 
     def note(self, frequency: float) -> str:
-        """The band that was extrapolated."""
+        """Warning outside the measured bands."""
         ghz = frequency / 1e9
         low, high = self._band(ghz)[:2]
         if low <= ghz <= high:

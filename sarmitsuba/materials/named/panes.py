@@ -7,7 +7,7 @@ from sarmitsuba.materials.named_materials import MATERIALS, NamedMaterial
 
 @dataclass(frozen=True)
 class GlassSlab(NamedMaterial):
-    """A slab of ITU-R P.2040's glass.
+    """Slab of glass of ITU-R P.2040.
 
     Parameters
     ----------

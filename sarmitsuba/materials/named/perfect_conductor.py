@@ -1,10 +1,10 @@
-"""The perfect electric conductor."""
+"""Perfect electric conductor."""
 
 from sarmitsuba.materials.named_materials import MATERIALS, NamedMaterial
 
 
 class PerfectConductor(NamedMaterial):
-    """Reflects everything at every angle."""
+    """Perfect electric conductor: total reflection at every angle."""
 
     name = "pec"
     title = "perfect electric conductor"

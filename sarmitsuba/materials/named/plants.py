@@ -1,4 +1,4 @@
-"""Living wood, for trunks: from its moisture."""
+"""Permittivity of living wood, for trunks, from its moisture."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ class PlantMaterial(NamedMaterial):
         return plant_permittivity(self.moisture, frequency)
 
     def note(self, frequency: float) -> str:
-        """The band that was measured."""
+        """Warning outside the measured band."""
         if 0.2e9 <= frequency <= 20e9:
             return ""
         return f"Ulaby & El-Rayes measured plants from 0.2 to 20 GHz; extrapolated to {frequency / 1e9:g} GHz"

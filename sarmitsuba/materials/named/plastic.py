@@ -2,4 +2,4 @@
 
 from sarmitsuba.materials.named_materials import MATERIALS, ConstantMaterial
 
-MATERIALS.register(ConstantMaterial("plastic", "polyethylene and its like", 2.25 - 0.01j))
+MATERIALS.register(ConstantMaterial("plastic", "polyethylene and similar", 2.25 - 0.01j))

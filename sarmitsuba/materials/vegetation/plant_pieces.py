@@ -111,7 +111,7 @@ class Piece(ABC):
 
 @dataclass(frozen=True)
 class Leaf(Piece):
-    r"""A thin round disc; its axis is its normal.
+    r"""Thin round disc; its axis is its normal.
 
     Small against the wave, :math:`k a < 1/2`: generalised Rayleigh-Gans, the static field of a flat spheroid within.
     Else the disc is a resistive sheet with the current of an endless one,

@@ -20,8 +20,8 @@ from scipy.special import hankel2, jv, spherical_jn
 
 from sarmitsuba.arrays import C128, F64
 
-# polynomials: so many and one more for every unit of half the length times the wavenumber; k l from which on
-# the rod is taken as endless
+# number of polynomials, plus one per unit of half the length times the wavenumber; k l above which the rod is taken as
+# endless
 LEAST_ORDERS, LONGEST = 8, 60.0
 # of the integrals over half length times wavenumber: step and least end of the even grid, nodes of the one beyond
 _STEP, _EVEN, _BEYOND = 0.1, 200.0, 300
@@ -70,7 +70,7 @@ class ThinRod:
 
     @property
     def _step(self) -> float:
-        """Between the nodes of the tables, in the cosine: a sixth of a radian of phase at the rod's ends, or less."""
+        """Step of the tables in the cosine: at most a sixth of a radian of phase at the rod's ends."""
         return 1.0 / (32.0 + 6.0 * self.half)
 
     @property
@@ -80,7 +80,7 @@ class ThinRod:
 
     @cached_property
     def _tables(self) -> tuple[C128, C128]:
-        """Spline coefficients of the response, along and across, over the cosine that comes and the one that goes."""
+        """Spline coefficients of the response, along and across, over the incident and the scattered cosine."""
         moments = self._moments(
             np.asarray(self._step * np.arange(-self._side, self._side + 1), dtype=np.float64)
         )
