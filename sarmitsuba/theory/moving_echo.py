@@ -60,7 +60,7 @@ def moving_echo(
 def chirp_range_shift(
     range_rate: float, center_frequency: float, bandwidth: float, pulse_width: float
 ) -> float:
-    r"""Range displacement of an echo by range-Doppler coupling, m: :math:`-\frac{c}{2} f_D / \gamma = \dot R f_c T_p / B`.
+    r"""Range displacement by range-Doppler coupling, m: :math:`-\frac{c}{2} f_D / \gamma = \dot R f_c T_p / B`.
 
     References
     ----------

@@ -44,7 +44,7 @@ def beam_cell(antenna_length: float, sliding_factor: float = 1.0) -> float:
 
 
 def beam_taper(antenna_length: float, wavelength: float) -> Taper:
-    r"""Weight of a pulse in the image of a point by a uniform aperture's beam, over the sine s of the angle off boresight.
+    r"""Weight of a pulse in the image of a point by a uniform aperture's beam, over the sine s off boresight.
 
     .. math:: w(s) = \mathrm{sinc}^4(D s / \lambda), \quad \mathrm{sinc} x = \sin \pi x / \pi x
 

@@ -1,1 +1,1 @@
-"""Comparisons of the whole program with theory."""
+"""Validation of the whole program against theory."""

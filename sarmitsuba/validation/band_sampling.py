@@ -4,7 +4,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 
 # centre frequencies of the usual radar bands, Hz
 BANDS = {"L": 1.27e9, "C": 5.405e9, "X": 9.65e9, "Ka": 35.0e9}
-# sides in m: 8 wavelengths or more, where physical optics holds to 0.1 dB, and no two bands alike
+# sides, m: at least 8 wavelengths, for which physical optics holds to 0.1 dB; different in each band
 PLATE_SIDE = {"L": 2.0, "C": 1.0, "X": 1.0, "Ka": 0.3}
 # rays across a target at least: where 4.5 per wavelength are fewer than this, its rim is coarse and not its phase
 RAYS_ACROSS = 128

@@ -70,7 +70,7 @@ def make_scene(
 
 @contextmanager
 def unwarned() -> Iterator[None]:
-    """Leave out the program's own warnings: of what a case chooses on purpose."""
+    """Suppress the program's warnings about settings that a case chooses on purpose."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SarmitsubaWarning)
         yield

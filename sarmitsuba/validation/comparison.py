@@ -1,7 +1,7 @@
 """Comparison of a closed form with the simulation: curves, deviation and tolerance.
 
-A case is one piece of physics with one plot; its comparisons are the curves in it. Every comparison keeps the
-closed form, the simulated values and the tolerance with its reason, so that tests, table and plots say the same.
+A case is one physical effect with one plot; its comparisons are the curves in it. Every comparison holds the closed
+form, the simulated values and the tolerance with its reason, common to tests, table and plots.
 """
 
 from collections.abc import Sequence
@@ -35,21 +35,21 @@ TOPICS = {
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """One closed form against the simulator.
+    """Comparison of one closed form with the simulation.
 
     Parameters
     ----------
-    label : what differs from the other comparisons of the case, e.g. ``X band, HH``
+    label : of the curve, e.g. ``X band, HH``
     x : (n,) float64, in the case's ``x_label``
     theory, simulated : (n,) float64, in ``unit``
-    tolerance : largest deviation that is accepted, in ``unit``
-    reason : why the deviation may be that large
+    tolerance : largest accepted deviation, in ``unit``
+    reason : cause of a deviation of this size
     unit : ``dB``, ``dBsm``, ``m``, ``deg`` or empty
     floor : points are compared where the theory lies within this of its peak, in ``unit``; a closed form's
         nulls are finer than any sampling and mean nothing in dB
-    canonical : counts in the summary over the canonical radar cross sections, where the theory itself holds
-    shown : index of the point that the table quotes; None = where the theory peaks
-    drawn : how far below the theory's peak the plot reaches, in ``unit``; None = as far as is compared
+    canonical : whether it counts in the summary over the canonical radar cross sections, where the theory holds
+    shown : index of the point in the table; None: the peak of the theory
+    drawn : range of the plot below the theory's peak, in ``unit``; None: that of the compared points
     """
 
     label: str
@@ -66,7 +66,7 @@ class Comparison:
 
     @property
     def compared(self) -> NDArray[np.bool_]:
-        """(n,) bool; the points that count."""
+        """Points that are compared, (n,) bool."""
         finite = np.isfinite(self.theory)
         if not finite.any():
             return finite
@@ -74,7 +74,7 @@ class Comparison:
 
     @property
     def deviation(self) -> F64:
-        """(n,) float64, simulated minus theory; nan where not compared."""
+        """Deviation, simulated minus theory, (n,) float64; nan where not compared."""
         out = np.full(self.theory.shape, np.nan)
         keep = self.compared
         out[keep] = self.simulated[keep] - self.theory[keep]
@@ -99,7 +99,7 @@ class Comparison:
 
     @property
     def index(self) -> int:
-        """Index of the point that the table quotes."""
+        """Index of the point in the table."""
         if self.shown is not None:
             return self.shown
         return int(np.argmax(np.where(self.compared, self.theory, -np.inf)))
@@ -107,18 +107,18 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A piece of physics: its closed form with its source, and comparisons that share one plot.
+    """Validation case: a closed form with its source, and comparisons that share one plot.
 
     Parameters
     ----------
     name : of the plot's file and of the command line
-    topic : one of ``TOPICS``, or a word of its own, which makes a section at the end of the page
-    title : a line
+    topic : one of ``TOPICS``, or another word, which adds a section at the end of the page
+    title : one line
     formula : the closed form in plain text
-    source : where the closed form or value is published
+    source : publication of the closed form or value
     x_label, y_label : with units
     comparisons : one curve each
-    note : what the reader must know about the set-up: target, ray spacing, cut
+    note : description of the set-up: target, ray spacing, cut
     """
 
     name: str
@@ -152,7 +152,7 @@ class Summary:
     Parameters
     ----------
     median, worst : of the modulus of the deviation
-    n_points, n_comparisons : that went into them
+    n_points, n_comparisons : numbers included
     n_failed : comparisons of any case out of tolerance
     """
 

@@ -1,4 +1,4 @@
-"""The picture of a validation case."""
+"""Plot of a validation case."""
 
 from pathlib import Path
 

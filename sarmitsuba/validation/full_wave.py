@@ -23,14 +23,14 @@ from sarmitsuba.trace.source import PointSource, Source
 from sarmitsuba.validation import targets
 
 CHANNELS = ("HH", "HV", "VV")
-# distances from a scene's peak, dB, between which the simulator is judged
+# level ranges below a scene's peak, dB, for the comparison
 BELOW_PEAK = (0.0, 3.0, 10.0, 20.0, 30.0, 80.0)
 REMAKE = "python benchmarks/suite/full_wave.py --compute FILE"
 STORED = Path(__file__).parent / "full_wave.json"
 WAVELENGTH = 1.0
 ALL = slice(None)
-# the ground that stands for an infinite one reaches this far beyond what the bodies shade or mirror; turned, so that
-# its rim sends nothing back where the bodies are looked at squarely
+# margin of the finite ground, which represents an infinite one, beyond the shadows and mirror images of the bodies;
+# rotated so that its rim has no specular return towards the bodies' normals
 GROUND_MARGIN = 8.0
 GROUND_TURN = np.radians(17.0)
 
@@ -52,8 +52,8 @@ class DirectionCut:
     ----------
     axis : ``azimuth`` or ``elevation``, the angle that runs from ``first`` to ``last`` in steps of 1 degree
     fixed : the other angle
-    glint : whether a glint or a double bounce of flat parts lies in it; else all that comes back is from edges,
-        corners and curved parts
+    glint : whether it contains a glint or a double bounce of flat parts; else all returns are from edges, corners and
+        curved parts
     """
 
     axis: str
@@ -154,7 +154,7 @@ def ground(lowest: float) -> targets.Mesh:
 
 
 def simulated(name: str, cut: DirectionCut, pick: slice = ALL, *, edges: bool = False) -> C128:
-    """Return the simulator's amplitudes with its automatic settings, less those of the bare ground.
+    """Return the simulator's amplitudes with automatic settings, minus those of the bare ground.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def stored(path: Path = STORED) -> dict[str, dict[str, C128]]:
 
 @dataclass(frozen=True)
 class LevelBand:
-    """Directions whose exact level lies between two distances from the scene's peak.
+    """Accuracy for directions with the exact level in a range below the scene's peak.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ class LevelBand:
 
 
 def bands(exact: C128, simulated: C128) -> list[LevelBand]:
-    """How the simulator does by level below the peak; one channel, (n,) each."""
+    """Accuracy of the simulation by level below the peak; one channel, (n,) each."""
     want, got = np.abs(exact), np.maximum(np.abs(simulated), 1e-12)
     below = 20.0 * np.log10(want.max() / want)
     out = []

@@ -30,7 +30,7 @@ WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY
 
 @dataclass(frozen=True)
 class RadarSetting:
-    """A radar about the origin.
+    """Geometry of a radar that images the origin.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class RadarSetting:
 
     @staticmethod
     def drawn(seed: int, cell: float, look: tuple[float, float] = (28.0, 50.0)) -> "RadarSetting":
-        """A setting of a seed."""
+        """Random setting from a seed."""
         rng = np.random.default_rng([seed, 1998])
         return RadarSetting(
             heading=float(rng.uniform(0.0, 360.0)),
@@ -62,12 +62,12 @@ class RadarSetting:
 
     @property
     def incidence(self) -> float:
-        """Rad, at level ground."""
+        """Incidence angle on level ground, rad."""
         return float(np.radians(self.look))
 
     @property
     def axes(self) -> F64:
-        """(3, 3) rows: away from the radar, to the left of that, up; scene frame."""
+        """Local axes in the scene frame, (3, 3): rows away from the radar, to the left of that, up."""
         heading = np.radians(self.heading)
         away = np.array([np.cos(heading), -np.sin(heading), 0.0]) * (1.0 if self.side == "right" else -1.0)
         return np.stack([away, [-away[1], away[0], 0.0], [0.0, 0.0, 1.0]])
@@ -86,7 +86,7 @@ class RadarSetting:
     def scene(
         self, meshes: list[targets.Mesh], materials: tuple[Material, ...], extent: float, **more: Parameter
     ) -> Scene:
-        """Scene of meshes seen so; ``more`` are parameters of sensor and film."""
+        """Scene of meshes in this setting; ``more`` are parameters of sensor and film."""
         parameters: dict[str, Parameter] = {
             "mode": "spotlight",
             "slant_range": self.slant_range,
@@ -118,7 +118,7 @@ class Pair:
     Parameters
     ----------
     raws, images : first and second, without receiver noise unless `with_noise` made them
-    setting : how the scene was seen
+    setting : geometry of the radar
     """
 
     raws: tuple[RawData, RawData]
@@ -127,11 +127,11 @@ class Pair:
 
     @property
     def radars(self) -> tuple[Radar, Radar]:
-        """Of both passes."""
+        """Radars of both passes."""
         return self.raws[0].radar, self.raws[1].radar
 
     def with_noise(self, ratio: float) -> "Pair":
-        """The same with noise of so many times the image's mean sigma0 in each receiver."""
+        """Pair with noise of ``ratio`` times the image's mean sigma0 in each receiver."""
         warm = focus(_noisy(self.raws[0], 1.0), self.images[0].grid)
         temperature = ratio * float(self.images[0].sigma0().mean()) / warm.metadata["focus"]["nesz"]
         one, two = (_noisy(raw, temperature) for raw in self.raws)
@@ -168,7 +168,7 @@ def pair_of(
 
     Parameters
     ----------
-    setting : how it is seen
+    setting : geometry of the radar
     meshes : see `RadarSetting.parallelogram`; materials are taken in turn where there are several
     extent : of the image, m
     materials : of the meshes

@@ -1,4 +1,4 @@
-"""The validation page: summary, table and plots in Markdown."""
+"""Validation page: summary, table and plots in Markdown."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -12,12 +12,12 @@ from sarmitsuba.focusing.ideal import ideal_echoes
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# every channel has noise of its own: four draws at the price of one pass
+# noise is independent in every channel: four realisations in one pass
 _FOUR = tuple(Layer(channel) for channel in ("HH", "HV", "VH", "VV"))
 
 
 def empty_echoes(radar: Radar, seed: int) -> RawData:
-    """Range-compressed data of a scene without anything in it: the receiver's noise, four channels of it."""
+    """Range-compressed data of an empty scene: receiver noise in four channels."""
     radar = radar.as_recorded()
     shape = (len(_FOUR), radar.track.n_pulses, radar.window.n_samples)
     return add_noise(RawData(np.zeros(shape, np.complex64), _FOUR, "compressed", radar), seed=seed)

@@ -16,7 +16,7 @@ CELL = 1.0
 RAYS_PER_CELL = 4.0
 # edge of the patch, m, and looks per surface: few cells and many looks cost least for a given standard error
 SIZE, LOOKS = 24.0, 150
-# nodes of a turned lattice in a square of so many cells are three more or less, dB
+# uncertainty of the number of nodes of a rotated lattice in the patch, three, dB
 COUNT_DB = 10.0 * np.log10(1.0 + 3.0 / SIZE**2)
 
 

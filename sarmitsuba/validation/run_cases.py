@@ -1,4 +1,4 @@
-"""Choose validation cases and run them."""
+"""Selection and execution of validation cases."""
 
 from collections.abc import Collection
 
@@ -8,12 +8,12 @@ from sarmitsuba.validation.comparison import TOPICS, Case
 
 
 def select(names: Collection[str] = (), topics: Collection[str] = ()) -> tuple[CaseEntry, ...]:
-    """Cases of these names and of these topics, in the order of the page; all of them when none are given.
+    """Cases of given names and topics, in the order of the page; all cases if none are given.
 
     Raises
     ------
     OutputError
-        There is no such case or topic.
+        Unknown case or topic.
     """
     entries = tuple(CASES)
     known = {entry.topic for entry in entries}
@@ -29,12 +29,12 @@ def select(names: Collection[str] = (), topics: Collection[str] = ()) -> tuple[C
 
 
 def run_case(entry: CaseEntry, quick: bool = False) -> Case:
-    """Run one case; ``quick`` takes fewer bands, angles and looks, as the tests do.
+    """Run one case; ``quick``: with fewer bands, angles and looks, as in the tests.
 
     Raises
     ------
     OutputError
-        The case calls itself otherwise than its entry does, so that page and plots would not meet.
+        The names of the case and of its entry differ, so that page and plots would not match.
     """
     case = entry.build(quick)
     if (case.name, case.topic) != (entry.name, entry.topic):

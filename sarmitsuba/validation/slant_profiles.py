@@ -33,7 +33,7 @@ BRIGHT = Material(
 
 
 def diffuse_only(settings: TraceSettings) -> TraceSettings:
-    """Settings without the coherent returns of smooth faces, whose rims draw bright lines of their own."""
+    """Settings without the coherent returns of smooth faces, whose rims appear as bright lines."""
     return replace(settings, effects={**settings.effects, "coherent": "off"})
 
 
@@ -100,7 +100,7 @@ def profile(image: SarImage, scene: Scene, order: int = 0) -> tuple[F64, F64]:
 
 
 def edge(axis: F64, power: F64, expected: float, rising: bool, reach: float = 3.0) -> float:
-    """Place where a step crosses half its height, m; the plateaus lie within ``reach`` of the expected place."""
+    """Position at which a step crosses half its height, m; the plateaus are within ``reach`` of ``expected``."""
     lit = (
         (axis > expected) & (axis < expected + reach)
         if rising
@@ -112,7 +112,7 @@ def edge(axis: F64, power: F64, expected: float, rising: bool, reach: float = 3.
         else (axis > expected) & (axis < expected + reach)
     )
     half = 0.5 * (power[lit].mean() + np.median(power[dark]))
-    # running sum of the excess: its extreme marks the step whatever the speckle does
+    # cumulative sum of the excess: its extremum marks the step, robust against speckle
     near = np.abs(axis - expected) < reach
     x, p = axis[near], power[near]
     score = np.cumsum(p - half)

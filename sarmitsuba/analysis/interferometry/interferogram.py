@@ -211,7 +211,7 @@ def check_pair(first: SarImage, second: SarImage, channel: str) -> None:
             )
         if image.metadata.get("focus", {}).get("all_round"):
             raise DataError(
-                f"interferogram: the {number} image has a circular aperture without a line of sight; choose another mode"
+                f"interferogram: the {number} image has a circular aperture, no line of sight; choose another mode"
             )
         if image.metadata.get("focus", {}).get("method") == "raster":
             raise DataError(

@@ -1,4 +1,4 @@
-// What a student may change about the aperture, and where every pulse stands as seen from a piece of the image.
+// Settings of the aperture (pulses, windows, track error), and sines of pixels along the flight.
 
 import { windowOf } from "sarmitsuba/windows.js";
 
@@ -7,25 +7,25 @@ export function plainSettings(data) {
   return {
     rangeWindow: data.windows?.range ?? "rectangular",
     azimuthWindow: data.windows?.azimuth ?? "rectangular",
-    keepEvery: 1, // 2: every second pulse is thrown away
-    from: 0, // part of the aperture that is used, 0 ... 1
+    keepEvery: 1, // 2: every second pulse is dropped
+    from: 0, // used part of the aperture, 0 ... 1
     to: 1,
     error: { kind: "none", amplitude: 0, cycles: 3 },
   };
 }
 
-/** Kinds of track errors and what they do. */
+/** Kinds of track errors and their effects. */
 export const TRACK_ERRORS = {
   none: "the track is known exactly",
-  linear: "the error grows evenly along the aperture: the image moves in azimuth",
-  quadratic: "the error bends: points smear out in azimuth, the image is out of focus",
-  sinusoidal: "the antenna shakes: paired echoes stand beside every point in azimuth",
+  linear: "the error grows linearly along the aperture: the image is displaced in azimuth",
+  quadratic: "the error is quadratic: points are smeared in azimuth, the image is out of focus",
+  sinusoidal: "the error oscillates: paired echoes appear beside every point in azimuth",
 };
 
 /**
- * Which pulses count how much, and where the focuser believes the antenna was.
+ * Weights of the pulses, and the track error assumed by the focuser.
  * @param {object} data see backprojector.js
- * @param {object} settings see plainSettings; what is left out is as there
+ * @param {object} settings see plainSettings, which has the defaults
  * @returns weights Float32Array(nPulses), 0 for pulses not used; trackError Float64Array(nPulses), m by which the
  *   antenna is believed to be too far from the scene's centre; band: null or {half, shift, step, window}
  */
@@ -50,7 +50,7 @@ export function aperturePlan(data, settings) {
   return { weights, trackError, band: null };
 }
 
-/** Error of every pulse in m: amplitude is that at the aperture's ends (linear, quadratic) or the crest's. */
+/** Error of every pulse, m; amplitude: at the aperture's ends (linear, quadratic), or of the oscillation. */
 export function makeTrackError(nPulses, { kind, amplitude, cycles = 3 }) {
   const out = new Float64Array(nPulses);
   for (let t = 0; t < nPulses; t++) {
@@ -65,7 +65,7 @@ export function makeTrackError(nPulses, { kind, amplitude, cycles = 3 }) {
 
 const SINC_HALF_POWER = 0.442946470689452; // sinc(pi u) = 1/sqrt(2)
 
-/** Gain of a measured cut, linear between nodes that are even from the first sine to the last; its ends hold. */
+/** Gain of a measured cut, linear between nodes uniform in the sine; constant beyond its ends. */
 function lookedUp(sine, ends, gain) {
   const last = gain.length - 1;
   const place = Math.min(Math.max(((sine - ends[0]) / (ends[1] - ends[0])) * last, 0), last);
@@ -94,10 +94,9 @@ export function beamGain(beam, t, x, y, z) {
 }
 
 /**
- * What the aperture that is left can do at the scene's centre.
- * @returns {{pulses: number, azimuth: number, range: number, apart: number}} pulses used; cells in azimuth and slant
- *   range, m, as wide as a rectangle of the impulse response's energy and peak; distance in azimuth between the copies
- *   of a point that pulses so far apart leave, m
+ * Resolution cells and ambiguities of the used aperture at the scene's centre.
+ * @returns {{pulses: number, azimuth: number, range: number, apart: number}} pulses used; noise-equivalent cells in
+ *   azimuth and slant range, m; distance of the azimuth ambiguities of a point, m
  */
 export function apertureFacts(data, settings) {
   const s = { ...plainSettings(data), ...settings };

@@ -13,7 +13,7 @@ export class AspectPlot {
   constructor(canvas, { angle, polar, whole, curves, onAspect }) {
     Object.assign(this, { canvas, angle, polar, whole });
     const most = curves.reduce((top, { levels }) => Math.max(top, ...levels), -Infinity);
-    /** dBsm at the rim, and at the middle or at the bottom. */
+    /** dBsm at the rim, and at the centre or bottom. */
     this.top = Number.isFinite(most) ? 5 * Math.ceil(most / 5) : 0;
     this.bottom = this.top - SPAN_DB;
     this.lines = [];

@@ -1,19 +1,19 @@
-// Backprojection in the browser: every recorded pulse is added to every pixel at the pixel's own range,
+// Backprojection in the browser: every recorded pulse is added to every pixel at the pixel's range,
 //
 //   I(p) = sum_t w_t g_t (R/R0)^2 s_t(R) exp(+j 4 pi (R - R0) / lambda) / sum_t w_t g_t^2,   R = |p - antenna_t|
 //
 // with s_t already times R0^2/K exp(+j 4 pi R0 / lambda), R0 the distance to the scene's centre (quantised_profiles.py writes it).
 //
-// Precision. Ranges and phases are float64 once per pulse and block of pixels, here in JavaScript; the shader only adds
-// what a pixel's small offset q from its block's middle changes,
+// Precision. Ranges and phases are float64 once per pulse and block of pixels, here in JavaScript; the shader adds the
+// change by the offset q of a pixel from the centre of its block,
 //   dR = (2 u.q + q^2/R) / (1 + sqrt(1 + (2 u.q + q^2/R) / R)),
-// whose float32 rounding is below 1e-3 rad because a block is a few hundred wavelengths of range wide at most. No trick
-// with compensated float32 sums is needed, which a shader compiler may undo.
+// whose float32 rounding is below 1e-3 rad because a block is at most a few hundred wavelengths of range wide.
+// Compensated float32 sums, which a shader compiler may undo, are not needed.
 //
 // data: {
 //   wavelength m; nPulses; nBins; binSpacing m of slant range; bandFraction bandwidth / sampling rate;
 //   antenna Float64Array(3 nPulses) m, from the scene's centre; referenceRange Float64Array(nPulses) m, R0;
-//   firstBin Float64Array(nPulses) m, slant range of bin 0 less R0;
+//   firstBin Float64Array(nPulses) m, slant range of bin 0 minus R0;
 //   profiles Int16Array or Float32Array [nPulses][nBins](re, im); scale Float32Array(nPulses), or null for 1;
 //   weights Float32Array(nPulses);
 //   beam null (isotropic) or {pattern "gaussian" | "rectangular" | "table", perWidth [2], azimuthAxis, elevationAxis,
@@ -24,25 +24,25 @@
 // }
 // grid: { nx, ny; origin [3] m from the scene's centre; along, across [3] horizontal unit vectors at right angles;
 //   rows Float64Array(ny), columns Float64Array(nx): m along and across from origin }
-// pixel (row i, column j) stands at origin + rows[i] along + columns[j] across; images are [ny][nx].
+// pixel (row i, column j) is at origin + rows[i] along + columns[j] across; images are [ny][nx].
 
 import { aperturePlan, beamGain, plainSettings } from "sarmitsuba/aperture.js";
 import { OVERSAMPLING, RangeProfiles } from "sarmitsuba/range_profiles.js";
 
-// what a block may be wide along each of its axes, each way from its middle:
+// bounds of a block's half width along its axes:
 // wavelengths of range, 100 + 100 of which are 400 turns, of which float32 keeps 2e-5 turns = 1e-4 rad
 const BLOCK_WAVES = 100;
-// half beams, over which the gain is taken as linear
+// half beams, over which the gain is approximated as linear
 const BLOCK_BEAMS = 0.1;
-// the range, over which the sine along the flight is taken as linear: to the square of this
+// relative range, over which the sine along the flight is approximated as linear: error of the square of this
 const BLOCK_RANGES = 1 / 400;
 const BLOCK_SIZES = [64, 32, 16, 8, 4, 2, 1];
 // pulses whose profiles share a texture
 const GROUP = 64;
 const WINDOW_NODES = 1025;
-// a whole bin and its row in one exact float32: longer profiles go to the CPU
+// bin and row are packed in one exact float32: longer profiles are processed on the CPU
 const BIN_OFFSET = 8192;
-// part of the best lit pixel's weight below which a pixel is dark
+// weight of a pixel relative to the largest weight, below which it is dark
 const DARK = 1e-6;
 
 const VERTEX = `#version 300 es
@@ -62,8 +62,8 @@ out vec4 result;
 
 const int TEXELS = ${weighted ? 4 : 2};
 
-// cosine and sine of |y| <= 1/2 turns by their halves: least squares over the half turn, error below 2e-6, where the
-// language promises 5e-4 of its own
+// cosine and sine of |y| <= 1/2 turns from their halves: least squares over the half turn, error below 2e-6; the
+// language guarantees only 5e-4
 vec2 phasor(float y) {
   float z = y * y;
   float s = y * (3.14158197 + z * (-5.16714121 + z * (2.54188617 - z * 0.55460646)));
@@ -121,7 +121,7 @@ void main() {
   result = sum;
 }`;
 
-/** The blocks of a grid: middles, and every pixel's offset from its own block's. */
+/** Blocks of a grid: centres, and the offset of every pixel from its block's centre. */
 class Blocks {
   constructor(data, grid) {
     this.rows = Blocks.along(data, grid.along, grid.rows);
@@ -156,7 +156,7 @@ class Blocks {
   }
 }
 
-/** Where a pulse's antenna is believed to be: moved along the line from the scene's centre. */
+/** Assumed antenna position of a pulse: with the track error along the line from the scene's centre. */
 function believedAntenna(data, t, error) {
   const stretch = 1 + error / data.referenceRange[t];
   return [0, 1, 2].map((axis) => data.antenna[3 * t + axis] * stretch);
@@ -233,7 +233,7 @@ class GpuSums {
     return texture;
   }
 
-  /** Empty sums; the profiles are made anew when their window changed. */
+  /** Empty sums; profiles are recomputed if their window changed. */
   reset(profiles, band) {
     const { gl } = this;
     if (profiles !== this.profiles) {
@@ -315,7 +315,7 @@ class GpuSums {
     this.targets.reverse();
   }
 
-  /** What the shader needs of one pulse, for every block; all float64 until it is small. */
+  /** Parameters of one pulse for the shader, for every block; float64 until the values are small. */
   fillTable(k, t, row, weight, error) {
     const { data, grid, blocks, table, texels } = this;
     const { origin, along, across } = grid;
@@ -388,7 +388,7 @@ class GpuSums {
     }
   }
 
-  /** (re, im, weight, 0) of every pixel, without holding up the page. */
+  /** (re, im, weight, 0) of every pixel, without blocking the page. */
   async read() {
     const { gl, grid } = this;
     const out = new Float32Array(4 * grid.nx * grid.ny);
@@ -402,7 +402,7 @@ class GpuSums {
     for (;;) {
       const state = gl.clientWaitSync(fence, 0, 0);
       if (state === gl.ALREADY_SIGNALED || state === gl.CONDITION_SATISFIED) break;
-      if (gl.isContextLost()) throw new Error("backprojector: the browser took the GPU away; reload the page");
+      if (gl.isContextLost()) throw new Error("backprojector: the browser lost the GPU; reload the page");
       await new Promise((resolve) => setTimeout(resolve, 2));
     }
     gl.deleteSync(fence);
@@ -420,7 +420,7 @@ class GpuSums {
     for (const one of this.targets) gl.deleteFramebuffer(one);
     gl.deleteBuffer(this.pixelBuffer);
     gl.deleteProgram(this.program);
-    // a browser keeps few contexts alive at a time
+    // browsers limit the number of live contexts
     if (this.own) gl.getExtension("WEBGL_lose_context")?.loseContext();
   }
 }
@@ -482,7 +482,7 @@ class CpuSums {
     }
   }
 
-  /** What the pulse counts within the pixel's own aperture. */
+  /** Weight of the pulse within the pixel's aperture. */
   share(t, x, y, z, range) {
     const { data, band } = this;
     if (!band) return 1;
@@ -502,7 +502,7 @@ class CpuSums {
   free() {}
 }
 
-/** An image that grows pulse by pulse. */
+/** Image accumulated pulse by pulse. */
 class Backprojector {
   constructor(sums, data, grid, device) {
     this.sums = sums;
@@ -560,26 +560,26 @@ class Backprojector {
     return { re, im };
   }
 
-  /** The image so far in dB of 1 m^2, Float32Array [ny][nx]; -Infinity where there is nothing. */
+  /** Present image in dB of 1 m^2, Float32Array [ny][nx]; -Infinity where the power is zero. */
   async magnitudeDb() {
     const { re, im } = await this.read();
     return re.map((value, i) => 10 * Math.log10(value * value + im[i] * im[i]));
   }
 
-  /** Give the GPU's memory back. */
+  /** Release the GPU memory. */
   free() {
     this.sums.free();
   }
 }
 
-/** A WebGL2 context that can add up floats, or null. */
+/** WebGL2 context with additive float blending, or null. */
 function floatContext(canvas) {
   const gl = (canvas ?? new OffscreenCanvas(1, 1)).getContext("webgl2", { antialias: false, depth: false });
   return gl?.getExtension("EXT_color_buffer_float") ? gl : null;
 }
 
 /**
- * @param {HTMLCanvasElement | OffscreenCanvas | null} canvas that gives the WebGL2 context; null: one of its own
+ * @param {HTMLCanvasElement | OffscreenCanvas | null} canvas of the WebGL2 context; null: a new one
  * @param {object} data see the head of this file
  * @param {object} grid see the head of this file
  * @param {"auto" | "gpu" | "cpu"} device auto: the GPU where it can, else the CPU

@@ -1,4 +1,4 @@
-// Starts a page: reads its numbers, and says so when it cannot be shown.
+// Starts a page: reads its data, and shows a message if that fails.
 
 import { readPayload } from "sarmitsuba/unpack.js";
 
@@ -10,8 +10,8 @@ function fail(error) {
 }
 
 /**
- * @param {function} make of the page's numbers; what it returns has an async `start`
- * @param {object} more what tests, and the curious, find beside the page in `window.sarmitsuba`
+ * @param {function} make creates the page from its data; the result has an async `start`
+ * @param {object} more additional entries of `window.sarmitsuba`, for tests
  */
 export async function boot(make, more = {}) {
   try {

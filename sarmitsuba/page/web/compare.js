@@ -1,4 +1,4 @@
-// Two images of the same scene beside each other: one cursor in both, their difference, and one in place of the other.
+// Comparison of two images of one scene: side by side with a common cursor, alternating, or their difference.
 
 import { complexDifference, decibels, likeness, paintGrey, paintRatio } from "sarmitsuba/image_math.js";
 import { createImageView, make, slider, useStyle } from "sarmitsuba/image_view.js";
@@ -10,11 +10,11 @@ const STYLE = `
 .sar-pair [hidden] { display: none; }
 .sar-pair p { margin: 0; font-size: .88rem; }
 `;
-// a change of picture every so many ms: one flash per second, a third of what is allowed
+// ms between changes of the picture: one flash per second, a third of the accessibility limit
 const FLICKER_MS = 500;
 const MODES = {
-  side: ["Side by side", "Both images; the cursor stands at the same place of the ground in both."],
-  flicker: ["Flicker", "One image, then the other, in the same place: what moves or blinks is different."],
+  side: ["Side by side", "Both images; the cursor is at the same place of the ground in both."],
+  flicker: ["Flicker", "The images alternate in the same place: whatever moves or blinks differs."],
   ratio: ["Difference in dB", ""],
   complex: ["Complex difference", ""],
 };
@@ -50,7 +50,7 @@ class Comparison {
     this.setMode("side");
   }
 
-  /** What one view tells the other. */
+  /** Synchronise the cursors of both views. */
   links(other) {
     return {
       onCursor: (_, point) => other().setCursor(point && other().pixelOf(point)),
@@ -59,7 +59,7 @@ class Comparison {
     };
   }
 
-  /** The second view shows the same orders as the first, and what is made of both follows. */
+  /** Show the same orders in the second view as in the first, and update their comparison. */
   painted(view) {
     if (!this.mode || this.busy) return;
     this.busy = true;
@@ -83,7 +83,7 @@ class Comparison {
     this.modes.append(this.colours.node, this.pause);
   }
 
-  /** Whether the pixels of both stand at the same places. */
+  /** Whether the pixels of both have equal positions. */
   get alike() {
     const [a, b] = [this.first, this.second].map((view) => view.grid);
     if (a.nx !== b.nx || a.ny !== b.ny) return false;
@@ -122,7 +122,7 @@ class Comparison {
     this.say();
   }
 
-  /** Stop the flicker at the image shown, or go on by one. */
+  /** Stop the flicker at the present image, or switch to the other one. */
   turn() {
     if (this.timer) {
       clearInterval(this.timer);
@@ -144,7 +144,7 @@ class Comparison {
     }
   }
 
-  /** What is seen, in words. */
+  /** Description of the present display. */
   say() {
     const [a, b] = this.titles;
     const names = { flicker: this.swapped ? b : a, ratio: `${a} over ${b}`, complex: `${a} minus ${b}` };
@@ -159,7 +159,7 @@ class Comparison {
       text = `Orange: ${a} is stronger; blue: ${b} is stronger; white: equal; black: both below the dB slider's black.`;
     }
     if (this.mode === "complex") {
-      text = "Strength of what is left when one image is taken from the other, phase and all, on the images' own dB scale.";
+      text = "Magnitude of the complex difference of both images, on their dB scale.";
     }
     this.text.textContent = this.alike ? `${text} ${this.figures()}` : text;
   }
@@ -179,7 +179,7 @@ class Comparison {
     return `Coherence ${coherence.toFixed(4)}; ${left}.`;
   }
 
-  /** Stop all that moves and leave the page. */
+  /** Stop all animation and remove the views. */
   remove() {
     clearInterval(this.timer);
     this.element.remove();

@@ -1,8 +1,8 @@
-// Buttons and switches of a page, and the keys that do the same.
+// Buttons and switches of a page, with their keys.
 
 import { html } from "sarmitsuba/markup.js";
 
-/** A button that says its key. */
+/** Button labelled with its key. */
 export function button(parent, text, key, call) {
   const node = document.createElement("button");
   node.type = "button";
@@ -13,13 +13,13 @@ export function button(parent, text, key, call) {
   return node;
 }
 
-/** The next of a value's settings; on or off where there are none. */
+/** Next setting of a value; on or off without settings. */
 export function turn(store, name, values) {
   const now = store.get(name);
   store.set({ [name]: values ? values[(values.indexOf(now) + 1) % values.length] : !now });
 }
 
-/** A button per switch [name, text, key, values, words of the values]; without values: on or off. */
+/** One button per switch [name, text, key, values, labels of the values]; without values: on or off. */
 export function switches(parent, list, store) {
   for (const [name, text, key, values, words] of list) {
     const node = button(parent, text, key, () => turn(store, name, values));
@@ -34,7 +34,7 @@ export function switches(parent, list, store) {
   }
 }
 
-/** Whether a key is meant for the page, and not for a dialogue, a field or the browser. */
+/** Whether a key event is for the page, not for a dialogue, a field or the browser. */
 export function ours(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return false;
   return !["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName) || event.key === "Escape";
@@ -43,7 +43,7 @@ export function ours(event) {
 /** Name of a key, letters in lower case. */
 export const keyName = (event) => (event.key.length === 1 ? event.key.toLowerCase() : event.key);
 
-/** What a help dialogue says. */
+/** Content of a help dialogue. */
 export function helpText(keys, mouse) {
   return html`<h2>Keys</h2><table>${keys.map(([key, text]) => html`<tr><td><kbd>${key}</kbd></td><td>${text}</td></tr>`)}</table>
     <h2>Mouse</h2><p>${mouse}</p>

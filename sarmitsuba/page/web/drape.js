@@ -1,4 +1,4 @@
-// The image as a sheet in the scene.
+// Radar image as a textured sheet in the scene.
 
 import * as THREE from "three";
 

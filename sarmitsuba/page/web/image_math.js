@@ -1,4 +1,4 @@
-// Arithmetic on complex images [row][column] that stand beside each other: sums of layers, decibels, differences.
+// Arithmetic on complex images [row][column] on one grid: sums of layers, decibels, differences.
 
 /**
  * Coherent sum of layers.
@@ -18,8 +18,8 @@ export function sumOf(layers, n) {
 }
 
 /**
- * Power in dB; -Infinity where there is none.
- * @param {Float32Array | null} cellArea m^2 per column, which makes sigma0 of RCS; null: RCS in dB of 1 m^2
+ * Power in dB; -Infinity where it is zero.
+ * @param {Float32Array | null} cellArea m^2 per column, for sigma0; null: RCS in dB of 1 m^2
  */
 export function decibels({ re, im }, columns, cellArea) {
   const out = new Float32Array(re.length);
@@ -30,7 +30,7 @@ export function decibels({ re, im }, columns, cellArea) {
   return out;
 }
 
-/** Value below which a share of the finite values lies; 0 where there are none. */
+/** Quantile of the finite values; 0 if there are none. */
 export function quantile(values, share) {
   const some = values.filter(Number.isFinite).sort();
   return some.length ? some[Math.min(some.length - 1, Math.floor(share * some.length))] : 0;
@@ -42,7 +42,7 @@ export function complexDifference(a, b) {
 }
 
 /**
- * How alike two complex images are.
+ * Coherence of two complex images, and their relative difference.
  * @returns {{coherence: number, error: number}} |sum a b*| / sqrt(sum |a|^2 sum |b|^2), and the power of a - b over that
  *   of a in dB; NaN where one of them is empty
  */
@@ -82,7 +82,7 @@ export function paintRatio(canvas, first, second, columns, black, most) {
     if (!(Math.max(first[i], second[i]) > black)) return 0xff000000;
     const part = Math.min(Math.max((first[i] - second[i]) / most, -1), 1);
     const rest = 1 - Math.abs(part);
-    // towards #e66100 and #1a6fdf, which the colour-blind tell apart too
+    // towards #e66100 and #1a6fdf, distinguishable also with colour blindness
     const [r, g, b] = part > 0 ? [230, 97, 0] : [26, 111, 223];
     const mix = (value) => Math.round(value + (245 - value) * rest);
     return 0xff000000 | (mix(b) << 16) | (mix(g) << 8) | mix(r);

@@ -26,7 +26,7 @@ const STYLE = `
 const MARGIN = { left: 54, right: 10, top: 8, bottom: 38 };
 const SHOWN_DB = 50;
 
-/** Put this module's rules into the page, once. */
+/** Add this module's style rules to the page, once. */
 export function useStyle() {
   if (document.getElementById("sar-view-style")) return;
   const node = document.createElement("style");
@@ -43,7 +43,7 @@ export function make(tag, attributes = {}, ...children) {
   return node;
 }
 
-/** A slider with its name and its value with a unit; the value can be set. */
+/** Slider with a name, a value and its unit. */
 export function slider(name, { low, high, step, value, unit }, call) {
   const input = make("input", { type: "range", min: low, max: high, step, value });
   const output = make("output");
@@ -85,16 +85,16 @@ class ImageView {
     this.cursor = null;
     this.live = null;
     this.painter = null;
-    /** What else is said of the pixel under the cursor: (pixel) => text. */
+    /** Additional text on the pixel under the cursor: (pixel) => text. */
     this.more = () => "";
     this.makeTools(controls);
     this.listen();
     this.setImage(image, grid, title);
   }
 
-  // ---- what is shown -------------------------------------------------------------------------------------------------
+  // ---- display -------------------------------------------------------------------------------------------------------
 
-  /** Another image; levels are chosen anew. */
+  /** Show another image, with automatic levels. */
   setImage(image, grid, title = this.caption.textContent) {
     this.image = image;
     this.grid = grid;
@@ -110,7 +110,7 @@ class ImageView {
     this.place();
   }
 
-  /** A complex image {re, im} in m in place of the layers, such as one that grows; null: the layers again. */
+  /** Show a complex image {re, im}, m, instead of the layers, such as a partial one; null: the layers. */
   setLive(sum) {
     this.live = sum;
     this.update();
@@ -139,7 +139,7 @@ class ImageView {
     this.paint();
   }
 
-  /** What paints the pixels in place of grey levels: a function of the canvas; null: grey again. */
+  /** Function of the canvas that paints the pixels instead of grey levels; null: grey levels. */
   setPainter(painter) {
     this.painter = painter;
     this.paint();
@@ -156,7 +156,7 @@ class ImageView {
         this.sum.im[i] /= scale;
       });
     }
-    /** The same in dB. */
+    /** Image as shown, dB. */
     this.db = decibels(this.sum, nx, cellArea);
     this.tell();
   }
@@ -227,7 +227,7 @@ class ImageView {
       return;
     }
     event.preventDefault();
-    event.stopPropagation(); // the page's own keys move other things
+    event.stopPropagation(); // the page uses the same keys
   }
 
   pixelAt(event) {
@@ -269,10 +269,10 @@ class ImageView {
     return row === null || column === null ? null : { row, column };
   }
 
-  /** The cursor in words. */
+  /** Update the text on the cursor's pixel. */
   tell() {
     if (!this.cursor) {
-      this.readout.textContent = "Point at the image: where it is and how strong.";
+      this.readout.textContent = "Point at the image for position and level.";
       return;
     }
     const { row, column } = this.cursor;
@@ -286,7 +286,7 @@ class ImageView {
       `${this.image.cellArea ? "sigma0" : "RCS"} ${this.levelText(row * nx + column)}${this.more(this.cursor)}`;
   }
 
-  /** What the axes are called: in a sentence, and in full. */
+  /** Names of the axes: short, and in full. */
   names() {
     const range = `${this.grid.kind} range`;
     return this.axes ?? { along: ["azimuth", "azimuth (m), flight →"], across: [range, `${range} (m), away from the radar →`] };
@@ -299,7 +299,7 @@ class ImageView {
 
   // ---- drawing over the pixels ---------------------------------------------------------------------------------------
 
-  /** Fit the pixels into the stage in their true proportions, and the drawing over both. */
+  /** Fit the pixels into the stage in true proportions, and the drawing over them. */
   place() {
     const { stage, canvas, drawing, grid } = this;
     const [width, height] = [stage.clientWidth, stage.clientHeight];

@@ -1,4 +1,4 @@
-// Texts that stand at points of the scene, as elements over its canvas.
+// Labels at points of the scene, as elements over its canvas.
 
 import { Vector3 } from "three";
 

@@ -1,4 +1,4 @@
-// Geometry of range and Doppler: where an echo lands on the image's plane, and back.
+// Geolocation by range and Doppler on the image plane, and its inverse.
 // Positions are in metres from the page's origin, axes east, north, up; plain arrays of three numbers, float64.
 
 export const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -17,7 +17,7 @@ export function rangeAndRate(position, velocity, point) {
 }
 
 /**
- * Point of the plane z = height that has this range and rate, on the side `across` points to; null: there is none.
+ * Point of the plane z = height with this range and rate, on the side of `across`; null: no such point.
  * |P - X| = R and (P - X).v = rate R, as in sarmitsuba/page/localise.py.
  */
 export function onPlane(position, velocity, range, rate, height, across) {
@@ -37,7 +37,7 @@ export function onPlane(position, velocity, range, rate, height, across) {
   return [position[0] + along * ux + beside * sx, position[1] + along * uy + beside * sy, height];
 }
 
-/** Where an echo of `point` is drawn: directly, by the ground and once more by the ground (mirror at z = ground). */
+/** Image positions of the echoes of `point`: direct, with one and with two ground reflections (mirror at z = ground). */
 export function landings(position, velocity, point, ground, grid) {
   const mirrored = [point[0], point[1], 2 * ground - point[2]];
   const direct = rangeAndRate(position, velocity, point);
@@ -76,8 +76,8 @@ export function pointOf(grid, at) {
 }
 
 /**
- * Where a beam meets the plane z = height: `count` points of its half-power outline, from the antenna's axes.
- * A ray that misses the plane ends `most` metres away.
+ * Footprint of a beam on the plane z = height: `count` points of its half-power outline, from the antenna's axes.
+ * A ray that misses the plane ends at `most` metres.
  */
 export function footprint(position, axes, widths, height, most, count = 64) {
   const [boresight, azimuth, elevation] = axes;

@@ -1,4 +1,4 @@
-// The page: state, time line, switches, keys, help. What is drawn is drawn by world.js, profile.js and the image's own modules.
+// The page: state, time line, switches, keys, help. Drawing is in world.js, profile.js and the image's modules.
 
 import { plainSettings } from "sarmitsuba/aperture.js";
 import { boot } from "sarmitsuba/boot.js";
@@ -35,7 +35,7 @@ const KEYS = [
   ["G", "scene: solid, glass, hidden"], ["E", "distance of the radar: shortened or true"], ["S", "radar shadow"], ["B", "beam"],
   ["W", "wave (range shell)"], ["R", "lines of equal range"], ["P", "image building up, or finished"], ["L", "next look"],
   ["C", "compare two looks"], ["F", "focus again, or explanation"], ["T", "guided tour"],
-  ["Esc", "clear what was clicked"], ["?", "this help"],
+  ["Esc", "clear the selection"], ["?", "this help"],
 ];
 
 class Page {
@@ -178,7 +178,7 @@ class Page {
     event.preventDefault();
   }
 
-  // ---- what is shown ---------------------------------------------------------------------------------------------
+  // ---- display ---------------------------------------------------------------------------------------------------
 
   showLook() {
     const { look, store, world } = this;
@@ -199,7 +199,7 @@ class Page {
     this.caption();
   }
 
-  /** The look's image beside the scene and on its ground, and what focuses its pulses again. */
+  /** Show the look's image beside the scene and on its ground, with the controls for focusing again. */
   showImage() {
     const { look, world } = this;
     const image = { layers: look.image.layers, scale: look.image.scale, cellArea: look.image.cell_area };
@@ -218,12 +218,12 @@ class Page {
     this.refocus = null;
     $("refocus").replaceChildren();
     if (!look.echo) {
-      $("refocus").textContent = "This run kept no raw data: there are no pulses to focus again.";
+      $("refocus").textContent = "This run kept no raw data, so that there are no pulses to focus.";
       return;
     }
     const about = document.createElement("p");
     about.className = "quiet";
-    about.textContent = "Here your browser makes the image from the recorded pulses. Leave some out, take a shorter stretch of the flight, another window, or a wrong track, and see what it does.";
+    about.textContent = "Here your browser focuses the recorded pulses. Drop some of them, shorten the aperture, change the window, or add a track error, and see the effect.";
     $("refocus").append(about);
     this.changed = false;
     this.refocus = createRefocus($("refocus"), {
@@ -255,7 +255,7 @@ class Page {
     }
   }
 
-  /** Two images beside each other, in turn, or their difference: the one shown and the next. */
+  /** Compare the present image with that of the next look. */
   compare() {
     const { looks } = this.data;
     const now = this.store.get("look");
@@ -287,10 +287,10 @@ class Page {
     if (!radar) return;
     const about = {
       antenna: "The blue cone is the antenna's beam (half power).",
-      processed: "This antenna radiates evenly; the blue cone is as wide as the beam that the image is made with.",
-      image: "This antenna radiates evenly; the blue cone encloses the image.",
+      processed: "This antenna is isotropic; the blue cone is as wide as the processed beam.",
+      image: "This antenna is isotropic; the blue cone encloses the image.",
     };
-    const near = this.store.get("scale") === "near" ? " The radar is drawn nearer than it is (key E)." : "";
+    const near = this.store.get("scale") === "near" ? " The radar is drawn closer than it is (key E)." : "";
     $("caption").textContent = about[radar.beam] + near;
   }
 
@@ -302,7 +302,7 @@ class Page {
     $("pulse-text").textContent = `${pulse + 1} of ${radar.time.length}, ${radar.time[pulse].toFixed(3)} s`;
   }
 
-  /** One frame of whatever moves. */
+  /** One frame of the animation. */
   tick(now) {
     const passed = Math.min((now - (this.before ?? now)) / 1000, 0.5);
     this.before = now;

@@ -1,5 +1,5 @@
-// Markup whose values are text: whatever stands between the pieces of a template is escaped, unless it is markup itself.
-// The only place where text becomes elements: names in a run's files are data, wherever they come from.
+// Markup templates: values are escaped as text, unless they are markup themselves. The only place where text becomes
+// elements: names in a run's files are untrusted data.
 
 const ENTITIES = { "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&#39;" };
 
@@ -15,12 +15,12 @@ function written(value) {
   return String(value ?? "").replace(/[&<>"']/g, (c) => ENTITIES[c]);
 }
 
-/** Tag of template literals: markup of their pieces as they stand, and of their values as text (arrays: one after the other). */
+/** Template tag: literal pieces are markup, values are text (arrays: concatenated). */
 export function html(pieces, ...values) {
   return new Markup(pieces.reduce((text, piece, i) => text + written(values[i - 1]) + piece));
 }
 
-/** Markup, or text, in place of all that an element holds. */
+/** Replace the content of an element by markup or text. */
 export function fill(element, markup) {
   const holder = document.createElement("template");
   holder.innerHTML = written(markup);

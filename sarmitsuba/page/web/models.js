@@ -1,9 +1,9 @@
-// What is drawn of solid things: the scene's meshes by material, and the radar's platform.
+// 3-D models: the scene's meshes by material, and the radar's platform.
 
 import * as THREE from "three";
 import { GLTFLoader } from "three/gltf_loader";
 
-// what materials look like to the eye, by words of their names
+// visual appearance of materials, by words in their names
 const MATERIALS = [
   [/water/, 0x2f6f9f], [/grass|leaves|veget|tree/, 0x5f8f4a], [/soil|ground|earth|sand/, 0x8d7b5e],
   [/asphalt|road|street/, 0x5d6269], [/paving|stone|marble/, 0x9a968c], [/glass/, 0x86b7c9],
@@ -17,7 +17,7 @@ function materialColour(name, index) {
   return found ? found[1] : PLAIN[index % PLAIN.length];
 }
 
-/** Give the memory of everything in a group back, and empty it. */
+/** Release the memory of a group, and empty it. */
 export function cleared(group) {
   group.traverse((part) => {
     part.geometry?.dispose();

@@ -1,4 +1,4 @@
-// The echo of the current pulse, and the raw data filling line by line; both over range from the scene's middle.
+// Plots over range from the image's centre: echo of the present pulse, and raw data line by line.
 
 const SPAN = 60; // dB from black to white, and of the profile's axis
 const FACE = "12px system-ui, 'DejaVu Sans', sans-serif";
@@ -154,7 +154,7 @@ export class Signals {
     context.stroke();
   }
 
-  /** The whole record as a picture of the canvas's size, made once per look and size. */
+  /** Raw data as a picture of the canvas's size, cached per look and size. */
   wholeRaw() {
     const { data, echo, raw } = this;
     const { width, height } = raw;

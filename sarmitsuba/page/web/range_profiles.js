@@ -1,8 +1,8 @@
-// Range-compressed pulses made ready for interpolation: window over the band, twofold upsampling, and the transform
+// Range-compressed pulses prepared for interpolation: window over the band, twofold upsampling, and the transform
 // of the interpolation's cubic B-spline divided out. The same weights as sarmitsuba/focusing/profiles.py.
 //
 // Error of the four-tap B-spline at twofold upsampling of data sampled at 1.2 times the band: its strongest image is
-// (f / (1 - f))^4 at the band's edge f = 1/4.8, -46 dB, less within the band and other in every pulse; images agree
+// (f / (1 - f))^4 at the band's edge f = 1/4.8, -46 dB, lower within the band and different in every pulse; images agree
 // with exact interpolation to -55 dB (benchmarks/suite/browser.py).
 
 import { windowOf } from "sarmitsuba/windows.js";
@@ -61,7 +61,7 @@ function sinc(x) {
   return x === 0 ? 1 : Math.sin(Math.PI * x) / (Math.PI * x);
 }
 
-/** Turns the recorded bins of a pulse into interpolable samples. */
+/** Conversion of the recorded bins of a pulse to samples for interpolation. */
 export class RangeProfiles {
   /**
    * @param {object} data see backprojector.js

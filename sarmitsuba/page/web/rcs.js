@@ -20,7 +20,7 @@ const SWITCHES = [
 ];
 const IMAGE_SWITCH = ["drape", "Image below it", "i"];
 const KEYS = [
-  ["Space", "turn the radar round the target, or stop"], ["← →", "one aspect back or on (with Shift: ten)"], ["Home, End", "first, last aspect"],
+  ["Space", "rotate the radar about the target, or stop"], ["← →", "one aspect back or on (with Shift: ten)"], ["Home, End", "first, last aspect"],
   ["1 2 3", "overview, from the radar, map"], ["G", "target: solid, glass, hidden"], ["S", "radar shadow"], ["R", "RCS about the target"],
   ["I", "image below the target"], ["L", "next polarisation"], ["?", "this help"],
 ];
@@ -70,8 +70,8 @@ class Page {
     $("facts").textContent = `Radar cross section at ${(data.frequency / 1e9).toPrecision(4)} GHz from ${this.angle.length} directions`;
     const fixed = data.swept === "azimuth" ? `elevation ${data.elevation[0].toFixed(1)}°` : `azimuth ${data.azimuth[0].toFixed(1)}°`;
     this.about = `dBsm over ${data.swept}, at ${fixed}`;
-    $("caption").textContent = "Lit is what the radar sees. Azimuth 0° is +x (east), 90° is +y (north)."
-      + (data.image ? " The image is that of the horizontal plane through the target's middle, drawn below it." : "");
+    $("caption").textContent = "Surfaces visible to the radar are lit. Azimuth 0° is +x (east), 90° is +y (north)."
+      + (data.image ? " The image is that of the horizontal plane through the target's centre, drawn below it." : "");
     for (const [name, text, key] of VIEWS) button($("views"), text, key, () => this.target.view(name));
     this.switches = data.image ? [...SWITCHES, IMAGE_SWITCH] : SWITCHES;
     switches($("switches"), this.switches, store);
@@ -185,7 +185,7 @@ class Page {
       html`<tr data-order="${order ?? "phase"}"><th scope="row">${mark(order)}${name}</th>${values.map((value) => html`<td>${value}</td>`)}</tr>`)}</tbody>`);
   }
 
-  /** One frame while the radar goes round. */
+  /** One frame of the rotation. */
   tick(now) {
     const passed = Math.min((now - (this.before ?? now)) / 1000, 0.5);
     this.before = now;

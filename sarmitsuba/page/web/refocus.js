@@ -1,13 +1,13 @@
-// Controls with which the recorded pulses are focused again, otherwise: fewer of them, another window, a wrong track.
+// Controls for focusing the recorded pulses again: fewer pulses, another window, a track error.
 
 import { TRACK_ERRORS, apertureFacts, plainSettings } from "sarmitsuba/aperture.js";
 import { createBackprojector } from "sarmitsuba/backprojector.js";
 import { make, slider, useStyle } from "sarmitsuba/image_view.js";
 import { windowNames } from "sarmitsuba/windows.js";
 
-// pixels of the quick picture that follows a slider while it moves
+// pixels of the preview while a slider moves
 const PREVIEW_PIXELS = 65536;
-// ms of work between two pictures: the page stays alive
+// ms of work between two pictures, so that the page stays responsive
 const SLICE_MS = 80;
 
 const WINDOWS = {
@@ -25,7 +25,7 @@ function menu(name, choices, call) {
   return { node: make("label", {}, name, select), select };
 }
 
-/** Every step-th row and column, so that few enough pixels are left. */
+/** Grid thinned to every step-th row and column, for a bounded number of pixels. */
 export function previewGrid(grid, pixels = PREVIEW_PIXELS) {
   const step = Math.ceil(Math.sqrt((grid.nx * grid.ny) / pixels));
   const some = (axis) => axis.filter((_, i) => i % step === 0);
@@ -33,7 +33,7 @@ export function previewGrid(grid, pixels = PREVIEW_PIXELS) {
   return { ...grid, rows, columns, ny: rows.length, nx: columns.length, step };
 }
 
-/** A preview's pixels on the whole grid. */
+/** Pixels of a preview on the whole grid. */
 function spread(sum, small, grid) {
   const of = (values) => {
     const out = new Float32Array(grid.nx * grid.ny);
@@ -91,7 +91,7 @@ class Refocus {
     this.show();
   }
 
-  /** Take over settings, and focus: quickly while a slider moves, wholly when it is let go. */
+  /** Apply settings, and focus: a preview while a slider moves, the whole image when it is released. */
   change(changes, final = true) {
     Object.assign(this.settings, changes);
     this.show();
@@ -119,23 +119,23 @@ class Refocus {
     this.cycles.node.hidden = error.kind !== "sinusoidal";
   }
 
-  /** What the settings do, in words. */
+  /** Description of the effect of the settings. */
   say() {
     const { pulses, azimuth, range, apart } = apertureFacts(this.data, this.settings);
     const { kind, amplitude } = this.settings.error;
     const error = kind === "none" ? "" : ` Track error ${(1000 * amplitude).toFixed(1)} mm: ${TRACK_ERRORS[kind]}.`;
     this.text.textContent =
       `${pulses} pulses; cell ${azimuth.toPrecision(3)} m in azimuth, ${range.toPrecision(3)} m in slant range; ` +
-      `copies of a point (ambiguities) stand ${apart.toPrecision(3)} m beside it in azimuth.${error}`;
+      `azimuth ambiguities of a point ${apart.toPrecision(3)} m beside it.${error}`;
   }
 
-  /** The image of the pulses before `end`, as the time line goes. */
+  /** Image of the pulses before `end`, for the time line. */
   setEnd(end) {
     this.end = end;
     return this.request(false);
   }
 
-  /** Ask for a picture; one that is under way gives way. Resolves when the last one asked for is shown. */
+  /** Request a picture, which replaces one in progress. Resolves when the last requested one is shown. */
   request(preview) {
     this.wanted = { preview, end: this.end };
     this.halted = false;
@@ -168,13 +168,13 @@ class Refocus {
         one.done = next;
         const sum = await one.bp.read();
         if (this.halted) break;
-        // a preview is shown when it has all its pulses, so that a moving slider does not flicker
+        // a preview is shown when complete, so that a moving slider does not flicker
         if (name === "whole") this.onImage(sum, { preview: false, done: next, end });
         else if (next === end) this.onImage(spread(sum, this.small, this.grid), { preview: true, done: next, end });
-        await new Promise((resolve) => setTimeout(resolve)); // the page comes first
+        await new Promise((resolve) => setTimeout(resolve)); // yield to the page
         if (this.halted || (this.wanted && name === "whole")) break;
         const passed = performance.now() - start;
-        // reading and showing take their time however few pulses were added: never spend most of it on that
+        // reading and showing take constant time: they must not take most of the total
         one.least = Math.min(one.least, passed);
         one.chunk = Math.max(1, passed < Math.max(SLICE_MS, 2 * one.least) ? 2 * one.chunk : one.chunk >> 1);
       } while (one.done < end);
@@ -189,14 +189,14 @@ class Refocus {
     return this.projectors[name];
   }
 
-  /** Stop at the pulse that is under way; the next wish goes on from there. Resolves when no more image will come. */
+  /** Stop at the present pulse; the next request continues from there. Resolves when no further image will come. */
   async stop() {
     this.wanted = null;
     this.halted = true;
     await this.running;
   }
 
-  /** Give the GPU's memory back, once it is not in use any more, and leave the page. */
+  /** Release the GPU memory when it is no longer in use, and remove the controls. */
   async remove() {
     this.element.remove();
     this.text.remove();

@@ -1,4 +1,4 @@
-// A scene in 3-D as every page draws it: meshes, a lamp where the radar is, the camera, thick lines, spots and labels.
+// 3-D scene common to all pages: meshes, a lamp at the radar, camera, thick lines, spots and labels.
 
 import * as THREE from "three";
 import { OrbitControls } from "three/orbit_controls";
@@ -20,7 +20,7 @@ export class Stage {
     this.canvas = canvas;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
     this.renderer.shadowMap.enabled = true;
-    this.renderer.shadowMap.autoUpdate = false; // it is the same from frame to frame
+    this.renderer.shadowMap.autoUpdate = false; // constant from frame to frame
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.scene = new THREE.Scene();
@@ -40,7 +40,7 @@ export class Stage {
       this.groups[name] = new THREE.Group();
       this.scene.add(this.groups[name]);
     }
-    /** Half of what there is to see, m. */
+    /** Radius of the displayed scene, m. */
     this.radius = 1;
     this.pending = false;
     this.frames = 0;
@@ -48,7 +48,7 @@ export class Stage {
 
   // ---- meshes ----------------------------------------------------------------------------------------------------
 
-  /** Read the meshes of the page's scenes; their packed form is let go. */
+  /** Read the meshes of the page's scenes and release their packed form. */
   async loadModels(scenes) {
     for (const [number, facts] of scenes.entries()) {
       this.models[number] = await loadModel(facts);
@@ -102,7 +102,7 @@ export class Stage {
    * @param {boolean} on whether it throws a shadow
    */
   aimLight(direction, on) {
-    // a lamp that moved by less than this, rad, throws the same shadow
+    // rotation of the lamp, rad, below which the shadow is not updated
     if (this.lamp && this.light.castShadow === on && norm(sub(direction, this.lamp)) < 2e-3) return;
     this.lamp = direction;
     this.renderer.shadowMap.needsUpdate = true;
@@ -159,7 +159,7 @@ export class Stage {
     this.request();
   }
 
-  /** A mark where the image's cursor stands on the ground; null: nowhere. */
+  /** Mark the position of the image's cursor on the ground; null: none. */
   showCursor(point) {
     if (!this.cursor) {
       this.cursor = new THREE.Mesh(
@@ -176,7 +176,7 @@ export class Stage {
 
   // ---- the camera ------------------------------------------------------------------------------------------------
 
-  /** How far beyond its target the camera has to see on top of the scene, m. */
+  /** Additional depth of the camera's view beyond its target, m. */
   get depth() {
     return 0;
   }

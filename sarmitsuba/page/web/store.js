@@ -1,4 +1,4 @@
-// What is shown now; whoever draws something listens.
+// State of the page, with listeners for changes.
 
 export class Store {
   constructor(values) {

@@ -1,4 +1,4 @@
-// What a click shows, in the scene and in words: the paths behind a pixel, and where the echoes of a wall are drawn.
+// Response to a click, in the scene and as text: the paths behind a pixel, and the image positions of a wall's echoes.
 
 import { add, dot, landings, norm, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
 import { fill, html } from "sarmitsuba/markup.js";
@@ -11,10 +11,10 @@ const percent = (share) => (share < 0.01 ? "under 1 %" : `${Math.round(100 * sha
 const KINDS = {
   coherent: "mirror-like or edge return", diffuse: "scattered by roughness", reciprocal: "scattered, and back the way it came", point: "ideal point", scatterer: "scatterer of known form",
 };
-// a hit this high above the image's plane, in parts of the scene's size, is no longer on the ground
+// height above the image plane, relative to the scene's size, above which a hit is not on the ground
 const HIGH = 0.01;
 
-/** Paths of the cell of the image that holds a pixel, or of the nearest within a few; null: none kept. */
+/** Paths of the cell of a pixel, or of the nearest cell within a few; null: none kept. */
 export function cellAt(look, at, reach = 2) {
   const { paths } = look;
   if (!paths) return null;
@@ -95,7 +95,7 @@ export class Story {
 
   // ---- a pixel --------------------------------------------------------------------------------------------------
 
-  /** Show what made the pixel at a row and a column (fractions). */
+  /** Show the paths of the pixel at a row and a column (fractions). */
   pixel(at, { reach = 2, head = "" } = {}) {
     const { look, world } = this;
     world.clearPick();
@@ -142,7 +142,7 @@ export class Story {
       <td class="number">${metres(paths.length[path], 2)}</td><td class="number">${percent(paths.share[path])}</td></tr>`;
   }
 
-  /** Draw the cell's listed paths, one of them strongly. */
+  /** Draw the cell's listed paths, one of them highlighted. */
   draw(chosen) {
     const { look, world } = this;
     const { paths } = look;
@@ -172,7 +172,7 @@ export class Story {
     if (arc.length) this.world.labels.put("pickarc", "all equally far from the radar", arc[arc.length >> 1], "");
   }
 
-  /** One or two sentences on a path, for someone new to it. */
+  /** One or two sentences on a path, for newcomers. */
   meaning(path, middle, order) {
     const { look, world } = this;
     const { paths } = look;
@@ -227,7 +227,7 @@ export class Story {
 
   // ---- a wall ---------------------------------------------------------------------------------------------------
 
-  /** Show where the echoes of a point of the scene are drawn. */
+  /** Show the image positions of the echoes of a point of the scene. */
   wall(point, facts, { head = "" } = {}) {
     const { look, world } = this;
     world.clearPick();

@@ -1,4 +1,4 @@
-// A target in 3-D, where the radar looks at it from, and how strongly it returns in every direction.
+// Target in 3-D, with the direction to the radar and the RCS over aspect.
 
 import * as THREE from "three";
 
@@ -9,7 +9,7 @@ import { Stage, vector } from "sarmitsuba/stage.js";
 
 const ARROW = 0x5cc8ff;
 const CURVE = 0xffd166;
-// radii of the target: where the radar is drawn, and between which the curve of the RCS runs
+// in radii of the target: distance of the drawn radar, and range of the RCS curve
 const AWAY = 2;
 const INNER = 1.1;
 
@@ -36,7 +36,7 @@ export class Target extends Stage {
     this.view("overview");
   }
 
-  /** The arrow along which the wave arrives, and the light from there. */
+  /** Draw the arrow of the incident wave, and light the target from there. */
   showAspect() {
     const direction = this.direction(this.store.get("aspect"));
     this.radar = scaled(direction, AWAY * this.radius);

@@ -1,4 +1,4 @@
-// A guided tour: what this scene shows, step by step, each with a view, something drawn and a few sentences.
+// Guided tour of the scene: steps with a view, a drawing and a few sentences.
 
 import { add, dot, norm, pixelOf, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
 import { html } from "sarmitsuba/markup.js";
@@ -15,7 +15,7 @@ function greatest(count, value, bound = 0) {
   return best;
 }
 
-/** Path of one bounce from the highest place that still counts in the image. */
+/** Path of one bounce from the highest significant point in the image. */
 function highest(look) {
   const { paths } = look;
   let strongest = 0;
@@ -23,7 +23,7 @@ function highest(look) {
   return greatest(paths.order.length, (i) => (paths.order[i] === 1 && paths.amplitude[i] > 0.01 * strongest ? pointsOf(look, i)[0][2] - look.grid.height : 0));
 }
 
-/** Cell whose amplitude of an order, by paths that suit, is greatest. */
+/** Cell with the greatest amplitude of an order, over suitable paths. */
 function brightest(look, order, suits) {
   const { paths } = look;
   return greatest(paths.cell.length, (c) => {
@@ -51,14 +51,14 @@ function cellOfPath(look, path) {
   return c;
 }
 
-/** Whether the pulse of a path went out of its way: no corner that it met in one place. */
+/** Whether the hits of a path are apart, unlike those in a corner. */
 function roundabout(look, path) {
   const antenna = row(look.radar.position, look.paths.pulse[path]);
   const nearest = Math.min(...pointsOf(look, path).map((point) => norm(sub(point, antenna))));
   return 0.5 * look.paths.length[path] - nearest > 8 * look.image.resolution[1];
 }
 
-/** The end of the shadow that a high point's body throws on the ground, and the edge that it comes from; null: none. */
+/** End of the shadow on the ground of the body with a high point, and the edge that casts it; null: none. */
 function shadowOf(look, world, high) {
   const antenna = row(look.radar.position, look.radar.time.length >> 1);
   const sight = unit(sub(high, antenna));
@@ -79,7 +79,7 @@ function shadowOf(look, world, high) {
   return { ...last, length: Math.hypot(last.end[0] - last.edge[0], last.end[1] - last.edge[1]) };
 }
 
-/** The steps that this look can show. */
+/** Steps available for this look. */
 function stepsOf({ page, store, world, story }) {
   const look = page.looks[store.get("look")];
   const steps = [];

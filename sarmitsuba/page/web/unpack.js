@@ -1,4 +1,4 @@
-// Reads the page's own numbers: JSON with references to gzipped arrays, which stand in elements of their own.
+// Reads the page's data: JSON with references to gzipped arrays in separate elements.
 
 const TYPES = {
   uint8: Uint8Array, int8: Int8Array, bool: Uint8Array, uint16: Uint16Array, int16: Int16Array, uint32: Uint32Array,
@@ -37,7 +37,7 @@ function fromHalf(bits) {
   return values;
 }
 
-/** Bytes that were sorted by their rank within a number, back in order. */
+/** Bytes in their original order, from bytes sorted by rank within a number. */
 function fromPlanes(planes, size) {
   if (size === 1) return planes;
   const n = planes.length / size;
@@ -52,7 +52,7 @@ function fromPlanes(planes, size) {
 async function arrayOf(reference) {
   const element = document.getElementById(`blob${reference.$}`);
   const bytes = await gunzip(bytesOf(element.textContent));
-  element.remove(); // the text is not needed any more
+  element.remove(); // the text is no longer needed
   const Type = TYPES[reference.dtype];
   const plain = fromPlanes(bytes, Type.BYTES_PER_ELEMENT);
   const values = new Type(plain.buffer, 0, plain.length / Type.BYTES_PER_ELEMENT);
@@ -67,7 +67,7 @@ async function filled(value) {
   return Object.fromEntries(entries);
 }
 
-/** The page's numbers; arrays are typed arrays, row after row. */
+/** Data of the page; arrays are typed arrays, row by row. */
 export async function readPayload() {
   return filled(JSON.parse(document.getElementById("payload").textContent));
 }

@@ -1,5 +1,4 @@
-// Weighting functions w(u), |u| <= 1/2, of a band or an aperture, through the nodes that come with the data: all the
-// windows that sarmitsuba knows, and none twice.
+// Weighting functions w(u), |u| <= 1/2, of a band or an aperture, interpolated from nodes in the data.
 //
 // data.windows: { texts: names such as "taylor:4:-35"; range, azimuth: those that the image was made with;
 //   nodes Float32Array [texts][n]: w at n places from u = -1/2 to 1/2 }; left out: rectangular alone

@@ -1,4 +1,4 @@
-// The scene in 3-D with the radar's passage: platform, beam, line of sight, range shells, shadow, image, paths.
+// 3-D scene with the radar's pass: platform, beam, line of sight, range shells, shadow, image, paths.
 
 import * as THREE from "three";
 
@@ -34,7 +34,7 @@ export class World extends Stage {
     this.view("overview");
   }
 
-  /** Size of what there is to see: that of the image's ground, widened to the scene up to twice that. */
+  /** Radius of the display: that of the image's ground, widened to the scene up to twice that. */
   measure() {
     const { grid } = this.look;
     const corners = [[0, 0], [grid.shape[0] - 1, grid.shape[1] - 1]].map((at) => pointOf(grid, at));
@@ -56,7 +56,7 @@ export class World extends Stage {
     this.showPulse();
   }
 
-  /** From true positions to where the platform is drawn. */
+  /** Map from true positions to drawn positions of the platform. */
   placing() {
     const { radar } = this.look;
     if (!radar || this.store.get("scale") === "true") return (point) => point;
@@ -102,7 +102,7 @@ export class World extends Stage {
     group.add(this.drape);
   }
 
-  /** Slant plane through the image's middle: azimuth and slant range as they are measured. */
+  /** Slant plane through the image's centre: azimuth and measured slant range. */
   slantPlane() {
     const { grid, radar } = this.look;
     const middle = [0.5 * (grid.shape[0] - 1), 0.5 * (grid.shape[1] - 1)];
@@ -132,7 +132,7 @@ export class World extends Stage {
     this.request();
   }
 
-  /** Lines of equal range on the ground, equally far apart in range. */
+  /** Lines of equal range on the ground, with equal spacing in range. */
   drawRulings() {
     const group = this.groups.rulings;
     cleared(group);
@@ -300,7 +300,7 @@ export class World extends Stage {
     return arc;
   }
 
-  /** First face on the way from one point to another: {distance, point, object}, or null. */
+  /** First face on the line from one point to another: {distance, point, object}, or null. */
   firstHit(from, to, slack = 1e-3) {
     const way = sub(to, from);
     const length = norm(way);
@@ -326,7 +326,7 @@ export class World extends Stage {
     });
   }
 
-  /** What stands at a place of the window: a wall, or a pixel of the image on the ground. */
+  /** Object at a position of the window: a wall, or a pixel of the image on the ground. */
   pick(x, y) {
     const frame = this.canvas.getBoundingClientRect();
     const at = new THREE.Vector2((2 * (x - frame.left)) / frame.width - 1, 1 - (2 * (y - frame.top)) / frame.height);
@@ -346,7 +346,7 @@ export class World extends Stage {
     }
   }
 
-  /** How far the camera has to see: to the radar, where it is drawn. */
+  /** Depth of the camera's view: to the drawn radar. */
   get depth() {
     const { radar } = this.look;
     return radar ? 2 * norm(this.place(row(radar.position, 0))) : 0;
@@ -376,7 +376,7 @@ export class World extends Stage {
   }
 }
 
-/** 1, 2 or 5 times a power of ten, near a wish. */
+/** 1, 2 or 5 times a power of ten, near a given value. */
 function niceStep(wish) {
   const power = 10 ** Math.floor(Math.log10(wish));
   const share = wish / power;

@@ -1,4 +1,4 @@
-"""Every comparison with theory, one topic per file; each file registers its cases in ``CASES``."""
+"""Validation cases, one topic per file; each file registers its cases in ``CASES``."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ from sarmitsuba.validation.comparison import Case
 
 @dataclass(frozen=True)
 class CaseEntry:
-    """A case before it is run.
+    """Entry of a case in the registry.
 
     Parameters
     ----------
-    name : of the command line and of the plot's file
+    name : on the command line, and of the plot's file
     topic : section of the page, see ``comparison.TOPICS``
-    build : runs the simulator and returns the case; given True, with fewer bands, angles and looks
+    build : function that runs the simulator and returns the case; with True, for fewer bands, angles and looks
     """
 
     name: str

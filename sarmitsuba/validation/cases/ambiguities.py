@@ -1,4 +1,4 @@
-"""Azimuth ambiguities: ghosts of a point in stripmap, their places, their levels and their whole energy."""
+"""Azimuth ambiguities: positions, levels and total energy of the ghosts of a point in stripmap."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -25,7 +25,7 @@ PLATFORMS = {"10 km": (10e3, 2.0, 120.0), "700 km": (700e3, 10.0, 7500.0)}
 
 
 class Ghosts:
-    """A point in stripmap with a uniform aperture, undersampled.
+    """Undersampled stripmap image of a point with a uniform aperture.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Ghosts:
         }
         if pointing_error:
             values = {**values, "pointing_error_azimuth_deg": float(np.degrees(pointing_error))}
-        with unwarned():  # of the prf, which is the point
+        with unwarned():  # about the prf, which is intended
             scene = make_scene(None, (), values, points=(PointTarget("p", np.zeros(3), 1.0),))
             raw = simulate(scene)
         self.raw = replace(
@@ -189,7 +189,7 @@ def azimuth_ghosts(quick: bool = False) -> Case:
 
 
 def ambiguity_ratio(quick: bool = False) -> Case:
-    """Whole energy of the ghosts over the point's own, with the beam where it should be and off."""
+    """Total energy of the ghosts relative to the point, with and without a pointing error."""
     errors = np.array([0.0, 0.35]) if quick else np.array([0.0, 0.1, 0.2, 0.35, 0.5])
     comparisons = []
     for platform in PLATFORMS:

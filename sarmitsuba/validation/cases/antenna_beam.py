@@ -61,7 +61,7 @@ def parameters(mode: str, pattern: str, seed: int, squint: float) -> dict[str, P
 
 
 def offset(radar: Radar, azimuth: float, elevation: float) -> F64:
-    """Point in the plane across the line of sight through the aim point, off by parts of the half-power half-width."""
+    """Point in the plane through the aim point across the line of sight, offset in fractions of the half beamwidth."""
     line = radar.aim_point - radar.track.center_position
     line = line / np.linalg.norm(line)
     along = radar.track.along - (radar.track.along @ line) * line
@@ -115,13 +115,13 @@ def closed_gain(radar: Radar, pattern: str, point: F64, spread: F64 | None = Non
 
 
 def level(raw: RawData, point: F64) -> F64:
-    """RCS (n_channels,) of the pixel at a point where the processor takes the antenna as isotropic, m^2."""
+    """RCS (n_channels,) of the pixel at a point, focused as for an isotropic antenna, m^2."""
     told = replace(raw, radar=replace(raw.radar, antenna=Antenna()))
     return np.asarray(np.abs(backproject(told, point[None])[:, 0]) ** 2)
 
 
 def corner(seed: int) -> Callable[[F64, F64], Geometry]:
-    """A trihedral of 1 m that opens towards the radar, rolled by chance."""
+    """Trihedral of 1 m facing the radar, with a random roll."""
     roll = float(np.random.default_rng([32, seed]).uniform(0.0, 360.0))
 
     def made(point: F64, toward: F64) -> Geometry:
@@ -160,7 +160,7 @@ def frame(toward: F64, roll: float) -> F64:
 
 
 def placed(shape: Geometry, own: F64, wanted: F64, point: F64) -> Geometry:
-    """The geometry turned from one frame into another and moved to a point."""
+    """Geometry rotated from one frame into another and moved to a point."""
     return replace(shape, vertices=shape.vertices @ own.T @ wanted + point)
 
 
@@ -170,7 +170,7 @@ def measured_gain(
     shape: Callable[[F64, F64], Geometry] | None,
     method: Literal["raw", "hybrid"] = "raw",
 ) -> tuple[Scene, F64, F64]:
-    """Scene, the target's point and its gain (HH, VV) against the same without a beam."""
+    """Scene, position of the target, and its gain (HH, VV) relative to an isotropic antenna."""
     levels = []
     bare = {k: v for k, v in values.items() if not k.endswith("beamwidth_deg")} | {"pattern": "isotropic"}
     aim = make_scene(None, (), bare, points=(PointTarget("aim", np.zeros(3), 1.0),)).radar
@@ -190,7 +190,7 @@ def measured_gain(
 
 
 def beam_gain(quick: bool = False) -> Case:
-    """Two-way gain off the beam's centre, of points and of what is traced."""
+    """Two-way gain off the beam's centre, of ideal points and traced targets."""
     comparisons = []
     setups = [("spotlight", "gaussian", 0.0), ("stripmap", "rectangular", 8.0)]
     if not quick:
@@ -278,7 +278,7 @@ def centroid(raw: RawData) -> float:
 
 
 def mispointing(quick: bool = False) -> Case:
-    """Level and Doppler centroid of a beam that points elsewhere than the processor is told."""
+    """Level and Doppler centroid of a beam with a pointing error unknown to the processor."""
     errors = np.array([0.3, 0.7]) if quick else np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
     comparisons = []
     for pattern, squint in (("gaussian", 0.0), ("rectangular", 5.0)):

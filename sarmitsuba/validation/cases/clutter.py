@@ -38,7 +38,7 @@ RIM = 8
 
 
 def texture_at(shape: float, length: float, x: F64, y: F64, seed: int = SEED) -> F64:
-    """The program's texture (n,) at places of level ground, m."""
+    """Texture of the program (n,) at positions on level ground, m."""
     material = Material("ground", pec=True, texture_shape=shape, texture_length=length)
     tables = SurfaceTables.of(
         targets.plate(1.0, 1.0), np.arange(2), (material,), np.zeros(1, dtype=np.uint32)
@@ -82,7 +82,7 @@ def _image(scene: Scene) -> SarImage:
 
 @cache
 def _clutter(shape: float, n_cells: float) -> F64:
-    """Intensity over the level asked for, without the rim."""
+    """Intensity relative to the given level, without the image's rim."""
     own = _ground(n_cells).materials[0]
     image = _image(_ground(n_cells, replace(own, texture_shape=shape, texture_length=LENGTH)))
     return np.asarray(image.sigma0()[RIM:-RIM, RIM:-RIM] / 10.0 ** (LEVEL_DB / 10.0))
@@ -197,7 +197,7 @@ def _second_variance(shape: float) -> float:
 
 
 def gamma_texture(quick: bool = False) -> Case:
-    """The texture alone, at places drawn at random: gamma law, moments, autocorrelation at drawn directions."""
+    """Texture at random positions: gamma law, moments, autocorrelation in random directions."""
     comparisons: list[Comparison] = []
     rng = np.random.default_rng(17)
     n = 60_000 if quick else 400_000
@@ -265,7 +265,7 @@ def gamma_texture(quick: bool = False) -> Case:
 
 
 def surface_maps(quick: bool = False) -> Case:
-    """Maps of sigma0, materials and their properties, turned by drawn angles under drawn headings: level by place."""
+    """Level by texel of maps of sigma0, materials and their properties, at random rotations and headings."""
     comparisons: list[Comparison] = []
     n_cells = 150.0 if quick else 300.0
     rng = np.random.default_rng(23)

@@ -20,7 +20,7 @@ from sarmitsuba.validation.patch import COUNT_DB, LOOKS, diffuse_flags, mean_pow
 C_BAND, KU_BAND = 5.3e9, 13.6e9
 # what altimeters see straight down under the world's mean wind of 7 m/s (Witter and Chelton, J. Geophys. Res. 96, 1991)
 ALTIMETER_DB = 11.1
-# no wave is longer: all of the sea is in the law
+# longer than any wave: the whole sea is in the law
 ALL_IN_LAW = 1e4
 # rad/m, below every wave of a sea under 20 m/s
 LONGEST = 2.0 * np.pi / ALL_IN_LAW

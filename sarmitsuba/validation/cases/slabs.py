@@ -193,7 +193,7 @@ def pane_before_plate(quick: bool = False) -> Case:
 
 
 def cavity_amplitude(pane: tuple[complex, complex], phase: F64, thick: float, orders: int) -> C128:
-    r"""Return what a pane before a metal plate reflects, over the plate alone, by paths up to ``orders`` bounces.
+    r"""Return the reflection of a pane before a metal plate, relative to the plate alone, with ``orders`` bounces.
 
     .. math:: R - T^2 e^{-2 j \phi} \sum_m (-R e^{-2 j (\phi - \phi_d)})^m
 
@@ -211,7 +211,7 @@ def cavity_amplitude(pane: tuple[complex, complex], phase: F64, thick: float, or
 
 
 def pane_cavity(quick: bool = False) -> Case:
-    """A pane parallel to a metal plate: every path between the two counts, and counts once."""
+    """A pane parallel to a metal plate: every path between both is counted exactly once."""
     rng = np.random.default_rng(18)
     side, orders = 0.5, 7
     comparisons = []

@@ -180,7 +180,7 @@ def correlation(quick: bool = False) -> Case:
 def _window_correlation(window: str, lag: F64) -> F64:
     """Correlation at lags in unweighted cells: transform of the squared window over the unit band.
 
-    The windows are written out here, so that a wrong one in the focuser shows.
+    The windows are written out here, independent of those of the focuser.
     """
     u = np.linspace(-0.5, 0.5, 4001)
     w = {"rectangular": np.ones_like(u), "hamming": 0.54 + 0.46 * np.cos(2.0 * np.pi * u)}[window]

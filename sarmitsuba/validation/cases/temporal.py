@@ -1,4 +1,4 @@
-"""Change between passes: coherence over time, beside that of the baseline; its statistics; a wall over a field."""
+"""Temporal decorrelation: coherence over time with that of the baseline, its statistics, a wall over a field."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ SCATTERERS = 2.0
 def changed_pair(
     setting: RadarSetting, long_term: float, decay_days: float, days: float, share: float = 0.0
 ) -> Pair:
-    """Both passes over level ground that changes, a share of the critical baseline apart."""
+    """Both passes over level ground that changes, at a fraction of the critical baseline."""
     material = replace(ROUGH, temporal_coherence=long_term, decorrelation_days=decay_days)
     edge = GROUND_CELLS * setting.cell
     ground = setting.parallelogram((-edge, -0.6 * edge, 0.0), (2.0 * edge, 0.0, 0.0), (0.0, 1.2 * edge, 0.0))
@@ -37,7 +37,7 @@ def changed_pair(
 
 
 def whole(pair: Pair) -> Interferogram:
-    """All of the image as one block."""
+    """Interferogram of the whole image as one block."""
     return pair.interferogram(pair.images[0].grid.shape)
 
 
@@ -88,7 +88,7 @@ def temporal_decorrelation(quick: bool = False) -> Case:
 
 
 def _stack(quick: bool) -> Comparison:
-    """Any two passes of a stack."""
+    """Coherence of any two passes of a stack."""
     setting = RadarSetting.drawn(73, cell=1.0)
     days = (0.0, 4.0, 15.0) if quick else (0.0, 2.0, 5.0, 11.0, 23.0, 60.0)
     long_term, decay = 0.25, 9.0
@@ -160,7 +160,7 @@ def temporal_statistics(quick: bool = False) -> Case:
 
 
 def wall_over_field(quick: bool = False) -> Case:
-    """A wall that stays, laid over a field that does not."""
+    """Coherence of an unchanged wall laid over a field that changes."""
     want, got, error = [], [], []
     height, width = 20.0, 44.0
     for seed in range(1 if quick else 5):

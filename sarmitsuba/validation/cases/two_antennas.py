@@ -22,7 +22,7 @@ WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY
 
 
 def _parameters(baseline: F64, **changes: Parameter) -> dict[str, Parameter]:
-    """A short flight; the baseline along, across and up."""
+    """Parameters of a short flight with a baseline along, across and up."""
     names = ("receiver_offset_along", "receiver_offset_across", "receiver_offset_up")
     parameters: dict[str, Parameter] = {
         "center_frequency": FREQUENCY,
@@ -37,7 +37,7 @@ def _parameters(baseline: F64, **changes: Parameter) -> dict[str, Parameter]:
 
 
 def _echo(scene: Scene, receiver: F64, channel: str | None = None) -> complex:
-    """Echo of what is at the origin, in the middle pulse, over that of the radar equation at unit cross-section."""
+    """Echo of the target at the origin in the middle pulse, relative to the radar equation for 1 m^2."""
     radar, raw = scene.radar, simulate(scene)
     pulse, origin = radar.track.center_index, scene.points[0].position if scene.points else np.zeros(3)
     legs = [float(np.linalg.norm(origin - at)) for at in (radar.track.position[pulse], receiver)]
@@ -49,7 +49,7 @@ def _echo(scene: Scene, receiver: F64, channel: str | None = None) -> complex:
 
 
 def _receiver(scene: Scene, baseline: F64, heading: float) -> F64:
-    """Place of the receiver in the middle pulse."""
+    """Position of the receiver in the middle pulse."""
     along = np.array([np.sin(heading), np.cos(heading), 0.0])
     right = np.array([along[1], -along[0], 0.0])
     place = scene.radar.track.position[scene.radar.track.center_index]

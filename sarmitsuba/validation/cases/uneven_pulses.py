@@ -18,7 +18,7 @@ APART = WAVELENGTH * RANGE * PRF / (2.0 * SPEED)  # of even pulses' ghosts, m
 
 
 def response(turns: F64, n_pulses: int, **timing: Parameter) -> F64:
-    """Power of the image at Doppler offsets (n,) in prf from a point, over the point's own."""
+    """Power of the image at Doppler offsets (n,) in prf from a point, relative to the point."""
     values: dict[str, Parameter] = {
         "mode": "spotlight",
         "slant_range": RANGE,
@@ -86,7 +86,7 @@ def prf_jitter(quick: bool = False) -> Case:
 
 
 def staggered_prf(quick: bool = False) -> Case:
-    """Ghosts of intervals that take turns."""
+    """Ghosts of staggered pulse intervals."""
     comparisons = []
     sequences: dict[str, F64] = {
         "0.8,1,1.2": np.array([0.8, 1.0, 1.2]),

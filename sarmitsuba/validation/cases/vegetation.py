@@ -124,7 +124,7 @@ def layer(quick: bool = False) -> Case:
 
 
 def crown_ground(quick: bool = False) -> Case:
-    """Mean sigma0 of a layer by way of smooth ground, once and on both ways."""
+    """Mean sigma0 of a layer over smooth ground, with one and with two ground reflections."""
     rng = np.random.default_rng(174)
     n, half, cell = (1, 12.0, 0.5) if quick else (5, 20.0, 0.5)
     angles, want, got = np.zeros(n), np.zeros((4, n)), np.zeros((4, n))
@@ -249,7 +249,7 @@ def attenuation(quick: bool = False) -> Case:
 
 
 def trunks(quick: bool = False) -> Case:
-    """Dihedral of an upright trunk and ground at L band, within a ball that takes a part."""
+    """Dihedral of an upright trunk and ground at L band, within an attenuating ball."""
     rng = np.random.default_rng(173)
     angles = np.array([35.0]) if quick else np.array([32.0, 38.0, 44.0, 50.0, 56.0])
     want, got = np.zeros((2, angles.size)), np.zeros((2, angles.size))
@@ -266,7 +266,7 @@ def trunks(quick: bool = False) -> Case:
                 SceneMesh(*_square(12.0), "medium_dry_ground", "ground"),
                 SceneMesh(vertices, faces, "fresh_wood", "trunk", smooth=True),
             ],
-            # so high that no way meets it but along the lines of sight
+            # so high that only legs along the lines of sight cross it
             volumes=[SceneVolume(ball * [9.0, 9.0, 2.0] + [0.0, 0.0, 8.0], ball_faces, dark)],
             radar=_radar(float(look), float(rng.uniform(0.0, 360.0)), 1.0, center_frequency=frequency),
             film=FilmDescription(
@@ -280,7 +280,7 @@ def trunks(quick: bool = False) -> Case:
         image = _image(scene)
         theta = float(np.mean(image.incidence_angle))
         sight = np.array([np.sin(theta), 0.0, np.cos(theta)])
-        # the mean way: over the ground in front of the trunk and up from its middle
+        # the mean path: over the ground in front of the trunk and up from its middle
         starts = np.stack([[0.0, 0.0, z] for z in np.linspace(0.0, height, 9)])
         fronts = np.stack([[z * np.tan(theta), 0.0, 0.0] for z in np.linspace(0.0, height, 9)])
         stretch, center = np.array([1.0, 1.0, 4.5]), np.array([0.0, 0.0, 36.0])

@@ -64,7 +64,7 @@ def drawn_rod(rng: np.random.Generator, ka: float, permittivity: complex | None)
 
 
 def beside_broadside(rng: np.random.Generator, line: WireTarget, lobes: F64) -> F64:
-    """(n, 3) drawn directions to the radar, off broadside by so many half widths of the main lobe."""
+    """Random directions to the radar (n, 3), off broadside by multiples ``lobes`` of the main lobe's half width."""
     axis = (line.end - line.start) / line.length
     out = []
     for sine in lobes * X_WAVELENGTH / (2.0 * line.length):
@@ -255,7 +255,7 @@ def post(quick: bool = False) -> Case:
 
 
 def rod_full_wave(quick: bool = False) -> Case:
-    """Thin wires against the method of moments, which knows their ends."""
+    """Thin wires against the method of moments, which includes their ends."""
     radius = 1e-3 * X_WAVELENGTH
 
     def along_z(length: float) -> WireTarget:
