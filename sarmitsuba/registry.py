@@ -71,9 +71,7 @@ class Registry(Generic[T]):
         name = entry.name
         if not name or not name.replace("-", "_").replace(":", "_").isidentifier():
             raise ExtensionError(f"{self.kind} {name!r}: the name must be a word of letters, digits and _")
-        owner = sys._getframe(1).f_globals.get(
-            "__name__", ""
-        )  # a module executed again replaces its entry
+        owner = sys._getframe(1).f_globals.get("__name__", "")  # a module executed again replaces its entry
         if self._owners.setdefault(name, owner) != owner:
             raise ExtensionError(f"{self.kind} {name!r} is already registered by {self._owners[name]}")
         self._entries[name] = entry

@@ -19,8 +19,8 @@ FROM_ECHOES = ("raw", "hybrid")
 
 HEAD = """# Combinations
 
-Test of every radar mode with every focuser and method, at random squints, positions in the image, grids, windows, beams and
-channels. Each cell of the matrix is an image of an ideal point, compared with the exact sum of its
+Test of every radar mode with every focuser and method, at random squints, positions in the image, grids, windows,
+beams and channels. Each cell of the matrix is an image of an ideal point, compared with the exact sum of its
 echoes over all pulses (`benchmarks/support/combinations_reference.py`: NumPy, closed forms, no code of the program's
 focusers).
 

@@ -77,10 +77,10 @@ def study_cost(
     -----
     Three steps. First, sweeps of one parameter each on a piece of the scene. Second, predictions for combinations:
     errors of different parameters are assumed to be independent, so that energies add up, and each parameter scales
-    the time of a stage by a factor. Third, a converged image of the whole scene, as far as the budget allows, and runs of
-    the combinations on the Pareto front against it, those near the target first; other combinations are corrected by
-    these runs. Finally the recommendation is run once more with other lattices. Errors of the scattering model are not
-    included.
+    the time of a stage by a factor. Third, a converged image of the whole scene, as far as the budget allows, and runs
+    of the combinations on the Pareto front against it, those near the target first; other combinations are corrected
+    by these runs. Finally the recommendation is run once more with other lattices. Errors of the scattering model are
+    not included.
     """
     if scene.geometry.n_faces == 0:
         raise DataError(

@@ -81,9 +81,13 @@ def make_model(source: CitySource, options: ImportOptions) -> Model:
     if crs == LOCAL:
         _localise(source, options)
     elif source.crs and options.unit not in ("auto", "m"):
-        raise SceneError(f"{source.name}: --unit holds for meshes and --crs local, not for {crs}; leave it out")
+        raise SceneError(
+            f"{source.name}: --unit holds for meshes and --crs local, not for {crs}; leave it out"
+        )
     if (options.facades.windows or options.facades.balconies) and not source.footprints:
-        raise SceneError(f"{source.name}: facades need building footprints; the file has none; leave --facades out")
+        raise SceneError(
+            f"{source.name}: facades need building footprints; the file has none; leave --facades out"
+        )
     _drop_unusable(source)
     _drop_outlines_of_parts(source)
     dem = source.dem or options.dem
@@ -93,9 +97,7 @@ def make_model(source: CitySource, options: ImportOptions) -> Model:
         raster = read_raster(dem, options.geoid, place.around(options))
         place = place.on(raster, source)
     elif not place.points.size and not source.meshes:
-        raise SceneError(
-            f"{source.name}: holds no building or surface{_why(source)}; check the export"
-        )
+        raise SceneError(f"{source.name}: holds no building or surface{_why(source)}; check the export")
     facades = FacadeBuilder(options.facades, materials["windows"], materials["balconies"])
     buildings = _add_footprints(parts, source, place, raster, options, facades, materials)
     n_solids = _add_solids(parts, source, place, raster, options, materials)

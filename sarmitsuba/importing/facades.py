@@ -67,7 +67,9 @@ class FacadeOptions:
         for name, (low, high) in _BOUNDS.items():
             value = getattr(self, name)
             if not low <= value <= high:
-                raise SceneError(f"facades: {name} = {value:g} is outside {low:g} to {high:g}; choose a value within")
+                raise SceneError(
+                    f"facades: {name} = {value:g} is outside {low:g} to {high:g}; choose a value within"
+                )
 
     @staticmethod
     def read(kinds: str, seed: int, statistics: dict[str, str]) -> "FacadeOptions":
@@ -93,7 +95,9 @@ class FacadeOptions:
             try:
                 numbers[name] = float(text)
             except ValueError:
-                raise SceneError(f'facades: {name} = "{one_line(text)}" is no number; give a number') from None
+                raise SceneError(
+                    f'facades: {name} = "{one_line(text)}" is no number; give a number'
+                ) from None
         limit = numbers.pop("limit", FacadeOptions.limit)
         return FacadeOptions("windows" in asked, "balconies" in asked, seed, limit=int(limit), **numbers)
 

@@ -75,7 +75,9 @@ def plain_xml() -> Iterator[None]:
 def refuse_document_type(tree: "lxml.etree._ElementTree", what: str) -> None:
     """Raise a DataError where a document has a document type: the standards have none, and it can hide content."""
     if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
-        raise DataError(f"{what}: its document has a document type (<!DOCTYPE), which the standard does not allow")
+        raise DataError(
+            f"{what}: its document has a document type (<!DOCTYPE), which the standard does not allow"
+        )
 
 
 def said(error: BaseException) -> str:

@@ -342,7 +342,9 @@ def image_of(top: Element, pixels: C64, what: str) -> SarImage:
     widths = [float(top["Grid"][name]["ImpRespWid"]) / _UNIFORM_WIDTH for name in ("Row", "Col")]
     letters = str(top["ImageFormation"]["TxRcvPolarizationProc"]).split(":")
     if any(name not in LETTERS for name in letters):
-        raise DataError(f"{what}: polarisation {':'.join(letters)} is not supported; supported: H, V, RHC, LHC")
+        raise DataError(
+            f"{what}: polarisation {':'.join(letters)} is not supported; supported: H, V, RHC, LHC"
+        )
     channel = "".join(LETTERS[name] for name in letters)
     return SarImage(
         data=data[None].astype(np.complex64),
@@ -373,7 +375,9 @@ def _level_anchor(top: Element, anchor: Anchor, kind: str, what: str) -> Anchor:
         normal = anchor.axes[2] - float(anchor.axes[2] @ forward) * forward
     normal = normal / np.linalg.norm(normal)
     if float(normal @ anchor.axes[2]) < _LEVEL:
-        raise DataError(f"{what}: inclined image planes are not supported; supported: level planes and slant range")
+        raise DataError(
+            f"{what}: inclined image planes are not supported; supported: level planes and slant range"
+        )
     return Anchor(float(np.arcsin(normal[2])), float(np.arctan2(normal[1], normal[0])), anchor.height)
 
 

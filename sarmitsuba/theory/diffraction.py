@@ -336,7 +336,7 @@ def plate_along_its_sheet(
 
     Notes
     -----
-    With the approximations of :func:`plate_with_edges`, except its limit towards edge-on. Against the method of moments, for
+    As :func:`plate_with_edges`, without its limit towards edge-on. Against the method of moments, for
     strips of 1.5 to 7.5 wavelengths from 12 degrees off the normal to edge-on, the amplitude across errs by 0.06 to
     0.09 of the edge-on amplitude along (rms), where the singly diffracted one errs by 0.24 to 0.33.
     """

@@ -326,7 +326,11 @@ def test_a_full_disk_is_one_line_and_the_command_goes_on_afterwards(
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     (line,) = capsys.readouterr().err.splitlines()
-    assert status == 2 and "cannot write: " in line and "exceeds the size limit of the system or the user" in line
+    assert (
+        status == 2
+        and "cannot write: " in line
+        and "exceeds the size limit of the system or the user" in line
+    )
     assert names(out) <= {"raw.blocks", "raw.h5", MANIFEST}
     assert render(file, out, "--quiet", "--no-focus") == 0
     same_raw(out, whole)

@@ -91,7 +91,10 @@ def test_nan(raw_file: Path, capsys: pytest.CaptureFixture[str], name: str) -> N
 
     rewrite(raw_file, name, change)
     line = refused(raw_file, capsys)
-    assert "holds NaN or infinite numbers" in line or "hold NaN or infinite numbers, the first is pulse 7" in line
+    assert (
+        "holds NaN or infinite numbers" in line
+        or "hold NaN or infinite numbers, the first is pulse 7" in line
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))

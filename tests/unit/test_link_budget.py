@@ -233,7 +233,9 @@ def test_the_budget_of_the_fixed_parts() -> None:
 def test_no_budget_without_an_aperture_or_a_window() -> None:
     with pytest.raises(RadarError, match="needs an aperture of at least 2 pulses"):
         budget_of(replace(PLAIN, n_pulses=1, azimuth_resolution=0.0, prf=100.0))
-    with pytest.raises(RadarError, match="undefined for a circular aperture, which has no separate range and azimuth"):
+    with pytest.raises(
+        RadarError, match="undefined for a circular aperture, which has no separate range and azimuth"
+    ):
         budget_of(replace(PLAIN, mode="circular", azimuth_resolution=0.0))
     with pytest.raises(DataError, match="unknown; choose one of"):
         budget_of(PLAIN, "taylr")

@@ -39,9 +39,7 @@ class Viewpoint:
         """
         facts = image.metadata.get("focus", {})
         if "flight" not in facts:
-            raise DataError(
-                "interferogram: the image has no recorded track; focus its raw data again"
-            )
+            raise DataError("interferogram: the image has no recorded track; focus its raw data again")
         receiver = facts.get("receiver_flight")
         sine = facts.get("squint_sine")
         return Viewpoint(

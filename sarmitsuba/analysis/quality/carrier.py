@@ -85,9 +85,7 @@ class Carrier:
         elif grid.kind == "slant":
             center = grid.origin
         else:
-            raise DataError(
-                "image: no recorded track, which ground images need; focus the raw data again"
-            )
+            raise DataError("image: no recorded track, which ground images need; focus the raw data again")
         velocity = np.asarray(grid.along, dtype=np.float64)
         if "flight" in facts:
             flown = Flight.from_dict(facts["flight"])

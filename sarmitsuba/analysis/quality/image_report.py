@@ -144,9 +144,7 @@ def image_quality(
     nulls over that between them, along the lobe, to 16 cells. Widths are along the lobes, which squint rotates.
     """
     if points is not None and not points:
-        raise DataError(
-            "quality: the list of points is empty; give points, or leave it out to find them"
-        )
+        raise DataError("quality: the list of points is empty; give points, or leave it out to find them")
     known = scene_points(image, channel) if points is None else [_known(point) for point in points]
     left_out: tuple[str, ...] = ()
     if known:

@@ -107,7 +107,9 @@ def spectral_looks(
     for name, n, spacing, size, cell, window in parts:
         plain = cell / window.broadening
         if n > size * spacing / plain:
-            raise DataError(f"looks: {n} looks in {name} exceed the {size * spacing / plain:.3g} cells of the image")
+            raise DataError(
+                f"looks: {n} looks in {name} exceed the {size * spacing / plain:.3g} cells of the image"
+            )
         if n > 1 and spacing / plain > _NYQUIST:
             raise DataError(
                 f"looks: pixels of {spacing:g} m in {name} are too coarse for cells of {plain:.3g} m; focus with a "

@@ -232,7 +232,9 @@ def read_raw(path: Path) -> RawData:
                 signal, vectors = reader.read_channel(name)
                 letters = [node.findtext(f"{{*}}Polarization/{{*}}{one}Pol") for one in ("Tx", "Rcv")]
                 if any(one not in LETTERS for one in letters):
-                    raise DataError(f"{path}: polarisation {letters} is not supported; supported: H, V, RHC, LHC")
+                    raise DataError(
+                        f"{path}: polarisation {letters} is not supported; supported: H, V, RHC, LHC"
+                    )
                 channel = "".join(LETTERS[one] for one in letters)
                 histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two))
         missing = [

@@ -25,4 +25,6 @@ CANOPIES.register(
         (Constituent(Leaf(0.035, 0.0002), 220.0, 0.65), *_wood(0.5)),
     )
 )
-CANOPIES.register(Canopy("deciduous_winter", "crown of a broad-leaved tree without leaves, dormant", _wood(0.4)))
+CANOPIES.register(
+    Canopy("deciduous_winter", "crown of a broad-leaved tree without leaves, dormant", _wood(0.4))
+)
