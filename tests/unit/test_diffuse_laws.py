@@ -47,7 +47,7 @@ def test_levels_of_the_empirical_laws(angle: float) -> None:
 def test_a_law_that_is_not_there_is_one_line() -> None:
     with pytest.raises(SceneError, match='material "soil": diffuse_law = "lamber" is not one of constant, '):
         soil("lamber")
-    with pytest.raises(SceneError, match="diffuse_law = lambert has no parameter fall; it takes none"):
+    with pytest.raises(SceneError, match="diffuse_law = lambert has no parameter fall; it has none"):
         Material("m", diffuse_law="lambert", law_parameters=(("fall", 1.0),))
 
 

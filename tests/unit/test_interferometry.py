@@ -346,7 +346,7 @@ def test_what_makes_no_interferogram_is_refused_in_one_line() -> None:
         (replace(two, wavelength=0.05), "wavelengths of 0.0310666 m and 0.05 m"),
         (replace(two, layers=(Layer("HH"),)), "the second image has no channel VV, only HH"),
         (bare, "has no recorded track"),
-        (raster, "made by method raster"),
+        (raster, "is by method raster"),
     ):
         with pytest.raises(DataError, match=text) as caught:
             interferogram(one, other)

@@ -155,7 +155,7 @@ def test_pulses_meet_echoes_where_a_pulse_train_says_so() -> None:
             "swath",
             "do not fit into the interval of 500 us at prf = 2000 Hz",
         ),
-        (replace(SPACE, prf=2142.0), {}, "blind_range", "a pulse leaves while 95.1 % .*; take prf = 21"),
+        (replace(SPACE, prf=2142.0), {}, "blind_range", "a pulse is sent while 95.1 % .*; take prf = 21"),
         (replace(SPACE, gain_db=55.0), {}, "gain", "gain_db = 55 dB is above 51.1 dB"),
         (
             replace(SPACE, azimuth_resolution=2.0),

@@ -226,7 +226,7 @@ BAD: dict[str, tuple[Callable[[SarImage], object], str]] = {
         "fewer than 2 x 2 pixels",
     ),
     "no look": (lambda image: spectral_looks(image, 0, 1), "give at least 1 x 1"),
-    "too many looks": (lambda image: spectral_looks(image, 5000, 1), "looks in azimuth of an image of"),
+    "too many looks": (lambda image: spectral_looks(image, 5000, 1), "looks in azimuth exceed the"),
     "overlap": (lambda image: spectral_looks(image, 2, 1, overlap=0.95), "0 to 0.9"),
     "no channel": (lambda image: image_quality(image, channel="HV"), "no channel 'HV'"),
 }
