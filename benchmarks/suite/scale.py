@@ -106,7 +106,7 @@ def run(quick: bool) -> harness.Report:
     ]
     report.table(
         f"Plans: workers of {CORES} cores at {CORE_HOUR} an hour and core, a network of 10 Gbit/s",
-        ["workers", "hours", "of it moving data", "GB moved", "at work", "cost"],
+        ["workers", "hours", "of it traffic", "GB traffic", "busy", "cost"],
         [
             [
                 plan.workers,

@@ -393,5 +393,5 @@ def test_a_journal_follows_no_link(tmp_path: Path) -> None:
         (tmp_path / "raw.blocks").unlink()
     assert (tmp_path / "mine").read_text() == "" and not (tmp_path / "nowhere").exists()
     os.mkfifo(tmp_path / "raw.blocks")
-    with pytest.raises(OutputError, match="is no regular file"):
+    with pytest.raises(OutputError, match="is not a regular file"):
         Journal(tmp_path / "raw.blocks")
