@@ -288,8 +288,7 @@ class PointSource:
         """One contribution: the sum over all paths of equal length (each leg straight or over the ground)."""
         flags, constants = kernel.flags, kernel.constants
         out, home = pairs[0]
-        spreads = dr.opaque(mi.Bool, flags.spreading)
-        loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
+        loss = constants.spreading_loss(out.length, home.length)
         amplitudes = [mi.Complex2f(0.0)] * len(flags.channels)
         for incident, scattered in pairs:
             gain = pattern_gain(kernel, antenna, pulse, incident.leaving, scattered.leaving)
@@ -335,12 +334,11 @@ class _Ground:
         p, own, vertex0, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
         n64 = dr.select(dr.dot(own, mi.Vector3d(direction)) > 0.0, -own, own)
         bits = scene.material_of(found.prim_index, valid)
-        if kernel.flags.texture:
-            bits = scene.material_at(found.prim_index, bits, mi.Vector3f(p - vertex0), valid)
+        bits = scene.material_at(found.prim_index, bits, mi.Vector3f(p - vertex0), valid)
         material = bits & MATERIAL_MASK
         properties = MaterialRow.of(scene.material_table, material, valid)
         row = None
-        if kernel.flags.slabs and scene.slabs is not None:
+        if scene.slabs is not None:
             row = SlabRow.of(scene.slabs.table, material, valid)
         return _Ground(valid, p, n64, own, properties, row)
 

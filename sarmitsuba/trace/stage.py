@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sarmitsuba.backend import mi
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.field import ComplexVector
-    from sarmitsuba.trace.state import Contribution, Hit, Kernel, Lane, RayState
+    from sarmitsuba.trace.state import Closing, Contribution, Hit, Kernel, Lane, RayState, TubeFootprint
     from sarmitsuba.trace.table_rows import MaterialRow
 
 
@@ -51,9 +51,11 @@ class Stage:
         """
         return None
 
-    def at_closing(self, kernel: Kernel, hit: Hit) -> mi.Float | None:
-        """Factor on the coherent return of the tube at a hit; None: one."""
-        return None
+    def at_closing(
+        self, kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube: TubeFootprint, closing: Closing
+    ) -> Closing:
+        """Coherent return of the tube at a hit, before polarisation."""
+        return closing
 
     def at_echo(self, wavenumber: mi.Float, echo: Contribution) -> Contribution:
         """Echo of any source (ideal points included), before it is summed.
@@ -120,13 +122,13 @@ def mirrored(
     return fields
 
 
-def closed(kernel: Kernel, hit: Hit, factor: mi.Float) -> mi.Float:
-    """Factor on the coherent return of the tube at a hit, after all stages."""
+def closed(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube: TubeFootprint, closing: Closing
+) -> Closing:
+    """Coherent return of the tube at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
-        kept = stage.at_closing(kernel, hit)
-        if kept is not None:
-            factor = factor * kept
-    return factor
+        closing = stage.at_closing(kernel, lane, ray, hit, tube, closing)
+    return closing
 
 
 def echoed(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Contribution:
