@@ -20,7 +20,7 @@ from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.statistics import TraceStatistics
-from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
+from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.launch import LaunchGrid
 
 # exponent of the time between two pulses with which the energy of a path's change grows, at least: one for edges of
@@ -261,15 +261,13 @@ class Blocks:
         return slice(subset * each, (subset + 1) * each)
 
     def _every_pulse(self) -> list[Batch]:
-        sampling, tracer = self.tracer.sampling, self.tracer
-        row = self.batches.n_layers * 2 * sampling.scene.radar.window.n_samples * 2 * 16
+        sampling = self.tracer.sampling
         batches = []
         for i in range(self.rays.n_subsets):
             for window in sampling.windows:
                 first, end = window.pulses
                 most = max(g.n_rays for g in self.rays.at(first)[i] if g.serves(first))
-                step = int(max(1, min(MAX_LANES // most, MAX_GRID_BYTES // row, end - first)))
-                step = tracer.most_pulses or step
+                step = min(self.batches.pulses_per_launch(most), end - first)
                 starts = range(first, end, step)
                 batches += [Batch(i, k, min(end, k + step), together=False) for k in starts]
         return batches

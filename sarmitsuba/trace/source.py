@@ -19,7 +19,7 @@ from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
 from sarmitsuba.trace.propagation import antenna_of, hit_point, reflected
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
-from sarmitsuba.trace.stage import mirrored
+from sarmitsuba.trace.stage import KernelRecording, mirrored
 from sarmitsuba.trace.staged import through_stages
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
 from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
@@ -44,12 +44,14 @@ class Part:
     grid : lattice that gives the kernel's constants, and the rays where the source traces any
     first, count : range of the scatterers; not used for rays
     rays : number of rays traced from hit to hit for each pulse; 0 for scatterers traced directly to the antenna
+    every_pulse : whether it is traced at every pulse also where a block of pulses shares one tracing
     """
 
     grid: LaunchGrid
     first: int
     count: int
     rays: int = 0
+    every_pulse: bool = False
 
 
 class Source(Protocol):
@@ -78,7 +80,8 @@ class Launch:
         self, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
     ) -> tuple[TraceCounts, LaneArrays]:
         """Record the part (see :meth:`Source.record`), with the stages of the active effects applied to every echo."""
-        return self.source.record(self.part, kernel, antenna, through_stages(kernel, accumulator))
+        with KernelRecording(kernel.flags):
+            return self.source.record(self.part, kernel, antenna, through_stages(kernel, accumulator))
 
 
 def launches(sources: Sequence[Source], rays: Sequence[LaunchGrid], n_pulses: int) -> list[Launch]:

@@ -10,10 +10,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from sarmitsuba.effects.effect import EFFECTS
-from sarmitsuba.errors import ExtensionError
-from sarmitsuba.registry import Registry
+from sarmitsuba.errors import ExtensionError, SarmitsubaError
+from sarmitsuba.registry import Calling, Registry, checked_type, is_built_in
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
     from sarmitsuba.backend import mi
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.field import ComplexVector
@@ -68,7 +70,8 @@ class Stage:
         return echo
 
 
-STAGES: Registry[Stage] = Registry("stage of the trace kernel", "sarmitsuba.trace.stages")
+_KIND = "stage of the trace kernel"
+STAGES: Registry[Stage] = Registry(_KIND, "sarmitsuba.trace.stages")
 
 
 def check_stages() -> None:
@@ -92,6 +95,39 @@ def stages_of(flags: KernelFlags) -> tuple[Stage, ...]:
     return tuple(sorted(on, key=lambda stage: stage.name))
 
 
+class KernelRecording:
+    """Context in which a kernel is recorded: errors of an extension's stage come out of Dr.Jit's loops as one line.
+
+    Parameters
+    ----------
+    flags : of the kernel
+    """
+
+    def __init__(self, flags: KernelFlags) -> None:
+        self.flags = flags
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, _: type[BaseException] | None, error: BaseException | None, __: TracebackType | None
+    ) -> None:
+        if not isinstance(error, RuntimeError | TypeError):
+            return
+        cause: BaseException | None = error
+        while cause is not None:
+            if isinstance(cause, SarmitsubaError):
+                raise cause from None
+            cause = cause.__cause__ or cause.__context__
+        own = [stage.name for stage in stages_of(self.flags) if not is_built_in(stage)]
+        if own:
+            # such as a field of another type than before, which Dr.Jit's loops refuse
+            text = " ".join(str(error).split())
+            raise ExtensionError(
+                f"{_KIND} {', '.join(own)}: the kernel cannot be recorded: {text}"
+            ) from error
+
+
 def changes_echoes(flags: KernelFlags) -> bool:
     """Whether any active stage overrides :meth:`Stage.at_echo`."""
     return any(type(stage).at_echo is not Stage.at_echo for stage in stages_of(flags))
@@ -100,14 +136,16 @@ def changes_echoes(flags: KernelFlags) -> bool:
 def launched(kernel: Kernel, lane: Lane, ray: RayState) -> RayState:
     """Ray at launch, after all stages."""
     for stage in stages_of(kernel.flags):
-        ray = stage.at_launch(kernel, lane, ray)
+        with Calling(_KIND, stage, "at_launch"):
+            ray = checked_type(stage.at_launch(kernel, lane, ray), type(ray))
     return ray
 
 
 def arrived(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
     """Incident ray at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
-        ray = stage.at_hit(kernel, lane, ray, hit)
+        with Calling(_KIND, stage, "at_hit"):
+            ray = checked_type(stage.at_hit(kernel, lane, ray, hit), type(ray))
     return ray
 
 
@@ -116,9 +154,10 @@ def mirrored(
 ) -> tuple[ComplexVector, ...]:
     """Fields reflected by a smooth surface, after all stages; parameters as for :meth:`Stage.at_mirror`."""
     for stage in stages_of(kernel.flags):
-        kept = stage.at_mirror(kernel, properties, cosine)
-        if kept is not None:
-            fields = tuple((re * kept, im * kept) for re, im in fields)
+        with Calling(_KIND, stage, "at_mirror"):
+            kept = stage.at_mirror(kernel, properties, cosine)
+            if kept is not None:
+                fields = tuple((re * kept, im * kept) for re, im in fields)
     return fields
 
 
@@ -127,12 +166,14 @@ def closed(
 ) -> Closing:
     """Coherent return of the tube at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
-        closing = stage.at_closing(kernel, lane, ray, hit, tube, closing)
+        with Calling(_KIND, stage, "at_closing"):
+            closing = checked_type(stage.at_closing(kernel, lane, ray, hit, tube, closing), type(closing))
     return closing
 
 
 def echoed(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Contribution:
     """Echo after all stages."""
     for stage in stages_of(flags):
-        echo = stage.at_echo(wavenumber, echo)
+        with Calling(_KIND, stage, "at_echo"):
+            echo = checked_type(stage.at_echo(wavenumber, echo), type(echo))
     return echo
