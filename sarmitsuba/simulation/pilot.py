@@ -35,6 +35,7 @@ from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
+from sarmitsuba.trace.stage import KernelRecording
 from sarmitsuba.trace.state import RECIPROCAL, Contribution, Hit, Kernel, RayState
 
 # bounces traced at first, and at most where the last of them still returns too much
@@ -395,7 +396,8 @@ def _trace(
     n = patches.n_random + patches.n_features
     accumulator = _PatchAccumulator(n, orders, radar.waveform.wavelength, reference)
     kernel = Kernel.of(trace_scene, patches.grid, batch, flags, settings)
-    _, state = trace(kernel, radar.antenna, accumulator)
+    with KernelRecording(kernel.flags):
+        _, state = trace(kernel, radar.antenna, accumulator)
     dr.eval(state, accumulator.memory, accumulator.going_on)
     sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), orders, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)

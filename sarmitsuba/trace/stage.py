@@ -95,6 +95,11 @@ def stages_of(flags: KernelFlags) -> tuple[Stage, ...]:
     return tuple(sorted(on, key=lambda stage: stage.name))
 
 
+def own_stages(flags: KernelFlags) -> tuple[str, ...]:
+    """Names of the active stages that extensions register."""
+    return tuple(stage.name for stage in stages_of(flags) if not is_built_in(stage))
+
+
 class KernelRecording:
     """Context in which a kernel is recorded: errors of an extension's stage come out of Dr.Jit's loops as one line.
 
@@ -119,7 +124,7 @@ class KernelRecording:
             if isinstance(cause, SarmitsubaError):
                 raise cause from None
             cause = cause.__cause__ or cause.__context__
-        own = [stage.name for stage in stages_of(self.flags) if not is_built_in(stage)]
+        own = own_stages(self.flags)
         if own:
             # such as a field of another type than before, which Dr.Jit's loops refuse
             text = " ".join(str(error).split())

@@ -77,11 +77,9 @@ def _kinds(targets: Sequence[ScattererTarget]) -> list[Reflector]:
 
 
 def _changes(site: Site, kind: Reflector, targets: Sequence[ScattererTarget]) -> bool:
-    """Whether the amplitude of any changes within a block by more than the tolerance."""
-    if site.block == 1:
-        return False
+    """Whether the amplitude of any changes within a block by more than the tolerance; refuses what is not finite."""
     allowed = float(power_from_db(site.scene.settings.tolerance_db))
-    return change_in_blocks(site.scene, kind, targets, site.block) > allowed
+    return change_in_blocks(site.scene, kind, targets, site.block) > allowed and site.block > 1
 
 
 @dataclass(frozen=True, eq=False)
