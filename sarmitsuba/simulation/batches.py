@@ -76,18 +76,18 @@ class BatchTracer:
         n_pulses = 1 if batch.together else batch.stop - batch.start
         if batch.together:
             block = KeyPulse(self.tracer.sampling, batch.start, batch.stop)
-            profiles, statistics = self._traced(block, lattices, lambda part: not part.every_pulse)
+            profiles, statistics = self._profiles(block, lattices, lambda part: not part.every_pulse)
             if any(launch.part.every_pulse for launch in self.tracer.launches(lattices, 1)):
                 step = self.pulses_per_launch(0)
                 for start in range(batch.start, batch.stop, step):
                     stop = min(start + step, batch.stop)
                     pulses = EveryPulse(self.tracer.sampling, start, stop)
-                    apart, more = self._traced(pulses, lattices, lambda part: part.every_pulse)
+                    apart, more = self._profiles(pulses, lattices, lambda part: part.every_pulse)
                     profiles[:, start - batch.start : stop - batch.start] += apart
                     statistics = statistics.plus(more)
         else:
             pulses = EveryPulse(self.tracer.sampling, batch.start, batch.stop)
-            profiles, statistics = self._traced(pulses, lattices, lambda part: True)
+            profiles, statistics = self._profiles(pulses, lattices, lambda part: True)
         # the subsets after the first have the same pulses
         statistics = replace(statistics, key_pulses=0 if batch.subset else n_pulses)
         return Traced(batch, profiles, statistics, self.tracer.largest_grid)
@@ -97,7 +97,7 @@ class BatchTracer:
         row = self.n_layers * 2 * self.tracer.sampling.scene.radar.window.n_samples * 2 * 16
         return self.tracer.most_pulses or int(max(1, min(MAX_LANES // max(n_rays, 1), MAX_GRID_BYTES // row)))
 
-    def _traced(
+    def _profiles(
         self, pulses: Pulses, lattices: Sequence[LaunchGrid], wanted: Callable[[Part], bool]
     ) -> tuple[C64, TraceStatistics]:
         """Profiles of the wanted launches, over the band."""

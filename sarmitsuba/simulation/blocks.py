@@ -231,8 +231,11 @@ class Blocks:
         """Trace one batch of the first ray subset; returns the share of its pulses, and its statistics."""
         if self.interval == 1:
             first = self._every_pulse()[0]
-            return first.stop / self.data.shape[1], self._here_alone([first])
-        return 1.0 / len(self.blocks), self._here_alone([self._batch(self._middle, 0)])
+            share = first.stop / self.data.shape[1]
+        else:
+            first, share = self._batch(self._middle, 0), 1.0 / len(self.blocks)
+        (traced,) = self._traced([first], self._here)
+        return share, traced.statistics
 
     @property
     def _middle(self) -> int:
@@ -241,15 +244,11 @@ class Blocks:
 
     def block(self, index: int) -> TraceStatistics:
         """Trace one block with all ray subsets, up to the first pulse of the next block."""
-        stats = self._here_alone([self._batch(index, subset) for subset in range(self.rays.n_subsets)])
-        self.done.add(index)
-        return stats
-
-    def _here_alone(self, batches: Sequence[Batch]) -> TraceStatistics:
-        """Trace batches in this process; returns the statistics."""
         total = TraceStatistics()
-        for traced in self._traced(batches, self._here):
+        subsets = [self._batch(index, subset) for subset in range(self.rays.n_subsets)]
+        for traced in self._traced(subsets, self._here):
             total = total.plus(traced.statistics)
+        self.done.add(index)
         return total
 
     def _batch(self, index: int, subset: int) -> Batch:
