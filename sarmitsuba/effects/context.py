@@ -33,6 +33,7 @@ class SamplingFacts:
     cell : m, edge of a square as large as a resolution cell on level ground
     box : (2, 3) float64, m, scene frame; the lit part of the scene
     key_pulses : estimated number of traced pulses
+    cell_across : m^2, area of that square projected across the line of sight; NaN if not known
     """
 
     ray_spacing: float
@@ -40,6 +41,7 @@ class SamplingFacts:
     cell: float
     box: F64
     key_pulses: int
+    cell_across: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ class PilotResult:
     seconds : whole pilot
     going_on : largest share of a patch's launched power that is incident at the last order
     incident : (n_orders,) float64, mean share of a random patch's launched power that is incident at each bounce
+    patch_area : m^2 across the line of sight, effective: of the taper's power; NaN if not known
     """
 
     pulses: tuple[int, ...]
@@ -102,6 +105,7 @@ class PilotResult:
     seconds: float
     going_on: float = 0.0
     incident: F64 = field(default_factory=lambda: np.zeros(0))
+    patch_area: float = float("nan")
 
     @property
     def n_orders(self) -> int:

@@ -44,6 +44,7 @@ class ShapeAnalysis:
         self.thorough = thorough
         keep = visible[geometry.face_material] if geometry.n_faces else np.zeros(0, dtype=bool)
         self.faces = geometry.faces[keep]
+        self.material = geometry.face_material[keep] if geometry.n_faces else np.zeros(0, dtype=np.int32)
         self.mesh = np.repeat(np.arange(len(geometry.mesh_names)), np.diff(geometry.mesh_face_offset))[keep]
         self.vertices = geometry.vertices
         self.antenna = antenna
@@ -85,6 +86,12 @@ class ShapeAnalysis:
         """Areas (n_faces,), m^2."""
         a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
         return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+    @cached_property
+    def perimeters(self) -> F64:
+        """Perimeters (n_faces,), m."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        return np.asarray(sum(np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)))
 
     @cached_property
     def planes(self) -> tuple[F64, F64]:

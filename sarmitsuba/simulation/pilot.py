@@ -245,6 +245,7 @@ def run_pilot(
         going_on=float(incident[:, -1].max()),
         incident=incident[random].mean(axis=0),
         seconds=clock() - start,
+        patch_area=float(np.square(_fade()).sum()) * sampling.spacings.coherent**2,
     )
 
 
@@ -325,6 +326,12 @@ def _place(
     return _Patches(grid, n_random, n_features)
 
 
+def _fade() -> F64:
+    """Amplitude taper of a patch, (SIDE, SIDE)."""
+    fade = np.cos(np.pi * (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE) ** 2
+    return np.outer(fade, fade)
+
+
 class _PatchAccumulator:
     """Accumulator of coherent sums by patch, kind of return and bounce order; two channels."""
 
@@ -333,8 +340,7 @@ class _PatchAccumulator:
         self.wavelength, self.reference_range = wavelength, reference_range
         self.memory = dr.zeros(mi.Float, 4 * n_patches * len(KINDS) * orders)
         self.incident = dr.zeros(mi.Float, n_patches * orders)
-        fade = np.cos(np.pi * (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE) ** 2
-        self.fade = device_array(mi.Float, np.outer(fade, fade).astype(np.float32))
+        self.fade = device_array(mi.Float, _fade().astype(np.float32))
 
     def begin(self) -> tuple[Any, ...]:
         """The lane's number."""

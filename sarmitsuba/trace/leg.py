@@ -101,7 +101,7 @@ class Surroundings:
             if walls is None:
                 return mi.Bool(True)
             scene = walls
-        return ~scene.ray_test(mi.Ray3f(start, direction, distance, 0.0, []), coherent=False, active=active)
+        return ~scene.ray_test(mi.Ray3f(start, direction, distance, 0.0, []), coherent=True, active=active)
 
     def passed(
         self,

@@ -236,15 +236,18 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
 def _next_facet(
     scene: TraceScene, lane: Lane, ray: RayState, first: mi.Bool
 ) -> tuple[mi.UInt32, mi.Vector2f, mi.Bool]:
-    """Face and barycentric coordinates of the nearest hit, and the lanes that hit something."""
+    """Face and barycentric coordinates of the nearest hit, and the lanes that hit something.
+
+    Neighbouring lanes are neighbouring rays, so that Embree traverses them in packets (``coherent``).
+    """
     d = mi.Vector3f(ray.direction)
     query = mi.Ray3f(ray.origin, d)
-    found = scene.mi_scene.ray_intersect_preliminary(query, coherent=False, active=ray.active)
+    found = scene.mi_scene.ray_intersect_preliminary(query, coherent=True, active=ray.active)
     # rays aimed exactly at a vertex or a T-junction may miss: they are traced again, slightly displaced
     lost = ray.active & ~found.is_valid() & first
     query = mi.Ray3f(ray.origin + lane.nudge, d)
     found = dr.select(
-        lost, scene.mi_scene.ray_intersect_preliminary(query, coherent=False, active=lost), found
+        lost, scene.mi_scene.ray_intersect_preliminary(query, coherent=True, active=lost), found
     )
     return found.prim_index, found.prim_uv, ray.active & found.is_valid()
 

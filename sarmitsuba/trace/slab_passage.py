@@ -65,7 +65,7 @@ def along(
         left: mi.Float, active: mi.Bool, shift: mi.Vector3f, vectors: tuple[ComplexVector, ...]
     ) -> tuple[mi.Float, mi.Bool, mi.Vector3f, tuple[ComplexVector, ...]]:
         query = mi.Ray3f(start + direction * left, towards, left, 0.0, [])
-        met = slabs.transmitting.ray_intersect_preliminary(query, coherent=False, active=active)
+        met = slabs.transmitting.ray_intersect_preliminary(query, coherent=True, active=active)
         active = active & met.is_valid()
         face = dr.gather(mi.UInt32, slabs.transmitting_face, met.prim_index, active)
         first = face * 12

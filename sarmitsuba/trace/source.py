@@ -331,7 +331,7 @@ class _Ground:
     def of(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, active: mi.Bool) -> _Ground:
         scene = kernel.scene
         found = scene.mi_scene.ray_intersect_preliminary(
-            mi.Ray3f(start, direction), coherent=False, active=active
+            mi.Ray3f(start, direction), coherent=True, active=active
         )
         valid = active & found.is_valid()
         p, own, vertex0, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)

@@ -5,20 +5,20 @@ from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.facet_bound import facet_bound, flash_bound
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 from sarmitsuba.errors import SceneError
-from sarmitsuba.materials.diffuse import diffuse_tables
 
 
 class Coherent(Effect):
     """Coherent return; off where roughness makes it negligible against the clutter.
 
-    After one bounce a resolution cell of area A returns coherently at most
-    ``4 pi A^2 / lambda^2 exp(-4 (k s cos)^2)``, even when it faces the antenna; diffusely ``sigma0 A``. Behind
-    mirrors only a pilot can tell.
+    A pilot measures the return of random cells, after any number of bounces. Faces that return specularly are bright in
+    too few cells to be met by chance; their return is bounded from the geometry, see
+    :mod:`sarmitsuba.effects.facet_bound`.
     """
 
     name = "coherent"
@@ -49,39 +49,18 @@ class Coherent(Effect):
                 "the only return of the surfaces" if not decided["diffuse"].on else "roughness is off",
                 0.0,
             )
-        if decided["max_depth"].on:
-            return self._measured(context, smooth)
         if smooth:
             return Assessment(True, f"{names(smooth)} smooth", 0.0)
-        bound = _single_bounce_db(context)
+        if context.pilot is not None and context.pilot.total > 0.0:
+            return _measured(context, context.pilot, max(1, decided["max_depth"].value or 1))
+        if decided["max_depth"].on:
+            return Assessment(True, "multi-bounce paths keep a coherent part", 0.0)
+        bound = facet_bound(context).over_own_clutter_db
         if bound <= context.tolerance_db:
-            return Assessment(
-                False,
-                f"rough: coherent return of a cell below {max(bound, -300.0):.0f} dB of the clutter",
-                bound,
-            )
+            why = f"rough: coherent return of a cell below {max(bound, -300.0):.0f} dB of the clutter"
+            return Assessment(False, why, bound)
         return Assessment(
             True, f"coherent return of a cell up to {bound:.0f} dB over the clutter", min(bound, 0.0)
-        )
-
-    def _measured(self, context: SceneContext, smooth: list[str]) -> Assessment:
-        pilot = context.pilot
-        why = f"{names(smooth)} smooth" if smooth else "multi-bounce paths keep a coherent part"
-        if pilot is None or pilot.total == 0.0:
-            return Assessment(True, why, 0.0)
-        energy, cell = pilot.energy_db(0, 1, upper=True), pilot.cell_db(0, 1)
-        small = energy <= context.tolerance_db and cell <= pilot.cell_limit_db(context.tolerance_db)
-        # a facet that faces the antenna is bright in too few cells to be hit by chance
-        if small and not smooth and _single_bounce_db(context) <= context.tolerance_db:
-            return Assessment(
-                False,
-                f"pilot: {energy:.0f} dB of the energy, strongest cell {cell:.0f} dB",
-                energy,
-                measured=True,
-            )
-        share = pilot.energy_db(0, 1)  # of random patches: bright lines are rare, and most of the energy
-        return Assessment(
-            True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", 0.0
         )
 
     def flags(
@@ -91,22 +70,29 @@ class Coherent(Effect):
         return {"coherent": on}
 
 
-def _single_bounce_db(context: SceneContext) -> float:
-    """Upper bound of a cell's coherent over its diffuse power after one bounce, any orientation, dB."""
-    if context.sampling is None:
+def _measured(context: SceneContext, pilot: PilotResult, bounces: int) -> Assessment:
+    """Decision from the pilot, and from the bound of returns that it may have missed."""
+    energy, cell = pilot.energy_db(0, 1, upper=True), pilot.cell_db(0, 1)
+    bound = _missed_db(context, pilot, bounces)
+    limit = pilot.cell_limit_db(context.tolerance_db)
+    found = (
+        f"pilot: {pilot.energy_db(0, 1):.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter"
+    )
+    if energy <= context.tolerance_db and max(cell, bound) <= limit:
+        return Assessment(False, f"{found}, of any face at most {bound:.0f} dB", energy, measured=True)
+    # random patches: bright lines are rare, and most of the energy
+    return Assessment(
+        True, f"{found}, of any face up to {bound:.0f} dB" if cell <= limit < bound else found, 0.0
+    )
+
+
+def _missed_db(context: SceneContext, pilot: PilotResult, bounces: int) -> float:
+    """Bound of the coherent return of a cell over its mean clutter, dB."""
+    if context.sampling is None or not pilot.clutter > 0.0:
         return np.inf
-    wavelength = context.scene.radar.waveform.wavelength
-    area = max(context.sampling.cell, context.sampling.ray_spacing) ** 2
-    cosine = context.incidence_cosine[0]
-    worst = -np.inf
-    for m in context.materials:
-        loss_db = -4.0 * (context.wavenumber * m.rms_height * cosine) ** 2 * 10.0 / np.log(10.0)
-        coherent_db = 10.0 * np.log10(4.0 * np.pi * area / wavelength**2) + loss_db
-        table = diffuse_tables(m, wavelength, 91)
-        sigma = np.minimum(table.amplitude_h, table.amplitude_v)[table.theta <= np.arccos(cosine) + 1e-3] ** 2
-        sigma0 = float(sigma.min()) if sigma.size else 0.0
-        worst = max(worst, coherent_db - 10.0 * np.log10(sigma0) if sigma0 > 0 else np.inf)
-    return float(worst)
+    clutter = pilot.clutter / pilot.patch_area * context.sampling.cell_across
+    most = max(facet_bound(context).cross_section, flash_bound(context, bounces))
+    return 10.0 * float(np.log10(max(most / clutter, 1e-30)))
 
 
 EFFECTS.register(Coherent())

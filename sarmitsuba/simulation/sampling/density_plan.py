@@ -274,6 +274,7 @@ class SamplingPlan:
             cell=float(np.sqrt(self.azimuth_cell * ground)),
             box=self.box,
             key_pulses=self.expected_key_pulses,
+            cell_across=self.azimuth_cell * ground * float(np.cos(self.window.incidence)),
         )
 
     def lattices(self, *, realisation: int = 0, subset: int = 0) -> tuple[LaunchGrid, ...]:

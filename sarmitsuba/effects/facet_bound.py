@@ -1,0 +1,173 @@
+"""Upper bounds of the coherent return of rough faces in one resolution cell, from the geometry alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.arrays import F64
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.shape import ShapeAnalysis
+from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.map_materials import with_parts
+
+# antenna positions at which faces are examined, of those of the context; in between, angles have a margin
+_POSITIONS = 17
+# nodes of the table of sigma0, 0 to 90 degrees
+_NODES = 91
+
+
+@dataclass(frozen=True, eq=False)
+class FacetBound:
+    """Largest coherent return of a resolution cell after one bounce, over all faces and the aperture.
+
+    Parameters
+    ----------
+    cross_section : m^2
+    over_own_clutter_db : over the diffuse return of the same face and area, dB
+    """
+
+    cross_section: float
+    over_own_clutter_db: float
+
+
+def facet_bound(context: SceneContext) -> FacetBound:
+    r"""Bound of the physical-optics return of a cell of area A = L^2 on a plane face.
+
+    .. math:: \sigma \le \frac{4 \pi}{\lambda^2} \cos^2\theta \, e^{-4 (k s \cos\theta)^2}
+        \min\left(A, \frac{\max(2 L, A p / A_f)}{2 k \sin\theta}\right)^2,
+
+    because the phase integral over a polygon is at most its perimeter over the tangential wave vector (Green's
+    theorem): two edges of a large face pass through the cell, or the perimeters ``p`` of all faces of area ``A_f`` in
+    it. The angle is the least and the greatest within the face and between the examined antenna positions.
+
+    Parameters
+    ----------
+    context : with its sampling
+
+    Notes
+    -----
+    Ignores shadowing. Every angle counts where the receiver is apart, shapes move, or the analysis is not thorough.
+    """
+    if context.sampling is None:
+        return FacetBound(np.inf, np.inf)
+    shape, scene = context.shape, context.scene
+    known = shape.thorough and scene.radar.receiver is None and not scene.geometry.moves
+    if not known:
+        return _at_any_angle(context)
+    sine, nearest, farthest = _angles(shape, context.antenna)
+    largest, ratio = 0.0, -np.inf
+    for index in np.unique(shape.material):
+        of = shape.material == index
+        area, cell = shape.areas[of], _cell(context)
+        solid = area > 0
+        if not solid.any():
+            continue
+        perimeter = shape.perimeters[of][solid]
+        edges = np.maximum(2.0 * np.sqrt(cell), cell * perimeter / area[solid])
+        with np.errstate(divide="ignore"):
+            integral = np.minimum(cell, edges / (2.0 * context.wavenumber * sine[of][solid]))
+        low, high = farthest[of][solid], nearest[of][solid]
+        sigma, own = _returns(context, int(index), integral, low, high)
+        largest, ratio = max(largest, float(sigma.max())), max(ratio, _worst_ratio_db(sigma, own))
+    return FacetBound(largest, ratio)
+
+
+def flash_bound(context: SceneContext, bounces: int) -> float:
+    r"""Bound (m^2) of the return of a cell where every bounce of a path of 2 to ``bounces`` is specular.
+
+    The wave vectors that the bounces transfer add up to 2 k, and each costs its own roughness loss, so that together
+    these are at least :math:`4 (k s)^2 / n` for n bounces on surfaces of rms height ``s`` or more.
+
+    Parameters
+    ----------
+    context : with its sampling
+    bounces : most of a path, at least 1
+    """
+    if context.sampling is None:
+        return np.inf
+    if bounces < 2:
+        return 0.0
+    least = min((m.rms_height for m in context.materials), default=0.0)
+    loss = 4.0 * (_lowest_wavenumber(context) * least) ** 2 / bounces
+    wavelength = context.scene.radar.waveform.wavelength
+    return float(4.0 * np.pi * _cell(context) ** 2 / wavelength**2 * np.exp(-loss))
+
+
+def _cell(context: SceneContext) -> float:
+    """Area of a resolution cell, m^2."""
+    assert context.sampling is not None
+    return max(context.sampling.cell, context.sampling.ray_spacing) ** 2
+
+
+def _lowest_wavenumber(context: SceneContext) -> float:
+    """Wavenumber at the lower end of the band, rad/m."""
+    waveform = context.scene.radar.waveform
+    return context.wavenumber * (1.0 - 0.5 * waveform.bandwidth / waveform.center_frequency)
+
+
+def _angles(shape: ShapeAnalysis, antenna: F64) -> tuple[F64, F64, F64]:
+    """Least sine, greatest and least cosine of the incidence angle over each face and the aperture, (n_faces,)."""
+    pick = np.unique(np.linspace(0, len(antenna) - 1, min(len(antenna), _POSITIONS)).round().astype(int))
+    corners = shape.vertices[shape.faces]
+    middle = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+    least, greatest = np.full(shape.n_faces, 0.5 * np.pi), np.zeros(shape.n_faces)
+    previous = None
+    for position in antenna[pick]:
+        ray = position - middle
+        distance = np.linalg.norm(ray, axis=1)
+        unit = ray / distance[:, None]
+        angle = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", unit, shape.normals)), 0.0, 1.0))
+        margin = np.arcsin(np.minimum(radius / distance, 1.0))
+        if previous is not None:  # half the step of the line of sight to the position before
+            margin = margin + 0.5 * np.linalg.norm(unit - previous, axis=1)
+        previous = unit
+        least = np.minimum(least, np.maximum(angle - margin, 0.0))
+        greatest = np.maximum(greatest, np.minimum(angle + margin, 0.5 * np.pi))
+    return np.sin(least), np.cos(least), np.cos(greatest)
+
+
+def _at_any_angle(context: SceneContext) -> FacetBound:
+    """Bound where a face may have any angle between the least and greatest of the scene."""
+    low = np.array([context.incidence_cosine[0]])
+    integral = np.array([_cell(context)])
+    largest, ratio = 0.0, -np.inf
+    for index in np.unique(context.shape.material):
+        sigma, own = _returns(context, int(index), integral, low, np.ones(1))
+        largest, ratio = max(largest, float(sigma.max())), max(ratio, _worst_ratio_db(sigma, own))
+    return FacetBound(largest, ratio)
+
+
+def _returns(context: SceneContext, index: int, integral: F64, low: F64, high: F64) -> tuple[F64, F64]:
+    """Bound of the coherent and of the least diffuse return of a cell, m^2, for cosines from ``low`` to ``high``."""
+    wavelength = context.scene.radar.waveform.wavelength
+    parts = with_parts([context.scene.materials[index]])
+    height = min(m.rms_height for m in parts)
+    fall = 4.0 * (_lowest_wavenumber(context) * height) ** 2
+    square = (
+        np.clip(1.0 / fall, low**2, high**2) if fall > 0.0 else high**2
+    )  # where x exp(-fall x) is largest
+    sigma = 4.0 * np.pi / wavelength**2 * np.square(integral) * square * np.exp(-fall * square)
+    sigma0 = np.full(len(low), np.inf)
+    for m in parts:
+        table = diffuse_tables(m, wavelength, _NODES)
+        power = np.square(np.minimum(table.amplitude_h, table.amplitude_v))
+        first = np.searchsorted(table.theta, np.arccos(high), side="right") - 1
+        last = np.searchsorted(table.theta, np.arccos(low))
+        sigma0 = np.minimum(sigma0, _least_between(power, first, np.minimum(last, _NODES - 1)))
+    return sigma, sigma0 * _cell(context)
+
+
+def _least_between(values: F64, first: NDArray[np.int64], last: NDArray[np.int64]) -> F64:
+    """Least of ``values[first : last + 1]`` for each pair."""
+    least = np.full((len(values), len(values)), np.inf)
+    for i in range(len(values)):
+        least[i, i:] = np.minimum.accumulate(values[i:])
+    return np.asarray(least[first, last])
+
+
+def _worst_ratio_db(sigma: F64, own: F64) -> float:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(sigma > 0, sigma / own, 0.0)
+        return float(10.0 * np.log10(ratio.max()))
