@@ -135,3 +135,20 @@ def test_no_block_of_few_pulses_is_left_over() -> None:
             even = _even(n, length)
             assert even <= length * 17 / 16 + 1
             assert n % even == 0 or n % even > even / 2
+
+
+def test_a_window_keeps_the_nodes_within_it() -> None:
+    """Triangles of which some lie beyond the window, many are long: nodes within are those without a window."""
+    rng = np.random.default_rng(11)
+    triangles = 40.0 * rng.normal(size=(80, 1, 3)) + rng.choice([1.0, 60.0], (80, 1, 1)) * rng.normal(
+        size=(80, 3, 3)
+    )
+    antennas = np.array([[-3000.0, y, 3000.0] for y in (-20.0, 0.0, 25.0)])
+    frame = frame_towards(antennas[1:2], np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    lattice = Lattice(frame, 0.5, 0.3, np.array([0.2, 0.1]))
+    reach = (25.0, 14.0)
+    every = np.stack(nodes_over(triangles, antennas, lattice, stretches=40.0), axis=1)
+    within = np.stack(nodes_over(triangles, antennas, lattice, reach=reach, stretches=40.0), axis=1)
+    expected = every[(np.abs(every) <= reach).all(axis=1)]
+    assert 500 < len(within) < 0.5 * len(every)
+    np.testing.assert_array_equal(within, expected)

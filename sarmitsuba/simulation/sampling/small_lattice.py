@@ -1,6 +1,6 @@
 """Lattices over small parts of the scene: finer rays where a piece of surface is narrower than the ray spacing."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -104,7 +104,9 @@ def nodes_over(
     edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
     longest = max(stretches * lattice.spacing, float(edges.max(initial=0.0)) / MOST_CUTS)
     runs = [np.zeros((0, 3), dtype=np.int64)]
-    corners, owner = cut(triangles, longest)
+    margin = (rim + 1.0) * lattice.spacing
+    within = (reach[0] + margin, reach[1] + margin)
+    corners, owner = cut(triangles, longest, lambda some: _may_reach(some, antennas, lattice.frame, within))
     stretch = None if piece is None else _stretches(corners, piece[owner], longest)
     rows_left = ROWS_A_NODE * max(most, 1.0)
     for first in range(0, len(corners), MOST_TRIANGLES):
@@ -322,12 +324,40 @@ def outline_area(triangles: F64, antenna: F64, frame: LaunchFrame) -> F64:
     return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
-def cut(triangles: F64, longest: float) -> tuple[F64, NDArray[np.intp]]:
-    """Triangles halved across their longest edge until none is longer than ``longest``; parts, and their triangle."""
+def _may_reach(
+    triangles: F64, antennas: F64, frame: LaunchFrame, reach: tuple[float, float]
+) -> NDArray[np.bool_]:
+    """Triangles (n, 3, 3) whose projections from the antennas may lie within ``reach`` of the launch plane's centre."""
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    box = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
+    if all((np.abs(project(box, antenna, frame)) <= reach).all() for antenna in antennas):
+        return np.ones(len(triangles), dtype=bool)
+    seen = [project(triangles, antenna, frame) for antenna in antennas]
+    least = np.min([corners.min(axis=1) for corners in seen], axis=0)
+    most = np.max([corners.max(axis=1) for corners in seen], axis=0)
+    return np.asarray((least <= reach).all(axis=1) & (most >= -np.asarray(reach)).all(axis=1))
+
+
+def cut(
+    triangles: F64, longest: float, wanted: Callable[[F64], NDArray[np.bool_]] | None = None
+) -> tuple[F64, NDArray[np.intp]]:
+    """Triangles halved across their longest edge until none is longer than ``longest``; parts, and their triangle.
+
+    Parameters
+    ----------
+    triangles : (n, 3, 3) float64, m
+    longest : m
+    wanted : which of some triangles to keep; None: all
+    """
     done: list[F64] = []
     owners: list[NDArray[np.intp]] = []
     owner = np.arange(len(triangles))
     while triangles.size:
+        if wanted is not None:
+            kept = wanted(triangles)
+            triangles, owner = triangles[kept], owner[kept]
         edges = np.roll(triangles, -1, axis=1) - triangles
         length = np.sqrt(np.einsum("tki,tki->tk", edges, edges))
         long = length.max(axis=1) > longest
