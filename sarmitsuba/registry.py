@@ -12,11 +12,13 @@ import os
 import pkgutil
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import TracebackType
 from typing import Generic, Protocol, TypeVar
 
-from sarmitsuba.errors import ExtensionError
+from sarmitsuba.errors import ExtensionError, SarmitsubaError
 
 ENTRY_POINTS = "sarmitsuba.extensions"
 
@@ -29,6 +31,62 @@ def late(module: str, name: str) -> Callable[..., object]:
     """
     function: Callable[..., object] = getattr(importlib.import_module(module), name)
     return function
+
+
+Value = TypeVar("Value")
+
+
+class Calling:
+    """Context that calls an entry's code: errors of an extension become an ExtensionError in one line that names it.
+
+    Errors of built-in entries are defects of the program and pass as they are.
+
+    Parameters
+    ----------
+    kind : of the entry, for the message
+    entry : registered
+    method : that is called
+    """
+
+    def __init__(self, kind: str, entry: object, method: str) -> None:
+        self.kind, self.entry, self.method = kind, entry, method
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, _: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not isinstance(error, Exception) or isinstance(error, SarmitsubaError) or is_built_in(self.entry):
+            return
+        module = sys.modules.get(type(self.entry).__module__)
+        own = os.path.abspath(getattr(module, "__file__", None) or "")
+        frames = traceback.extract_tb(trace)
+        lines = [frame.lineno for frame in frames if os.path.abspath(frame.filename) == own]
+        place = f" ({os.path.basename(own)}, line {lines[-1]})" if lines else ""
+        text = " ".join(str(error).split()) or "no text"
+        name = getattr(self.entry, "name", type(self.entry).__name__)
+        raise ExtensionError(
+            f"{self.kind} {name!r}: {self.method}: {type(error).__name__}: {text}{place}"
+        ) from error
+
+
+def checked_type(found: Value, *kinds: type) -> Value:
+    """What an entry's method returned, if it is of one of these types.
+
+    Raises
+    ------
+    TypeError
+        It is not.
+    """
+    if not isinstance(found, kinds):
+        raise TypeError(f"returns {type(found).__name__}, not {kinds[0].__name__}")
+    return found
+
+
+def is_built_in(entry: object) -> bool:
+    """Whether a registered entry comes with the program."""
+    return type(entry).__module__.startswith("sarmitsuba.")
 
 
 class Named(Protocol):

@@ -12,6 +12,7 @@ import numpy as np
 from sarmitsuba.arrays import C64
 from sarmitsuba.backend import dr
 from sarmitsuba.cost.clock import StudyClock, WallClock
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import ImageGrid
@@ -92,6 +93,7 @@ class Trial:
         return image_error_db(self.image, reference)
 
 
+@exclusive
 def run_trial(
     scene: Scene,
     setting: TrialSetting,

@@ -25,8 +25,11 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.echo.phasor import phase_ramp
 from sarmitsuba.echo.sub_bands import RangeFilter
+from sarmitsuba.errors import RadarError
 from sarmitsuba.samples import Samples
 
+# widest gridding kernel, cells
+WIDEST = 8
 OVERSAMPLING = 2.0
 """Grid cells per critical cell the kernels are tuned for: frequencies used stay below 1/4 cycle per cell."""
 
@@ -68,8 +71,8 @@ class GriddingKernel:
     width: int
 
     def __post_init__(self) -> None:
-        if not 1 <= self.width <= 8:
-            raise ValueError(f"gridding_width = {self.width} must lie in 1 ... 8")
+        if not 1 <= self.width <= WIDEST:
+            raise RadarError(f"gridding_width = {self.width} is not within 1 ... {WIDEST}; take 4")
 
     @property
     def shift(self) -> float:

@@ -1,6 +1,6 @@
 """Context in which effects are decided: properties of scene and radar, and results of a pilot trace."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -87,7 +87,8 @@ class PilotResult:
     hits : (n_orders,) number of hits by order
     rays_per_second : pilot kernel alone, 0 when unknown
     seconds : whole pilot
-    going_on : largest share of a patch's launched power that continues after the last order
+    going_on : largest share of a patch's launched power that is incident at the last order
+    incident : (n_orders,) float64, mean share of a random patch's launched power that is incident at each bounce
     patch_area : m^2 across the line of sight, effective: of the taper's power; NaN if not known
     """
 
@@ -103,6 +104,7 @@ class PilotResult:
     rays_per_second: float
     seconds: float
     going_on: float = 0.0
+    incident: F64 = field(default_factory=lambda: np.zeros(0))
     patch_area: float = float("nan")
 
     @property
@@ -145,7 +147,23 @@ class PilotResult:
 
     def settled(self, tolerance_db: float) -> bool:
         """Whether enough bounces were traced, by their returns and by the power that continues after the last."""
-        return self.enough(tolerance_db) > 0 and self.going_on <= 10.0 ** (0.1 * tolerance_db)
+        limit = 10.0 ** (0.1 * tolerance_db)
+        return self.enough(tolerance_db) > 0 and self.going_on <= limit and self.later_db <= tolerance_db
+
+    @property
+    def later_db(self) -> float:
+        r"""Share of the image's energy that bounces after the last may have, dB, by the power left for them.
+
+        .. math:: P_N \max_n E_n / P_n
+
+        with the energy :math:`E_n` returned at bounce n and the power :math:`P_n` incident at it. No return at bounce N
+        is no proof: between two walls that meet at an edge, every second bounce returns nothing.
+        """
+        if not self.incident.size:
+            return -np.inf
+        lit = self.incident > 0.0
+        best = float((self.mean[3][lit] / self.incident[lit]).max(initial=0.0))
+        return _ratio_db(best * float(self.incident[-1]), self.total)
 
     def would_be_enough(self, tolerance_db: float) -> int:
         """Extrapolated number of bounces for :meth:`enough`, if returns decay as over the last half of those traced."""

@@ -15,6 +15,7 @@ from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.errors import ExtensionError, SarmitsubaWarning, SceneError
 from sarmitsuba.parameters import filled
+from sarmitsuba.registry import Calling, checked_type
 from sarmitsuba.scene.scene import Scene
 
 
@@ -141,7 +142,9 @@ class EffectsPlan:
         on = {d.name: d.on for d in self.decisions}
         for effect in effects():
             if effect.name in on:
-                scene = effect.within(scene) if on[effect.name] else effect.without(scene)
+                with Calling("effect", effect, "within" if on[effect.name] else "without"):
+                    found = effect.within(scene) if on[effect.name] else effect.without(scene)
+                    scene = checked_type(found, Scene)
         return scene
 
     def summary(self) -> str:
@@ -213,10 +216,12 @@ def plan_effects(
     for effect in effects():
         if up_to is not None and effect.rank > up_to:
             break
-        assessment = effect.assess(context, decided)
+        with Calling("effect", effect, "assess"):
+            assessment = checked_type(effect.assess(context, decided), Assessment)
         decision = _decide(effect.name, wanted.get(effect.name, "auto"), assessment)
         decided[effect.name] = decision
-        chosen.update(_declared(effect, effect.flags(decision.on, context, decided)))
+        with Calling("effect", effect, "flags"):
+            chosen.update(_declared(effect, effect.flags(decision.on, context, decided)))
         if decision.on and assessment.note:
             notes.append(assessment.note)
         loses = decision.source == "user" and decision.on != assessment.on and not decision.on

@@ -211,6 +211,11 @@ class Collector:
             raise SceneError(f"{shape.where}: {kind.name} is on a {shape.plugin}; put it on a sphere")
         if not placed.motion.still:
             raise SceneError(f"{shape.where}: {kind.name} on a shape that moves; leave its velocity out")
+        if "radius" in shape.given():
+            raise SceneError(
+                f"{shape.where}: the sphere of a {kind.name} gives its place and axes only; leave radius out"
+                + (" and set that of the bsdf" if "radius" in values else "")
+            )
         missing = [p.name for p in kind.parameters if values[p.name] is None]
         if missing:
             raise SceneError(f"{bsdf.where}: {kind.name} has no {missing[0]}; give it a number")

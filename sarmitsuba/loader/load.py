@@ -16,12 +16,34 @@ from sarmitsuba.loader.library import resolve, resolve_radar
 from sarmitsuba.loader.overrides import check_used, split_parameters
 from sarmitsuba.loader.plugins import register_plugins
 from sarmitsuba.loader.references import check_meshes
-from sarmitsuba.loader.shapes import placed_shapes
+from sarmitsuba.loader.shapes import SHAPE_PARAMETERS, placed_shapes
 from sarmitsuba.loader.xml import parse_dict, parse_file, read_text
+from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS, ORDINARY_BSDFS
 from sarmitsuba.scene.scatterers import scatterer_tables
 from sarmitsuba.scene.scene import Scene
 
 _DICT = "dict"
+
+
+# elements of scene files, and parameters of every shape
+_ELEMENTS = (
+    *("scene", "sensor", "film", "integrator", "shape", "bsdf", "texture", "emitter", "medium", "transform"),
+    *(
+        "ref",
+        "default",
+        "include",
+        "alias",
+        "path",
+        "float",
+        "integer",
+        "boolean",
+        "string",
+        "vector",
+        "to_world",
+    ),
+)
+# names that kinds of scatterers cannot have
+_TAKEN = frozenset({*tables.TABLES, *ORDINARY_BSDFS, *ADAPTER_BSDFS, *SHAPE_PARAMETERS, *_ELEMENTS})
 
 
 @exclusive
@@ -63,9 +85,9 @@ def load_scene(
     """
     own = scatterer_tables()
     for name in own:
-        if name in tables.TABLES:
+        if name in _TAKEN:
             raise ExtensionError(
-                f"kind of scatterer {name!r}: that is the name of a plugin of the scene format; take another"
+                f"kind of scatterer {name!r}: that is a name of the scene format or a plugin of Mitsuba; take another"
             )
     known = tables.TABLES | own
     plain, overrides = split_parameters(parameters or {}, known)

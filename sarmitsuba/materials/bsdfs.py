@@ -298,6 +298,8 @@ def ordinary_material(
     kind, is_rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
     words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm{_length_words(rms_height)}")
     note = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; use radar_material for another'
+    if plugin not in ORDINARY_BSDFS:
+        note += ", or load the extension that defines it (--extension FILE)"
     surface = rough(rms_height) if is_rough else smooth()
     if kind == "principled":
         kind = (

@@ -40,7 +40,7 @@ class FilmDescription:
         "width in samples of the gridding kernel; each step of 1 gains about 10 dB of accuracy",
         "",
         2,
-        16,
+        8,
     )
     image_grid: Literal["slant", "ground"] = described(
         "slant", "coordinates of the image", choices=("slant", "ground")

@@ -1,6 +1,6 @@
 """Batches of pulses of a run, which can be traced independently of each other in any process."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -12,10 +12,11 @@ from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.sources.kind import passages_of
 from sarmitsuba.simulation.statistics import TraceStatistics
-from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
+from sarmitsuba.trace.source import Part
 
 
 @dataclass(frozen=True)
@@ -69,14 +70,38 @@ class BatchTracer:
 
     def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
         """Trace one batch, with the lattices of its ray subset or with given ones."""
-        tracer, radar = self.tracer, self.tracer.sampling.scene.radar
-        pulses: Pulses = (KeyPulse if batch.together else EveryPulse)(
-            tracer.sampling, batch.start, batch.stop
-        )
-        states = pulses.states
         if lattices is None:
             middle = batch.start + (batch.stop - batch.start) // 2
             lattices = self.rays.at(middle if batch.together else batch.start)[batch.subset]
+        n_pulses = 1 if batch.together else batch.stop - batch.start
+        if batch.together:
+            block = KeyPulse(self.tracer.sampling, batch.start, batch.stop)
+            profiles, statistics = self._profiles(block, lattices, lambda part: not part.every_pulse)
+            if any(launch.part.every_pulse for launch in self.tracer.launches(lattices, 1)):
+                step = self.pulses_per_launch(0)
+                for start in range(batch.start, batch.stop, step):
+                    stop = min(start + step, batch.stop)
+                    pulses = EveryPulse(self.tracer.sampling, start, stop)
+                    apart, more = self._profiles(pulses, lattices, lambda part: part.every_pulse)
+                    profiles[:, start - batch.start : stop - batch.start] += apart
+                    statistics = statistics.plus(more)
+        else:
+            pulses = EveryPulse(self.tracer.sampling, batch.start, batch.stop)
+            profiles, statistics = self._profiles(pulses, lattices, lambda part: True)
+        # the subsets after the first have the same pulses
+        statistics = replace(statistics, key_pulses=0 if batch.subset else n_pulses)
+        return Traced(batch, profiles, statistics, self.tracer.largest_grid)
+
+    def pulses_per_launch(self, n_rays: int) -> int:
+        """Pulses of one launch that traces every pulse, as many as memory allows."""
+        row = self.n_layers * 2 * self.tracer.sampling.scene.radar.window.n_samples * 2 * 16
+        return self.tracer.most_pulses or int(max(1, min(MAX_LANES // max(n_rays, 1), MAX_GRID_BYTES // row)))
+
+    def _profiles(
+        self, pulses: Pulses, lattices: Sequence[LaunchGrid], wanted: Callable[[Part], bool]
+    ) -> tuple[C64, TraceStatistics]:
+        """Profiles of the wanted launches, over the band."""
+        tracer, radar, states = self.tracer, self.tracer.sampling.scene.radar, pulses.states
         serving = [grid for grid in lattices if grid.serves(states.pick.start)]
         tracer.pose(radar.track.time[states.pick])
         channels, wavelength = len(radar.channels), radar.waveform.wavelength
@@ -89,15 +114,14 @@ class BatchTracer:
             tracer.largest_grid = max(tracer.largest_grid, accumulator.n_bytes)
             accumulator.watch(radar.window.start_range[states.pick], radar.window.extent)
             for launch in at_frequency.launches(serving, states.n_pulses):
-                done = at_frequency.launch(launch, states, accumulator, pulses.each)
-                statistics = statistics.plus(replace(done, key_pulses=0))
+                if wanted(launch.part):
+                    done = at_frequency.launch(launch, states, accumulator, pulses.each)
+                    statistics = statistics.plus(replace(done, key_pulses=0))
             part = pulses.profiles(accumulator.grid(), share)
             profiles = part if profiles is None else profiles + part
             tracer.timer.lap("synthesise")
         assert profiles is not None
-        # the subsets after the first have the same pulses
-        statistics = replace(statistics, key_pulses=0 if batch.subset else states.n_pulses)
-        return Traced(batch, profiles, statistics, tracer.largest_grid)
+        return profiles, statistics
 
 
 @dataclass(frozen=True, eq=False)

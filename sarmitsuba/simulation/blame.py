@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import ExtensionError, SceneError
 from sarmitsuba.finite import all_finite
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.simulation.recording import Recording
+from sarmitsuba.trace.stage import own_stages
 from sarmitsuba.trace.state import RECIPROCAL
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.materials.material import Material
     from sarmitsuba.scene.geometry import Geometry
     from sarmitsuba.trace.scene_tables import TraceScene
@@ -79,6 +82,29 @@ def blamed(
     shape = geometry.mesh_names[int(np.searchsorted(geometry.mesh_face_offset, face, side="right")) - 1]
     material = with_parts(materials)[int(geometry.face_material[face])]
     return f'{echo} that ends on the shape "{shape}", face {face}, material "{material.name}",'
+
+
+def blame_stages(flags: KernelFlags, where: str, finite: Callable[[KernelFlags], bool]) -> None:
+    """Stop a run whose echoes are finite numbers without a stage of an extension.
+
+    Parameters
+    ----------
+    flags : of the launch whose echoes are not finite
+    where : scene and pulse
+    finite : whether the launch's echoes are finite with other flags
+
+    Raises
+    ------
+    ExtensionError
+        They are without one of the stages, or without all.
+    """
+    own = own_stages(flags)
+    for names in dict.fromkeys((*((name,) for name in own), own)):
+        if names and finite(replace(flags, extra=flags.extra - set(names))):
+            raise ExtensionError(
+                f"{where}: stage of the trace kernel {', '.join(map(repr, names))}: gives an echo that is not a "
+                "finite number"
+            )
 
 
 def check_traced(

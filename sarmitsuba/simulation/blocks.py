@@ -20,7 +20,7 @@ from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.statistics import TraceStatistics
-from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
+from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.launch import LaunchGrid
 
 # exponent of the time between two pulses with which the energy of a path's change grows, at least: one for edges of
@@ -231,8 +231,11 @@ class Blocks:
         """Trace one batch of the first ray subset; returns the share of its pulses, and its statistics."""
         if self.interval == 1:
             first = self._every_pulse()[0]
-            return first.stop / self.data.shape[1], self._here_alone([first])
-        return 1.0 / len(self.blocks), self._here_alone([self._batch(self._middle, 0)])
+            share = first.stop / self.data.shape[1]
+        else:
+            first, share = self._batch(self._middle, 0), 1.0 / len(self.blocks)
+        (traced,) = self._traced([first], self._here)
+        return share, traced.statistics
 
     @property
     def _middle(self) -> int:
@@ -241,15 +244,11 @@ class Blocks:
 
     def block(self, index: int) -> TraceStatistics:
         """Trace one block with all ray subsets, up to the first pulse of the next block."""
-        stats = self._here_alone([self._batch(index, subset) for subset in range(self.rays.n_subsets)])
-        self.done.add(index)
-        return stats
-
-    def _here_alone(self, batches: Sequence[Batch]) -> TraceStatistics:
-        """Trace batches in this process; returns the statistics."""
         total = TraceStatistics()
-        for traced in self._traced(batches, self._here):
+        subsets = [self._batch(index, subset) for subset in range(self.rays.n_subsets)]
+        for traced in self._traced(subsets, self._here):
             total = total.plus(traced.statistics)
+        self.done.add(index)
         return total
 
     def _batch(self, index: int, subset: int) -> Batch:
@@ -261,15 +260,13 @@ class Blocks:
         return slice(subset * each, (subset + 1) * each)
 
     def _every_pulse(self) -> list[Batch]:
-        sampling, tracer = self.tracer.sampling, self.tracer
-        row = self.batches.n_layers * 2 * sampling.scene.radar.window.n_samples * 2 * 16
+        sampling = self.tracer.sampling
         batches = []
         for i in range(self.rays.n_subsets):
             for window in sampling.windows:
                 first, end = window.pulses
                 most = max(g.n_rays for g in self.rays.at(first)[i] if g.serves(first))
-                step = int(max(1, min(MAX_LANES // most, MAX_GRID_BYTES // row, end - first)))
-                step = tracer.most_pulses or step
+                step = min(self.batches.pulses_per_launch(most), end - first)
                 starts = range(first, end, step)
                 batches += [Batch(i, k, min(end, k + step), together=False) for k in starts]
         return batches

@@ -124,6 +124,11 @@ class FarSite(Site):
         """See :class:`Site`: as large as the target."""
         return 2.0 * target_middle(self.scene)[1]
 
+    @property
+    def block(self) -> int:
+        """See :class:`Site`."""
+        return 1
+
     def shares(self, points: F64) -> F64:
         """See :class:`Site`."""
         return np.ones(len(points))

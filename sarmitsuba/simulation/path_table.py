@@ -16,7 +16,7 @@ from sarmitsuba.parameters import filled
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.blame import check_traced
+from sarmitsuba.simulation.blame import blame_stages, check_traced
 from sarmitsuba.simulation.points import point_echo, point_history
 from sarmitsuba.simulation.prediction.counting import check_rays
 from sarmitsuba.simulation.pulses import AntennaStates
@@ -245,6 +245,7 @@ class PathTracer:
         table = joined(parts)
         lost = ~(np.isfinite(table.power) & np.isfinite(table.length) & np.isfinite(table.range_rate))
         if lost.any():
+            blame_stages(run.plan.flags, f"{run.scene.name}: {_named(table[lost][0:1])}", lambda _: True)
             check_traced(np.zeros(0, np.complex64), np.nan, run.scene.name, lambda: _named(table[lost][0:1]))
         phase = np.exp(-2j * np.pi / radar.waveform.wavelength * table.length)
         table = replace(table, amplitude=table.amplitude * phase[:, None])

@@ -35,6 +35,7 @@ from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
+from sarmitsuba.trace.stage import KernelRecording
 from sarmitsuba.trace.state import RECIPROCAL, Contribution, Hit, Kernel, RayState
 
 # bounces traced at first, and at most where the last of them still returns too much
@@ -214,20 +215,20 @@ def run_pilot(
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
     shape = shape or SceneContext(scene).shape
     points, sizes = _features(shape, sampling, per_pulse * len(chosen))
-    powers, randoms, seconds = [], [], 0.0
-    features, going_on = 0, 0.0
+    powers, shares, randoms, seconds = [], [], [], 0.0
+    features = 0
     flags = _flags(scene, draft)
     for pulse in chosen:
         patches = _place(sampling, pulse, per_pulse, points, sizes, rng)
         before = clock()
         power, share = _trace(trace_scene, sampling, flags, pulse, patches, orders)
         powers.append(power)
-        going_on = max(going_on, share)
+        shares.append(share)
         seconds += clock() - before
         randoms.append(np.arange(patches.n_random + patches.n_features) < patches.n_random)
         features += patches.n_features
     power = np.concatenate(powers, axis=1)  # (4, patches, orders)
-    random = np.concatenate(randoms)
+    incident, random = np.concatenate(shares), np.concatenate(randoms)
     count = int(random.sum())
     rays = power.shape[1] * SIDE**2
     return PilotResult(
@@ -241,7 +242,8 @@ def run_pilot(
         share=(power[3, random] > 0).mean(axis=0),
         peak=power.max(axis=1),
         rays_per_second=rays / seconds if seconds > 0 else 0.0,
-        going_on=going_on,
+        going_on=float(incident[:, -1].max()),
+        incident=incident[random].mean(axis=0),
         seconds=clock() - start,
         patch_area=float(np.square(_fade()).sum()) * sampling.spacings.coherent**2,
     )
@@ -337,7 +339,7 @@ class _PatchAccumulator:
         self.n_lanes, self.orders = n_patches * SIDE**2, orders
         self.wavelength, self.reference_range = wavelength, reference_range
         self.memory = dr.zeros(mi.Float, 4 * n_patches * len(KINDS) * orders)
-        self.going_on = dr.zeros(mi.Float, n_patches)
+        self.incident = dr.zeros(mi.Float, n_patches * orders)
         self.fade = device_array(mi.Float, _fade().astype(np.float32))
 
     def begin(self) -> tuple[Any, ...]:
@@ -347,11 +349,11 @@ class _PatchAccumulator:
     def visit(
         self, state: tuple[mi.UInt32, ...], ray: RayState, hit: Hit
     ) -> tuple[tuple[mi.UInt32, ...], mi.UInt32 | None]:
-        """Add up the power of rays that end at the last bounce; see :class:`sarmitsuba.trace.kernel.Follower`."""
-        last = hit.active & (hit.order == dr.opaque(mi.UInt32, self.orders))
+        """Add up the power incident at every bounce; see :class:`sarmitsuba.trace.kernel.Follower`."""
         power = sum(dr.squared_norm(re) + dr.squared_norm(im) for re, im in ray.fields)
         share = power / (len(ray.fields) * SIDE**2)
-        dr.scatter_add(self.going_on, share, state[0] // SIDE**2, last)
+        row = (state[0] // SIDE**2) * dr.opaque(mi.UInt32, self.orders) + hit.order - 1
+        dr.scatter_add(self.incident, share, row, hit.active)
         return state, ray.trail
 
     def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
@@ -378,10 +380,10 @@ def _trace(
     pulse: int,
     patches: _Patches,
     orders: int,
-) -> tuple[F64, float]:
+) -> tuple[F64, F64]:
     """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, reciprocal, and their coherent sum.
 
-    And the largest share of a patch's power that continues after the last order.
+    And the share (patches, orders) of a patch's launched power that is incident at each bounce.
     """
     radar, window = sampling.scene.radar, sampling.window_at(pulse)
     pick = slice(pulse, pulse + 1)
@@ -401,8 +403,9 @@ def _trace(
     n = patches.n_random + patches.n_features
     accumulator = _PatchAccumulator(n, orders, radar.waveform.wavelength, reference)
     kernel = Kernel.of(trace_scene, patches.grid, batch, flags, settings)
-    _, state = trace(kernel, radar.antenna, accumulator)
-    dr.eval(state, accumulator.memory, accumulator.going_on)
+    with KernelRecording(kernel.flags):
+        _, state = trace(kernel, radar.antenna, accumulator)
+    dr.eval(state, accumulator.memory, accumulator.incident)
     sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), orders, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
     letters = linear_letters(radar.channels)
@@ -411,4 +414,4 @@ def _trace(
     power = np.zeros((4, n, orders))
     power[:3] = np.square(np.abs(field)).mean(axis=-1).swapaxes(0, 1)
     power[3] = np.square(np.abs(field.sum(axis=1))).mean(axis=-1)
-    return power, float(accumulator.going_on.numpy().max())
+    return power, accumulator.incident.numpy().astype(np.float64).reshape(n, orders)

@@ -17,6 +17,7 @@ from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.blame import blame_stages
 from sarmitsuba.simulation.point_legs import PointLegs, over_band, takes_part
 from sarmitsuba.simulation.tracing import polarisation_up
 from sarmitsuba.trace.scene_tables import TraceScene
@@ -100,6 +101,13 @@ class PointEcho:
             ),
         )
         kept = np.broadcast_to(np.asarray(echo.active), n)
+        finite = mi.Bool(True)
+        for a in (*echo.amplitudes, echo.slant_range, echo.range_rate):
+            finite &= (
+                dr.isfinite(a.real) & dr.isfinite(a.imag) if isinstance(a, mi.Complex2f) else dr.isfinite(a)
+            )
+        if not dr.all(finite | ~echo.active):
+            blame_stages(flags, "ideal point", lambda _: True)
         amplitudes = (
             kept * np.broadcast_to(np.asarray(x.real) + 1j * np.asarray(x.imag), n) for x in echo.amplitudes
         )

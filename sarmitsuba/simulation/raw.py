@@ -101,9 +101,8 @@ def simulate(
             run.finished.close()
 
 
-@exclusive
 def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -> RawData:
-    """Range-compressed echoes of a prepared run; see :func:`simulate`."""
+    """Range-compressed echoes of a prepared run; see :func:`simulate`. The caller holds the lock of the back end."""
     scene, plan = run.scene, run.plan
     radar, settings = scene.radar, scene.settings
     layers = run.layers.layers
@@ -111,7 +110,11 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     run.statistics, run.report = TraceStatistics(), None
     notes = list(run.notes)
     if run.sampling is not None:
-        run.report = _trace(run, run.sampling, data, pass_index, progress or silent)
+        blocks = _blocks(run, run.sampling, data, pass_index)
+        for done, batch in blocks.trace():
+            run.statistics = run.statistics.plus(batch)
+            _tell(run, done, progress or silent)
+        run.report = _report(run, blocks)
     if scene.points:
         n = add_points(scene, plan.flags, run.trace_scene, data, layers, plan.sub_bands)
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
@@ -136,35 +139,41 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     return replace(raw, metadata={**metadata, **raw.metadata})
 
 
-def _trace(
-    run: Run, sampling: SamplingPlan, data: C64, pass_index: int, progress: Progress
-) -> SamplingReport:
-    """Fill ``data`` (layers, pulses, samples) block by block."""
-    tracer = run.tracer(sampling)
-    rays = run.rays(sampling, pass_index)
-    workers = run.workers
-    spread = None if workers is None else partial(workers.trace, run.job(sampling, pass_index))
+def _blocks(run: Run, sampling: SamplingPlan, data: C64, pass_index: int) -> Blocks:
+    """Blocks of pulses that fill ``data`` (layers, pulses, samples) when they are traced."""
+    tracer, rays = run.tracer(sampling), run.rays(sampling, pass_index)
+    spread = None if run.workers is None else partial(run.workers.trace, run.job(sampling, pass_index))
     blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order, run.finished, spread)
     run.timer.lap("plan")
-    for done, batch in blocks.trace():
-        run.statistics = run.statistics.plus(batch)
-        if workers is not None:  # the rate is that of all workers together
-            run.timer.lap("trace")
-        rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
-        counted = {} if workers is None else {"workers": float(workers.n_workers)}
-        progress("trace", done, 1.0, {"rays/s": rate, **counted})
+    return blocks
+
+
+def _tell(run: Run, done: float, progress: Progress) -> None:
+    """Report the share of the pulses that is traced, and the rate."""
+    workers = run.workers
+    if workers is not None:  # the rate is that of all workers together
+        run.timer.lap("trace")
+    rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
+    counted = {} if workers is None else {"workers": float(workers.n_workers)}
+    progress("trace", done, 1.0, {"rays/s": rate, **counted})
+
+
+def _report(run: Run, blocks: Blocks) -> SamplingReport:
+    """Report on traced blocks, whose data are weighted by the shares of the ray subsets."""
     error_db = blocks.error_db
-    for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
+    for plane, layer in zip(
+        blocks.data, run.layers.layers, strict=True
+    ):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
     pulse = run.scene.radar.track.center_index
-    middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in rays.at(pulse)]
+    middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in blocks.rays.at(pulse)]
     return SamplingReport(
         spacings=LatticeSpacings.of(middle),
         rays_per_key_pulse=sum(g.n_rays for grids in middle for g in grids),
-        scatterer_cell=sampling.scatterer_cell,
+        scatterer_cell=blocks.tracer.sampling.scatterer_cell,
         key_pulse_interval=blocks.interval,
         block_error_db=error_db,
-        grid_bytes=tracer.largest_grid,
+        grid_bytes=blocks.tracer.largest_grid,
     )
 
 

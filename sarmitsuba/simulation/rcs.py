@@ -23,7 +23,7 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.settings import TOLERANCE_DB
-from sarmitsuba.simulation.blame import blamed, check_traced
+from sarmitsuba.simulation.blame import blame_stages, blamed, check_traced
 from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.trace.accumulators import SumAccumulator
@@ -32,6 +32,7 @@ from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch, frame_t
 from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.source import Source, launches
+from sarmitsuba.trace.staged import through_stages
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.surfaces import Surfaces
 
@@ -335,16 +336,21 @@ def _stop(
     materials: tuple[Material, ...],
 ) -> None:
     """Raise the error about a launch with echoes that are not finite; see `check_traced`."""
-
-    def again(recording: Recording) -> None:
-        _, state = trace(Kernel.of(scene, grid, batch, flags, settings), Antenna(), recording)
-        dr.eval(state, recording.memory)
-
     look = batch.position - batch.frame.center
     label = partial(_direction, look / np.linalg.norm(look, axis=1, keepdims=True))
     lanes, n_channels = grid.n_rays * batch.n_pulses, len(flags.channels)
-    names = partial(blamed, again, lanes, settings.max_depth, n_channels, scene, geometry, materials, label)
-    check_traced(np.zeros(0, np.complex64), np.nan, "rcs", names)
+
+    def culprit(flags: KernelFlags = flags) -> str:
+        kernel = Kernel.of(scene, grid, batch, flags, settings)
+
+        def again(recording: Recording) -> None:
+            _, state = trace(kernel, Antenna(), through_stages(kernel, recording))
+            dr.eval(state, recording.memory)
+
+        return blamed(again, lanes, settings.max_depth, n_channels, scene, geometry, materials, label)
+
+    blame_stages(flags, "rcs", lambda other: not culprit(other))
+    check_traced(np.zeros(0, np.complex64), np.nan, "rcs", culprit)
 
 
 def _direction(look: F64, number: int) -> str:

@@ -13,7 +13,7 @@ from sarmitsuba.echo.sub_bands import RangeFilter, SubBands
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.simulation.blame import blamed, check_traced
+from sarmitsuba.simulation.blame import blame_stages, blamed, check_traced
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
@@ -182,21 +182,22 @@ class Tracer:
         """Raise the error about a launch with echoes that are not finite; see :func:`check_traced`."""
         scene = self.sampling.scene
 
-        def again(recording: Recording) -> None:
-            _, state = launch.record(kernel, scene.radar.antenna, recording)
-            dr.eval(state, recording.memory)
-
-        def culprit() -> str:
+        def culprit(flags: KernelFlags = kernel.flags) -> str:
             lanes = max(1, launch.part.rays * kernel.pulses.n_pulses)
             n_channels, depth = len(scene.radar.channels), self.kernel.max_depth
             bodies = self.trace_scene, scene.geometry, scene.materials
             look = scene.settings.method == "image"
+
+            def again(recording: Recording) -> None:
+                _, state = launch.record(replace(kernel, flags=flags), scene.radar.antenna, recording)
+                dr.eval(state, recording.memory)
 
             def label(pulse: int) -> str:
                 return f"look {pulse}" if look else f"pulse {pick.start + pulse}"
 
             return blamed(again, lanes, depth, n_channels, *bodies, label)
 
+        blame_stages(kernel.flags, scene.name, lambda flags: not culprit(flags))
         check_traced(np.zeros(0, np.complex64), np.nan, scene.name, culprit)
 
 

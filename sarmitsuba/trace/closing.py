@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
@@ -14,6 +14,7 @@ from sarmitsuba.trace.leg import Surroundings, antenna_basis
 from sarmitsuba.trace.stage import closed as by_stages
 from sarmitsuba.trace.state import (
     COHERENT,
+    Closing,
     Contribution,
     Hit,
     Kernel,
@@ -22,11 +23,6 @@ from sarmitsuba.trace.state import (
     Reflection,
     TubeFootprint,
 )
-from sarmitsuba.trace.tubes import polygon
-
-if TYPE_CHECKING:
-    from sarmitsuba.effects.flags import KernelFlags
-
 
 # a receiving vector: real, or complex behind slabs and volumes
 Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
@@ -92,8 +88,6 @@ def close_coherent(
     weighted higher, see :func:`sarmitsuba.trace.corners.corner_share`.
     """
     flags, constants = kernel.flags, kernel.constants
-    s = hit.to_antenna
-    wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     turned = None
     if ray.mirror is not None:
@@ -102,7 +96,6 @@ def close_coherent(
             factor *= share
         else:
             turned = both_chains(kernel, lane, ray, hit, share, corner)
-    slant_range, point = _mean_leg(kernel, hit), hit.p
     # velocities of antenna and virtual antenna relative to the lit patch
     velocity, virtual_velocity = lane.velocity, ray.virtual_velocity
     if hit.movement is not None and ray.shadow_boundary is not None:
@@ -113,58 +106,49 @@ def close_coherent(
     range_rate = 0.5 * (
         dr.dot(hit.to_antenna64, velocity) - dr.dot(hit.direction64, virtual_velocity)
     )  # of the leg back and of the leg from the virtual antenna
-    if flags.tube_phase:
-        # the uncancelled part of a facet's return comes from its edges: it has their range and range rate
-        filled, *place = polygon.phase_integral(
-            -constants.wavenumber * wave,
-            tube_here.u,
-            tube_here.v,
-            tube_here.bounds,
-            mi.Float(constants.cell),
-            constants.kept_up_to,
-        )
-        rim = tube_here.u * place[0] + tube_here.v * place[1]
-        slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
-        point = point + mi.Vector3d(rim)
-        # every point of the tube has its own launch direction, whatever mirrors lie in between
-        change_out = place[0] * lane.tube_rate_a + place[1] * lane.tube_rate_b
-        if hit.movement is not None and ray.spread is None:
-            # mirrors and facet move too; the tube's edges are mirrored like the virtual antenna
-            step = ray.edge_a * place[0] + ray.edge_b * place[1]
-            change_out = dr.dot(step, mi.Vector3f(virtual_velocity)) * lane.inverse_start
-        across = rim - s * dr.dot(rim, s)
-        change_back = dr.dot(across, mi.Vector3f(velocity)) / mi.Float(hit.length_back)
-        range_rate = range_rate - mi.Float64(0.5 * (change_out + change_back))
-    else:
-        filled = tube_here.bounds.area()
-    factor = by_stages(kernel, hit, factor)
+    found = by_stages(
+        kernel,
+        lane,
+        ray,
+        hit,
+        tube_here,
+        Closing(
+            factor=factor,
+            integral=None,
+            slant_range=_mean_leg(kernel, hit),
+            range_rate=range_rate,
+            point=hit.p,
+            velocity=velocity,
+            virtual_velocity=virtual_velocity,
+        ),
+    )
+    integral = tube_here.bounds.area() if found.integral is None else found.integral
     closed = {}
     for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
         i = flags.tracked.index(channel[0])
         closed[channel] = _along(
             receive.basis[channel[1]],
-            partial(_closed, flags, hit, reflection, ray.fields[i], reflection.fields[i]),
+            partial(_closed, hit, reflection, ray.fields[i], reflection.fields[i]),
         )
     amplitudes = []
     for channel in flags.closed:
         a, b = flags.reciprocal(channel)
         c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
-        value = c * factor * filled
+        value = c * found.factor * integral
         amplitudes.append(value if turned is None else value * turned)
     return Contribution(
         kind=mi.UInt32(COHERENT),
         order=hit.order,
         pulse=lane.pulse,
-        slant_range=slant_range,
-        range_rate=range_rate,
+        slant_range=found.slant_range,
+        range_rate=found.range_rate,
         amplitudes=tuple(field.recorded(flags.closed, amplitudes, flags.channels)),
         active=hit.sees,
-        point=point,
+        point=found.point,
     )
 
 
 def _closed(
-    flags: KernelFlags,
     hit: Hit,
     reflection: Reflection,
     e: field.ComplexVector,
@@ -173,9 +157,9 @@ def _closed(
 ) -> mi.Complex2f:
     """Field radiated by a facet towards the antenna, component along ``q``; see :func:`close_coherent`."""
     n, s = hit.normal, hit.to_antenna
-    if flags.fresnel:
-        return field.po_receive(e, e_out, hit.direction, reflection.direction, n, s, q)
-    return field.dot(field.po_current_pec(e, hit.direction, n), q)
+    if reflection.conductor:
+        return field.dot(field.po_current_pec(e, hit.direction, n), q)
+    return field.po_receive(e, e_out, hit.direction, reflection.direction, n, s, q)
 
 
 def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:

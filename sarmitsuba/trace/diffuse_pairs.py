@@ -150,13 +150,12 @@ class PairSource:
             word = FaceRow.of(kernel.scene.face_info, face).material_bits
             place, normal = rows[2 * i], rows[2 * i + 1]
             point, normal64 = (mi.Vector3d(x[0], x[1], x[2]) for x in (place, normal))
-            if flags.texture:
-                word, factor = kernel.scene.at_place(
-                    face, word, point, normal64, kernel.constants.seed, mi.Bool(True)
-                )
-                weight *= factor
+            word, factor = kernel.scene.at_place(
+                face, word, point, normal64, kernel.constants.seed, mi.Bool(True)
+            )
+            weight *= factor
             properties = MaterialRow.of(kernel.scene.material_table, word & MATERIAL_MASK)
-            age = Age.of(kernel, word)
+            age = Age.of(kernel, kernel.scene.change_table, word & MATERIAL_MASK)
             key_here = mix(key ^ (0x1B873593 * (i + 1)))
             ends.append(
                 _PairEnd(
@@ -195,11 +194,8 @@ class PairSource:
         second = ScatteringMatrix(
             kernel.scene, _StruckEnd(b.material, b.normal, s, b.properties), home.to_antenna, planes, never
         )
-        spreads = dr.opaque(mi.Bool, flags.spreading)
-        loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
-        factor = weight * loss * lit.fade
-        if flags.antenna_pattern:
-            factor *= pattern_gain(kernel, antenna, pulse, out.leaving, home.leaving)
+        factor = weight * constants.spreading_loss(out.length, home.length) * lit.fade
+        factor *= pattern_gain(kernel, antenna, pulse, out.leaving, home.leaving)
         closed = _linear(flags)
         arrival = off_surface(b.point, b.normal, -s, constants.clearance)
         u, v = mi.coordinate_system(s)

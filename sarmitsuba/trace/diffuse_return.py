@@ -116,7 +116,7 @@ class DiffuseReturns:
         """Echo of a slot, a different one in every lane."""
         centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
         here = self
-        if self.kernel.flags.texture and self.kernel.scene.surfaces is not None:
+        if self.kernel.scene.surfaces is not None:
             here = self._at_place(centre, active)
         return here._drifting(slot, active, centre, key)
 
@@ -202,7 +202,7 @@ class DiffuseReturns:
             terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
             out = replace(out, hit=hit, straight=terms[0], reciprocal=terms[1], reverse=terms[2])
             if self.age is not None:
-                out = replace(out, age=Age.of(kernel, bits))
+                out = replace(out, age=Age.of(kernel, scene.change_table, bits & MATERIAL_MASK))
         factor = surfaces.amplitude(
             hit.face,
             hit.own_material & MATERIAL_MASK,
@@ -298,7 +298,7 @@ def close_diffuse(
         straight_weight=weight * tube_here.loss * receive.gain,
         reciprocal_weight=weight * tube_here.loss_reciprocal,
         receive=receive,
-        age=Age.of(kernel, hit.material),
+        age=Age.of(kernel, kernel.scene.change_table, hit.material & MATERIAL_MASK),
     )
 
 

@@ -209,15 +209,26 @@ def antenna_basis(around: Surroundings, to: mi.Vector3f) -> tuple[field.ComplexV
     return (h, none), (v, none)
 
 
+def beam_patterns(
+    kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, first_leg: mi.Vector3f | None
+) -> tuple[BeamPattern, BeamPattern] | None:
+    """Patterns of the transmitting and of the receiving antenna; None where both are isotropic.
+
+    ``first_leg`` : as in :class:`BeamPattern`
+    """
+    if not kernel.flags.antenna_pattern:
+        return None
+    pulses, receiver = kernel.pulses, kernel.pulses.receiver
+    if receiver is None:
+        both = BeamPattern(antenna, pulses, pulse, first_leg)
+        return both, both
+    # the synthesis of a block applies both antennas' azimuth patterns: no correction between the legs is needed
+    return BeamPattern(antenna, pulses, pulse, None), BeamPattern(antenna, receiver, pulse, None)
+
+
 def pattern_gain(
     kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, out: mi.Vector3f, home: mi.Vector3f
 ) -> mi.Float:
     """Relative two-way amplitude of the antenna patterns, for the unit vectors along which both legs leave them."""
-    if not kernel.flags.antenna_pattern:
-        return mi.Float(1.0)
-    pulses, receiver = kernel.pulses, kernel.pulses.receiver
-    transmitting = BeamPattern(antenna, pulses, pulse, out if receiver is None else None)
-    gain = transmitting.one_way(out)
-    if receiver is None:
-        return gain * transmitting.received(home)
-    return gain * BeamPattern(antenna, receiver, pulse, None).received(home)
+    beams = beam_patterns(kernel, antenna, pulse, out)
+    return mi.Float(1.0) if beams is None else beams[0].one_way(out) * beams[1].received(home)

@@ -10,10 +10,10 @@ import numpy as np
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace import field
-from sarmitsuba.trace.antenna_weight import BeamPattern, fade
+from sarmitsuba.trace.antenna_weight import fade
 from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
-from sarmitsuba.trace.leg import Surroundings
+from sarmitsuba.trace.leg import Surroundings, beam_patterns
 from sarmitsuba.trace.movement import ShadowBoundary
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
@@ -57,16 +57,12 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
     inverse_start = f32(1.0 / distance)
     weight = _launch_weight(kernel, gx, gy)
-    pattern = None
-    first_leg = d if flags.multi_bounce else None
-    if flags.antenna_pattern:
-        pattern = BeamPattern(antenna, pulses, pulse, first_leg)
-        weight *= pattern.one_way(d)
+    beams = beam_patterns(kernel, antenna, pulse, d if flags.multi_bounce else None)
+    if beams is not None:
+        weight *= beams[0].one_way(d)
     receiver, receiver_velocity = position, velocity
     if pulses.receiver is not None:
         receiver, receiver_velocity = antenna_of(pulses.receiver, pulse)
-        # the synthesis of a block applies both antennas' azimuth patterns: no correction between the legs is needed
-        pattern = BeamPattern(antenna, pulses.receiver, pulse, None) if flags.antenna_pattern else None
     apart = kernel.bistatic and (kernel.reciprocal_diffuse or kernel.reversible)
     h, v = field.polarisation_basis(d, constants.up)
 
@@ -82,7 +78,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         tube_rate_b=dr.dot(edge_b, v32(velocity)) * inverse_start,
         nudge=dr.normalize(edge_a) * constants.clearance,
         needs=needs,
-        pattern=pattern,
+        pattern=None if beams is None else beams[1],
         time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),
     )
     state = RayState(
@@ -100,7 +96,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         if kernel.curved
         else None,
         extent=tube.unlimited(),
-        shadow_boundary=ShadowBoundary.open() if flags.motion else None,
+        shadow_boundary=None if kernel.scene.movers is None else ShadowBoundary.open(),
         fields=tuple(field.transmitted(letter, h, v, weight) for letter in flags.tracked),
         contributions=u32(0),
         crossed=u32(0) if kernel.transmits else None,
@@ -184,7 +180,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     n64 = dr.select(behind, -n64, n64)
     n, d = mi.Vector3f(n64), mi.Vector3f(d64)
     before = None
-    if kernel.flags.slabs and scene.slabs is not None and scene.slabs.sheets:
+    if scene.slabs is not None and scene.slabs.sheets:
         # the slab's face that the wave meets, with the facet's outline moved along the ray: tubes tile it as they
         # tile the facet
         before = scene.slabs.before(face, behind, met) / dr.maximum(-dr.dot(d, n), 1e-3)
@@ -198,15 +194,13 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     to_antenna = mi.Vector3f(to_antenna64)
     departure = _departure(mi.Vector3f(landed), n, d, clearance)
     sees = active & (dr.dot(to_antenna, n) > 1e-7)
-    if kernel.flags.visibility and (kernel.flags.multi_bounce or kernel.bistatic):
+    if kernel.flags.multi_bounce or kernel.bistatic:
         # the transmitting antenna sees the first hit; the shadow ray ends at the antenna, which may be within the scene
         lit = mi.Bool(False) if kernel.bistatic else first
         sees &= lit | Surroundings.within(kernel).free(
             departure, to_antenna, mi.Float(length_back), sees & ~lit
         )
-    bits = info.material_bits
-    if kernel.flags.texture:
-        bits = scene.material_at(face, bits, mi.Vector3f(p - vertex0), known)
+    bits = scene.material_at(face, info.material_bits, mi.Vector3f(p - vertex0), known)
     material = bits & MATERIAL_MASK
     return Hit(
         active=active,
@@ -232,10 +226,8 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         to_antenna=to_antenna,
         sees=sees,
         properties=MaterialRow.of(scene.material_table, material, known),
-        movement=scene.movers.of_face(face, active) if kernel.flags.motion and scene.movers else None,
-        slab=SlabRow.of(scene.slabs.table, material, known)
-        if kernel.flags.slabs and scene.slabs is not None
-        else None,
+        movement=None if scene.movers is None else scene.movers.of_face(face, active),
+        slab=None if scene.slabs is None else SlabRow.of(scene.slabs.table, material, known),
         met=met,
         before_facet=before,
     )
@@ -313,10 +305,8 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootpr
     if kernel.scene.piece_table is not None:
         patch = tube.patch(tube.limited(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
-    # selected by a number: a switch in Python would depend on the look and compile a second kernel
-    spreads, constant = dr.opaque(mi.Bool, kernel.flags.spreading), kernel.constants.inverse_range2
-    loss = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length_back)), constant)
-    loss_reciprocal = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length)), constant)
+    loss = kernel.constants.spreading_loss(hit.length, hit.length_back)
+    loss_reciprocal = kernel.constants.spreading_loss(hit.length, hit.length)
     lost = None
     if ray.spread is not None:
         # a tube keeps its power: a wider tube has less field over more area
@@ -397,7 +387,7 @@ def reflected(
     """
     d_out = dr.normalize(d - normal * (2.0 * dr.dot(d, normal)))
     if not kernel.flags.fresnel:
-        return Reflection(d_out, tuple(field.reflect_field_pec(e, normal) for e in fields))
+        return Reflection(d_out, tuple(field.reflect_field_pec(e, normal) for e in fields), conductor=True)
     h = field.incidence_basis(d, normal)
     r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, normal), 1e-7), properties.susceptibility)
     if row is not None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.registry import Calling, checked_type
 from sarmitsuba.scene.scatterers import ScattererKind
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
 from sarmitsuba.trace.source import Scatterers
@@ -102,17 +103,31 @@ class Reflectors(Scatterers):
         q: ComplexVector,
     ) -> mi.Complex2f:
         """See :class:`Scatterers`."""
+        k = kernel.constants.wavenumber
+        return self.scattered(k, index, (incident.to_antenna, scattered.to_antenna), e, q)
+
+    def scattered(
+        self,
+        wavenumber: mi.Float,
+        index: mi.UInt32,
+        to_antennas: tuple[mi.Vector3f, mi.Vector3f],
+        e: ComplexVector,
+        q: ComplexVector,
+    ) -> mi.Complex2f:
+        """Scattering amplitude ``q . S e``, m, with unit vectors to both antennas; vectors in the scene frame."""
         axes = [dr.gather(mi.Vector3f, self.axes, index * 3 + i) for i in range(3)]
 
         def local(v: mi.Vector3f) -> mi.Vector3f:
             return mi.Vector3f(*(dr.dot(v, axis) for axis in axes))
 
         waves = LocalWaves(
-            kernel.constants.wavenumber,
-            local(incident.to_antenna),
-            local(scattered.to_antenna),
+            wavenumber,
+            local(to_antennas[0]),
+            local(to_antennas[1]),
             (local(e[0]), local(e[1])),
             (local(q[0]), local(q[1])),
             {name: dr.gather(mi.Float, column, index) for name, column in self.values.items()},
         )
-        return self.kind.amplitude(waves) * dr.gather(mi.Float, self.weights, index)
+        with Calling("kind of scatterer", self.kind, "amplitude"):
+            found = checked_type(self.kind.amplitude(waves), mi.Complex2f, mi.Float)
+        return mi.Complex2f(found) * dr.gather(mi.Float, self.weights, index)

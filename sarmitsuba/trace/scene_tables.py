@@ -150,6 +150,15 @@ class TraceScene:
         """Row of the material table for each face, in a kernel."""
         return FaceRow.of(self.face_info, face, active).material_bits & MATERIAL_MASK
 
+    def with_tables(self, *, surfaces: bool, movers: bool, slabs: bool) -> TraceScene:
+        """The scene with the tables that are wanted: a kernel does not record what its scene lacks."""
+        return replace(
+            self,
+            surfaces=self.surfaces if surfaces else None,
+            movers=self.movers if movers else None,
+            slabs=self.slabs if slabs else None,
+        )
+
     def at(self, time: float) -> TraceScene:
         """The scene with all moving faces at their positions at a time, s; itself where nothing moves."""
         if self.movers is None or time == self.movers.time:

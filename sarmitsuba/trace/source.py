@@ -19,7 +19,7 @@ from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
 from sarmitsuba.trace.propagation import antenna_of, hit_point, reflected
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
-from sarmitsuba.trace.stage import mirrored
+from sarmitsuba.trace.stage import KernelRecording, mirrored
 from sarmitsuba.trace.staged import through_stages
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
 from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
@@ -44,12 +44,14 @@ class Part:
     grid : lattice that gives the kernel's constants, and the rays where the source traces any
     first, count : range of the scatterers; not used for rays
     rays : number of rays traced from hit to hit for each pulse; 0 for scatterers traced directly to the antenna
+    every_pulse : whether it is traced at every pulse also where a block of pulses shares one tracing
     """
 
     grid: LaunchGrid
     first: int
     count: int
     rays: int = 0
+    every_pulse: bool = False
 
 
 class Source(Protocol):
@@ -78,7 +80,8 @@ class Launch:
         self, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
     ) -> tuple[TraceCounts, LaneArrays]:
         """Record the part (see :meth:`Source.record`), with the stages of the active effects applied to every echo."""
-        return self.source.record(self.part, kernel, antenna, through_stages(kernel, accumulator))
+        with KernelRecording(kernel.flags):
+            return self.source.record(self.part, kernel, antenna, through_stages(kernel, accumulator))
 
 
 def launches(sources: Sequence[Source], rays: Sequence[LaunchGrid], n_pulses: int) -> list[Launch]:
@@ -288,8 +291,7 @@ class PointSource:
         """One contribution: the sum over all paths of equal length (each leg straight or over the ground)."""
         flags, constants = kernel.flags, kernel.constants
         out, home = pairs[0]
-        spreads = dr.opaque(mi.Bool, flags.spreading)
-        loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
+        loss = constants.spreading_loss(out.length, home.length)
         amplitudes = [mi.Complex2f(0.0)] * len(flags.channels)
         for incident, scattered in pairs:
             gain = pattern_gain(kernel, antenna, pulse, incident.leaving, scattered.leaving)
@@ -335,12 +337,11 @@ class _Ground:
         p, own, vertex0, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
         n64 = dr.select(dr.dot(own, mi.Vector3d(direction)) > 0.0, -own, own)
         bits = scene.material_of(found.prim_index, valid)
-        if kernel.flags.texture:
-            bits = scene.material_at(found.prim_index, bits, mi.Vector3f(p - vertex0), valid)
+        bits = scene.material_at(found.prim_index, bits, mi.Vector3f(p - vertex0), valid)
         material = bits & MATERIAL_MASK
         properties = MaterialRow.of(scene.material_table, material, valid)
         row = None
-        if kernel.flags.slabs and scene.slabs is not None:
+        if scene.slabs is not None:
             row = SlabRow.of(scene.slabs.table, material, valid)
         return _Ground(valid, p, n64, own, properties, row)
 

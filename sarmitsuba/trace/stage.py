@@ -10,14 +10,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from sarmitsuba.effects.effect import EFFECTS
-from sarmitsuba.errors import ExtensionError
-from sarmitsuba.registry import Registry
+from sarmitsuba.errors import ExtensionError, SarmitsubaError
+from sarmitsuba.registry import Calling, Registry, checked_type, is_built_in
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
     from sarmitsuba.backend import mi
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.field import ComplexVector
-    from sarmitsuba.trace.state import Contribution, Hit, Kernel, Lane, RayState
+    from sarmitsuba.trace.state import Closing, Contribution, Hit, Kernel, Lane, RayState, TubeFootprint
     from sarmitsuba.trace.table_rows import MaterialRow
 
 
@@ -51,9 +53,11 @@ class Stage:
         """
         return None
 
-    def at_closing(self, kernel: Kernel, hit: Hit) -> mi.Float | None:
-        """Factor on the coherent return of the tube at a hit; None: one."""
-        return None
+    def at_closing(
+        self, kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube: TubeFootprint, closing: Closing
+    ) -> Closing:
+        """Coherent return of the tube at a hit, before polarisation."""
+        return closing
 
     def at_echo(self, wavenumber: mi.Float, echo: Contribution) -> Contribution:
         """Echo of any source (ideal points included), before it is summed.
@@ -66,7 +70,8 @@ class Stage:
         return echo
 
 
-STAGES: Registry[Stage] = Registry("stage of the trace kernel", "sarmitsuba.trace.stages")
+_KIND = "stage of the trace kernel"
+STAGES: Registry[Stage] = Registry(_KIND, "sarmitsuba.trace.stages")
 
 
 def check_stages() -> None:
@@ -90,6 +95,44 @@ def stages_of(flags: KernelFlags) -> tuple[Stage, ...]:
     return tuple(sorted(on, key=lambda stage: stage.name))
 
 
+def own_stages(flags: KernelFlags) -> tuple[str, ...]:
+    """Names of the active stages that extensions register."""
+    return tuple(stage.name for stage in stages_of(flags) if not is_built_in(stage))
+
+
+class KernelRecording:
+    """Context in which a kernel is recorded: errors of an extension's stage come out of Dr.Jit's loops as one line.
+
+    Parameters
+    ----------
+    flags : of the kernel
+    """
+
+    def __init__(self, flags: KernelFlags) -> None:
+        self.flags = flags
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, _: type[BaseException] | None, error: BaseException | None, __: TracebackType | None
+    ) -> None:
+        if not isinstance(error, RuntimeError | TypeError):
+            return
+        cause: BaseException | None = error
+        while cause is not None:
+            if isinstance(cause, SarmitsubaError):
+                raise cause from None
+            cause = cause.__cause__ or cause.__context__
+        own = own_stages(self.flags)
+        if own:
+            # such as a field of another type than before, which Dr.Jit's loops refuse
+            text = " ".join(str(error).split())
+            raise ExtensionError(
+                f"{_KIND} {', '.join(own)}: the kernel cannot be recorded: {text}"
+            ) from error
+
+
 def changes_echoes(flags: KernelFlags) -> bool:
     """Whether any active stage overrides :meth:`Stage.at_echo`."""
     return any(type(stage).at_echo is not Stage.at_echo for stage in stages_of(flags))
@@ -98,14 +141,16 @@ def changes_echoes(flags: KernelFlags) -> bool:
 def launched(kernel: Kernel, lane: Lane, ray: RayState) -> RayState:
     """Ray at launch, after all stages."""
     for stage in stages_of(kernel.flags):
-        ray = stage.at_launch(kernel, lane, ray)
+        with Calling(_KIND, stage, "at_launch"):
+            ray = checked_type(stage.at_launch(kernel, lane, ray), type(ray))
     return ray
 
 
 def arrived(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
     """Incident ray at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
-        ray = stage.at_hit(kernel, lane, ray, hit)
+        with Calling(_KIND, stage, "at_hit"):
+            ray = checked_type(stage.at_hit(kernel, lane, ray, hit), type(ray))
     return ray
 
 
@@ -114,23 +159,26 @@ def mirrored(
 ) -> tuple[ComplexVector, ...]:
     """Fields reflected by a smooth surface, after all stages; parameters as for :meth:`Stage.at_mirror`."""
     for stage in stages_of(kernel.flags):
-        kept = stage.at_mirror(kernel, properties, cosine)
-        if kept is not None:
-            fields = tuple((re * kept, im * kept) for re, im in fields)
+        with Calling(_KIND, stage, "at_mirror"):
+            kept = stage.at_mirror(kernel, properties, cosine)
+            if kept is not None:
+                fields = tuple((re * kept, im * kept) for re, im in fields)
     return fields
 
 
-def closed(kernel: Kernel, hit: Hit, factor: mi.Float) -> mi.Float:
-    """Factor on the coherent return of the tube at a hit, after all stages."""
+def closed(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube: TubeFootprint, closing: Closing
+) -> Closing:
+    """Coherent return of the tube at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
-        kept = stage.at_closing(kernel, hit)
-        if kept is not None:
-            factor = factor * kept
-    return factor
+        with Calling(_KIND, stage, "at_closing"):
+            closing = checked_type(stage.at_closing(kernel, lane, ray, hit, tube, closing), type(closing))
+    return closing
 
 
 def echoed(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Contribution:
     """Echo after all stages."""
     for stage in stages_of(flags):
-        echo = stage.at_echo(wavenumber, echo)
+        with Calling(_KIND, stage, "at_echo"):
+            echo = checked_type(stage.at_echo(wavenumber, echo), type(echo))
     return echo

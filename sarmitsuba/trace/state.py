@@ -68,6 +68,8 @@ class Constants:
     ----------
     wavenumber : rad/m
     po_gain : factor of the coherent return, 2 sqrt(pi) / wavelength times the amplitude
+    spreads : whether echoes are divided by the lengths of both legs. A number, not a switch in Python: it depends on
+        the look, and a switch would compile a second kernel
     inverse_range2 : 1/m^2, of the reference range
     clearance : m, distance off a facet at which rays that leave it start
     turn : rotation of the launch lattice, rad
@@ -80,6 +82,7 @@ class Constants:
     seed: mi.UInt32
     amplitude: mi.Float
     po_gain: mi.Float
+    spreads: mi.Bool
     inverse_range2: mi.Float
     clearance: mi.Float
     up: mi.Vector3f
@@ -88,7 +91,9 @@ class Constants:
     kept_up_to: mi.Float | None
 
     @classmethod
-    def of(cls, settings: KernelSettings, scene: TraceScene, grid: LaunchGrid) -> Constants:
+    def of(
+        cls, settings: KernelSettings, flags: KernelFlags, scene: TraceScene, grid: LaunchGrid
+    ) -> Constants:
         """Constants of a launch."""
         f32, f64, u32 = mi.Float, mi.Float64, mi.UInt32
         amplitude = dr.opaque(f32, settings.amplitude)
@@ -100,6 +105,7 @@ class Constants:
             seed=dr.opaque(u32, settings.seed & 0xFFFFFFFF),
             amplitude=amplitude,
             po_gain=(2.0 * float(np.sqrt(np.pi))) / wavelength * amplitude,
+            spreads=dr.opaque(mi.Bool, flags.spreading),
             inverse_range2=dr.rcp(dr.opaque(f32, settings.reference_range**2)),
             clearance=dr.opaque(f32, scene.clearance),
             up=mi.Vector3f(*(dr.opaque(f32, x) for x in settings.up)),
@@ -108,10 +114,14 @@ class Constants:
             kept_up_to=None if settings.kept_up_to is None else dr.opaque(f32, settings.kept_up_to),
         )
 
+    def spreading_loss(self, out: mi.Float64, home: mi.Float64) -> mi.Float:
+        """Spherical spreading of the incident and of the scattered leg, 1/m^2, from their lengths, m."""
+        return dr.select(self.spreads, mi.Float(1.0 / (out * home)), self.inverse_range2)
+
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """Common inputs of all parts of one recorded kernel."""
+    """Common inputs of all parts of one recorded kernel; its scene lacks the tables of effects that are off."""
 
     scene: TraceScene
     grid: LaunchGrid
@@ -129,11 +139,10 @@ class Kernel:
         settings: KernelSettings,
     ) -> Kernel:
         """Kernel of a launch with these settings."""
-        return cls(scene, grid, pulses, flags, Constants.of(settings, scene, grid))
-
-    def __post_init__(self) -> None:
-        if self.flags.slabs and self.scene.slabs is not None:
-            self.scene.slabs.prepare()  # before anything is recorded
+        scene = scene.with_tables(surfaces=flags.texture, movers=flags.motion, slabs=flags.slabs)
+        if scene.slabs is not None:
+            scene.slabs.prepare()  # before anything is recorded
+        return cls(scene, grid, pulses, flags, Constants.of(settings, flags, scene, grid))
 
     @property
     def curved(self) -> bool:
@@ -370,10 +379,37 @@ class TubeFootprint:
 
 @dataclass(frozen=True, eq=False)
 class Reflection:
-    """Direction and fields of the ray after reflection by the facet that was hit."""
+    """Direction and fields of the ray after reflection by the facet that was hit.
+
+    ``conductor`` : every surface is a perfect conductor (effect `fresnel` off)
+    """
 
     direction: mi.Vector3f
     fields: tuple[ComplexVector, ...]
+    conductor: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Closing:
+    """Coherent return of the tube at a hit, before polarisation: what the stages of effects may change.
+
+    Parameters
+    ----------
+    factor : 1/m^2 times the footprint's area and the radar's amplitude constant
+    integral : of the phase over the lit share of the footprint, relative to its area; None: that share, as if the phase
+        were constant
+    slant_range, range_rate : float64, m and m/s, of the echo
+    point : float64, m, scene frame, phase centre
+    velocity, virtual_velocity : float64, m/s, of the antenna and of its image in the mirrors, relative to the lit patch
+    """
+
+    factor: mi.Float
+    integral: mi.Complex2f | None
+    slant_range: mi.Float64
+    range_rate: mi.Float64
+    point: mi.Vector3d
+    velocity: mi.Vector3d
+    virtual_velocity: mi.Vector3d
 
 
 @dataclass

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import gaussian, mix, unit_phase, unit_uniform
 
 if TYPE_CHECKING:
@@ -58,16 +57,18 @@ class Age:
     decay_days: mi.Float
 
     @staticmethod
-    def of(kernel: Kernel, material: mi.UInt32) -> Age | None:
-        """Temporal change of the scatterers of a material; None where no surface changes.
+    def of(kernel: Kernel, table: mi.Float | None, row: mi.UInt32) -> Age | None:
+        """Temporal change of scatterers; None where none changes.
 
-        ``material`` : as :class:`sarmitsuba.trace.state.Hit` has it
+        Parameters
+        ----------
+        table : coherence that never decays and time constant (days) of every material or medium; None: nothing changes
+        row : material or medium of the scatterers
         """
-        table = kernel.scene.change_table
         if not kernel.flags.temporal or table is None:
             return None
-        row = dr.gather(mi.Vector2f, table, material & MATERIAL_MASK)
-        return Age(kernel.constants.days, row.x, row.y)
+        kept = dr.gather(mi.Vector2f, table, row)
+        return Age(kernel.constants.days, kept.x, kept.y)
 
     def gaussian(self, key: mi.UInt32, stream: int) -> mi.Complex2f:
         """Circular complex Gaussian of unit mean power; as in the first pass at zero days and in unchanged scatterers.

@@ -276,10 +276,8 @@ class VolumeScatterers(Scatterers):
         first = 2 if incident.over_ground != scattered.over_ground else 0
         four = [dr.gather(mi.Vector4f, self.table, row + (first + i)) for i in (0, 1, 4, 5)]
         size, mixed = dr.lerp(four[0], four[2], share), dr.lerp(four[1], four[3], share)
-        drawn = gaussian
-        if kernel.flags.temporal and self.change is not None:
-            kept = dr.gather(mi.Vector2f, self.change, dr.gather(mi.UInt32, self.medium, index))
-            drawn = Age(kernel.constants.days, kept.x, kept.y).gaussian
+        age = Age.of(kernel, self.change, dr.gather(mi.UInt32, self.medium, index))
+        drawn = gaussian if age is None else age.gaussian
         g1, g2, g3 = (drawn(key, i) for i in range(3))
         hh = g1 * size.x
         vv = g1 * mi.Complex2f(mixed.x, mixed.y) + g2 * size.y

@@ -6,6 +6,7 @@ from scipy.integrate import quad
 
 from sarmitsuba.echo.gridding import GriddingKernel, fine_grid, gridding_kernel, to_window
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
+from sarmitsuba.errors import RadarError
 
 WIDTHS = range(1, 9)
 
@@ -98,7 +99,7 @@ def test_drjit_arrays_give_the_same(width):
 
 def test_width_out_of_bounds_is_refused():
     for width in (0, 9):
-        with pytest.raises(ValueError, match="gridding_width"):
+        with pytest.raises(RadarError, match="gridding_width"):
             GriddingKernel(width)
 
 

@@ -169,7 +169,8 @@ def measured_both_ways(
     -----
     The same blocks of pulses are traced with and without the effect. Where not all blocks are traced, the change counts
     as measured only if they agree within ``WELL_KNOWN_DB``, else an upper bound is stated; changes visible only at
-    pulses between the blocks are missed. Effects proven to change nothing are not tried. Effects that change the
+    pulses between the blocks are missed. Effects that are proven to change nothing, or that the user has switched off,
+    are not tried. Effects that change the
     focusing (:attr:`Effect.at_key_pulses`) are focused with the corresponding radar. The cost covers lattices, tracing
     and synthesis, without reading, planning and ideal points.
     """
@@ -324,6 +325,8 @@ def _worth_trying(effect: Effect, plan: EffectsPlan) -> bool:
     decision = plan.decision(effect.name)
     if decision is None or decision.error_db == -np.inf or effect.name == "noise":
         return False
+    if not decision.on and decision.source == "user" and effect.name != "max_depth":
+        return False  # somebody may have switched it off because it cannot be traced
     return bool(effect.documentation) or effect.name == "max_depth"
 
 

@@ -86,6 +86,11 @@ class Site(ABC):
     def resolution(self) -> float:
         """Edge of a resolution cell on the ground, m."""
 
+    @property
+    @abstractmethod
+    def block(self) -> int:
+        """Most pulses that share one tracing; 1 where every pulse or aspect is traced."""
+
     @abstractmethod
     def shares(self, points: F64) -> F64:
         """Amplitude factor (n,) of scatterers at points (n, 3) m, tapered beyond a cropped image."""
@@ -168,6 +173,11 @@ class RunSite(Site):
     def resolution(self) -> float:
         """See :class:`Site`."""
         return self.sampling.for_effects().cell
+
+    @property
+    def block(self) -> int:
+        """See :class:`Site`."""
+        return 1 if self.scene.settings.method == "image" else self.sampling.key_pulse_interval
 
     def shares(self, points: F64) -> F64:
         """See :class:`Site`."""

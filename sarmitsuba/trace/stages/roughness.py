@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.stage import STAGES, Stage
 
 if TYPE_CHECKING:
-    from sarmitsuba.trace.state import Hit, Kernel
+    from sarmitsuba.trace.state import Closing, Hit, Kernel, Lane, RayState, TubeFootprint
     from sarmitsuba.trace.table_rows import MaterialRow
 
 
@@ -34,10 +35,13 @@ class RoughnessLoss(Stage):
         """Factor on the field reflected by a smooth surface."""
         return dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * properties.rms_height * cosine))
 
-    def at_closing(self, kernel: Kernel, hit: Hit) -> mi.Float:
-        """Factor on the coherent return of the tube at a hit."""
+    def at_closing(
+        self, kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube: TubeFootprint, closing: Closing
+    ) -> Closing:
+        """Coherent return of the tube at a hit."""
         across = dr.dot(hit.direction - hit.to_antenna, hit.normal)
-        return dr.exp(-0.5 * dr.square(kernel.constants.wavenumber * across * hit.properties.rms_height))
+        loss = dr.exp(-0.5 * dr.square(kernel.constants.wavenumber * across * hit.properties.rms_height))
+        return replace(closing, factor=closing.factor * loss)
 
 
 STAGES.register(RoughnessLoss())

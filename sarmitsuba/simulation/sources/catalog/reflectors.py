@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,12 +11,15 @@ import numpy as np
 from sarmitsuba.errors import ExtensionError
 from sarmitsuba.scene.scatterers import SCATTERERS, positions_of
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
+from sarmitsuba.simulation.sources.lobes import change_in_blocks
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.reflectors import Reflector, Reflectors
 from sarmitsuba.trace.source import Part, PointSource, Source
+from sarmitsuba.units import power_from_db
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.scene.scatterers import ScattererTarget
     from sarmitsuba.trace.kernel import Accumulator, LaneArrays, TraceCounts
     from sarmitsuba.trace.launch import LaunchGrid
     from sarmitsuba.trace.state import Kernel
@@ -26,7 +29,11 @@ TRACED, BYTES = 1e-6, 300
 
 
 class OwnKinds(SourceKind):
-    """Every kind that extensions register."""
+    """Every kind that extensions register.
+
+    Scatterers whose amplitude changes within a block of pulses by more than the tolerance, as in a lobe narrower than
+    the block, are traced at every pulse: neither a block's key pulse nor a shorter block would tell the lobe.
+    """
 
     name, rank = "reflectors", 15
 
@@ -37,22 +44,50 @@ class OwnKinds(SourceKind):
             return None
         weights = site.shares(positions_of(targets))
         out = []
-        for name in dict.fromkeys(target.kind for target in targets):
-            kind = SCATTERERS[name]
-            if not isinstance(kind, Reflector):
-                raise ExtensionError(
-                    f"kind of scatterer {name!r} has no amplitude; derive it from sarmitsuba.trace.reflectors.Reflector"
-                )
-            mine = [i for i, target in enumerate(targets) if target.kind == name and weights[i] > 1e-6]
+        for kind in _kinds(targets):
+            mine = [i for i, target in enumerate(targets) if target.kind == kind.name and weights[i] > 1e-6]
             if mine:
-                scatterers = Reflectors(kind, [targets[i] for i in mine], np.asarray(weights[mine]))
-                out.append(PointSource(scatterers, most_bounces(site.scene)))
+                lit = [targets[i] for i in mine]
+                source = PointSource(
+                    Reflectors(kind, lit, np.asarray(weights[mine])), most_bounces(site.scene)
+                )
+                out.append(_OfKind(source, _changes(site, kind, lit)))
         return _Several(tuple(out)) if out else None
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
-        """Each as a node of a wire."""
-        n = len(site.scene.scatterers)
-        return Expected(n, 0.0, TRACED, n * BYTES) if n else None
+        """Each as a node of a wire, and as many as a block has pulses where it is traced at every pulse."""
+        targets, traced = site.scene.scatterers, 0
+        for kind in _kinds(targets):
+            mine = [target for target in targets if target.kind == kind.name]
+            traced += len(mine) * (site.block if _changes(site, kind, mine) else 1)
+        return Expected(traced, 0.0, TRACED, len(targets) * BYTES) if targets else None
+
+
+def _kinds(targets: Sequence[ScattererTarget]) -> list[Reflector]:
+    """Kinds of these scatterers."""
+    out = []
+    for name in dict.fromkeys(target.kind for target in targets):
+        kind = SCATTERERS[name]
+        if not isinstance(kind, Reflector):
+            raise ExtensionError(
+                f"kind of scatterer {name!r} has no amplitude; derive it from sarmitsuba.trace.reflectors.Reflector"
+            )
+        out.append(kind)
+    return out
+
+
+def _changes(site: Site, kind: Reflector, targets: Sequence[ScattererTarget]) -> bool:
+    """Whether the amplitude of any changes within a block by more than the tolerance; refuses what is not finite."""
+    allowed = float(power_from_db(site.scene.settings.tolerance_db))
+    return change_in_blocks(site.scene, kind, targets, site.block) > allowed and site.block > 1
+
+
+@dataclass(frozen=True, eq=False)
+class _OfKind:
+    """Scatterers of one kind, and whether they are traced at every pulse."""
+
+    source: PointSource
+    every_pulse: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,23 +101,23 @@ class _PartOf(Part):
 class _Several:
     """Several sources as one; see :class:`Source`."""
 
-    each: tuple[Source, ...]
+    each: tuple[_OfKind, ...]
 
     def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
         return [
-            _PartOf(part.grid, part.first, part.count, part.rays, number)
-            for number, source in enumerate(self.each)
-            for part in source.parts(rays, n_pulses)
+            _PartOf(part.grid, part.first, part.count, part.rays, of_kind.every_pulse, number)
+            for number, of_kind in enumerate(self.each)
+            for part in of_kind.source.parts(rays, n_pulses)
         ]
 
     def record(
         self, part: Part, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
     ) -> tuple[TraceCounts, LaneArrays]:
         assert isinstance(part, _PartOf)
-        return self.each[part.source].record(part, kernel, antenna, accumulator)
+        return self.each[part.source].source.record(part, kernel, antenna, accumulator)
 
     def at(self, wavelength: float) -> _Several:
-        return _Several(tuple(source.at(wavelength) for source in self.each))
+        return _Several(tuple(replace(one, source=one.source.at(wavelength)) for one in self.each))
 
 
 SOURCES.register(OwnKinds())

@@ -1,0 +1,232 @@
+"""A fault in a user's stage, effect or scatterer is one line that names it: no traceback, no NaN."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from sarmitsuba import PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.errors import ExtensionError, RadarError, SarmitsubaWarning, SceneError
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
+from sarmitsuba.simulation.path_table import trace_paths
+from sarmitsuba.simulation.prediction.explanation import explain
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from sarmitsuba.trace.reflectors import LocalWaves, Reflector
+from sarmitsuba.trace.stage import STAGES, Stage
+
+PLATE = np.array([[-8.0, -8.0, 0.0], [8.0, -8.0, 0.0], [8.0, 8.0, 0.0], [-8.0, 8.0, 0.0]])
+WALL = np.array([[-3.0, 2.0, 0.0], [3.0, 1.0, 0.0], [3.0, 1.0, 4.0], [-3.0, 2.0, 4.0]])
+FACES = [[0, 1, 2], [0, 2, 3]]
+RADAR = RadarDescription(
+    slant_range=2e3, bandwidth=50e6, azimuth_resolution=6.0, aim_x=0.0, aim_y=0.0, aim_z=0.0
+)
+FILM = FilmDescription(image_extent_azimuth=16.0, image_extent_range=20.0)
+
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+
+
+class Faulty(Effect):
+    """Always on, with the flag of the stage."""
+
+    name = "faulty"
+    title = documentation = off_when = off_means = "a fault"
+    rank = 150
+    kernel_flags: ClassVar[Mapping[str, str]] = {"faulty": "a fault"}
+
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        return Assessment(True, "always", error_db=0.0)
+
+    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+        return {"faulty": on}
+
+
+class FaultyStage(Stage):
+    """One of the faults."""
+
+    name = "faulty"
+
+    def __init__(self, fault: str) -> None:
+        self.fault = fault
+
+    def at_hit(self, kernel: Any, lane: Any, ray: Any, hit: Any) -> Any:
+        if self.fault == "at_hit raises":
+            raise KeyError("fog")
+        if self.fault == "at_hit returns nothing":
+            return None
+        if self.fault == "at_hit is not a number":
+            lost = mi.Float(dr.nan)
+            return replace(ray, fields=tuple((re * lost, im) for re, im in ray.fields))
+        return ray
+
+    def at_echo(self, wavenumber: mi.Float, echo: Any) -> Any:
+        if self.fault == "at_echo raises":
+            raise ValueError("no such\nrain")
+        if self.fault == "at_echo is not a number":
+            return replace(echo, amplitudes=tuple(a * mi.Float(dr.nan) for a in echo.amplitudes))
+        return echo
+
+
+class FaultyScatterer(Reflector):
+    """One of the faults."""
+
+    name = "faulty_kind"
+
+    def __init__(self, fault: str) -> None:
+        self.fault = fault
+
+    def amplitude(self, waves: LocalWaves) -> Any:
+        if self.fault == "raises":
+            return waves.values["missing"]
+        return "text" if self.fault == "text" else waves.co_polar * mi.Float(dr.nan)
+
+
+@pytest.fixture
+def register() -> Iterator[Callable[..., None]]:
+    """Registers entries for one test."""
+    taken = []
+
+    def add(registry: Any, entry: Any) -> None:
+        registry.register(entry)
+        taken.append((registry, entry.name))
+
+    yield add
+    for registry, name in taken:
+        del registry._entries[name]
+
+
+def scene_of(*, kind: bool = False, points: bool = False) -> Scene:
+    shapes = [SceneMesh(PLATE, FACES, "concrete", "ground"), SceneMesh(WALL, FACES, "pec", "wall")]
+    more = [ScattererTarget("one", "faulty_kind", np.array([1.0, 0.0, 2.0]), np.eye(3), {})] if kind else []
+    ideal = [PointTarget("point", np.array([2.0, -3.0, 0.5]), 1.0)] if points else []
+    return build_scene(shapes, ideal, radar=RADAR, film=FILM, scatterers=more)
+
+
+ASPECTS = Aspects(np.zeros(1), np.full(1, np.radians(50.0)))
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("at_hit raises", r"at_hit: KeyError: 'fog' \(test_extension_faults.py, line \d+\)"),
+        ("at_hit returns nothing", "at_hit: TypeError: returns NoneType, not RayState"),
+        ("at_echo raises", r"at_echo: ValueError: no such rain \(test_extension_faults.py"),
+        ("at_hit is not a number", "gives an echo that is not a finite number"),
+        ("at_echo is not a number", "gives an echo that is not a finite number"),
+    ],
+)
+def test_a_fault_of_a_stage_is_one_line(register: Callable[..., None], fault: str, words: str) -> None:
+    register(EFFECTS, Faulty())
+    register(STAGES, FaultyStage(fault))
+    scene = scene_of(points="at_echo" in fault)
+    text = rf"stage of the trace kernel 'faulty': {words}"
+    for method in ("hybrid", "image"):
+        with pytest.raises(ExtensionError, match=text):
+            render(scene.replace(method=method))
+    with pytest.raises(ExtensionError, match=text):
+        trace_paths(scene)
+    with pytest.raises(ExtensionError, match=text):
+        rcs_sweep(scene, ASPECTS)
+    assert np.isfinite(simulate(scene.replace(faulty="off")).data).all()
+
+
+class Impatient(Faulty):
+    """Asks about an effect that comes later."""
+
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        return Assessment(decided["later"].on, "", 0.0)
+
+
+class Silent(Faulty):
+    """Decides nothing."""
+
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Any:
+        return None
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [(Impatient(), "KeyError: 'later'"), (Silent(), "TypeError: returns NoneType, not Assessment")],
+)
+def test_a_fault_of_an_effect_is_one_line(register: Callable[..., None], effect: Effect, words: str) -> None:
+    register(EFFECTS, effect)
+    with pytest.raises(ExtensionError, match=f"effect 'faulty': assess: {words}"):
+        simulate(scene_of())
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("raises", "amplitude: KeyError: 'missing'"),
+        ("text", "amplitude: TypeError: returns str, not Complex2f"),
+        ("not a number", '.*amplitude of "one" is not a finite number'),
+    ],
+)
+def test_a_fault_of_a_scatterer_is_one_line(register: Callable[..., None], fault: str, words: str) -> None:
+    register(SCATTERERS, FaultyScatterer(fault))
+    for method in ("hybrid", "raw"):
+        with pytest.raises(ExtensionError, match=f"kind of scatterer ['\"]faulty_kind['\"]: {words}"):
+            simulate(scene_of(kind=True).replace(method=method))
+
+
+SCENE = """<scene version="3.0.0"><sensor type="sar_antenna"><film type="range_film"/></sensor>
+<shape type="sphere">{shape}<bsdf type="{bsdf}"/></shape></scene>"""
+
+
+@pytest.mark.parametrize("name", ["diffuse", "sphere", "to_world", "twosided", "radar_wire"])
+def test_a_kind_with_a_name_of_mitsuba_is_refused(
+    register: Callable[..., None], tmp_path: Path, name: str
+) -> None:
+    register(SCATTERERS, type("Named", (FaultyScatterer,), {"name": name})(""))
+    path = tmp_path / "scene.xml"
+    path.write_text(SCENE.format(shape="", bsdf="diffuse"))
+    with pytest.raises(
+        ExtensionError, match=f"kind of scatterer '{name}': that is a name of .*; take another"
+    ):
+        load_scene(path)
+
+
+def test_a_bsdf_or_radius_that_would_be_ignored_is_said(
+    register: Callable[..., None], tmp_path: Path
+) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(SCENE.format(shape="", bsdf="faulty_kind"))
+    with pytest.warns(SarmitsubaWarning, match=r'BSDF "faulty_kind" .*load the extension .*--extension FILE'):
+        load_scene(path)
+    register(SCATTERERS, FaultyScatterer(""))
+    assert load_scene(path).scatterers[0].kind == "faulty_kind"
+    path.write_text(SCENE.format(shape='<float name="radius" value="2"/>', bsdf="faulty_kind"))
+    with pytest.raises(SceneError, match="gives its place and axes only; leave radius out"):
+        load_scene(path)
+
+
+def test_a_gridding_kernel_that_is_too_wide_is_refused() -> None:
+    scene = scene_of()
+    wide = replace(scene, settings=replace(scene.settings, gridding_width=10))
+    with pytest.raises(RadarError, match=r"gridding_width = 10 is not within 1 \.\.\. 8; take 4"):
+        simulate(wide)
+    with pytest.raises(RadarError, match="gridding_width = 10"):
+        scene.replace(gridding_width=10)
+
+
+@pytest.mark.slow
+def test_explain_does_not_try_what_is_switched_off(register: Callable[..., None]) -> None:
+    class Counting(FaultyStage):
+        calls = 0
+
+        def at_hit(self, kernel: Any, lane: Any, ray: Any, hit: Any) -> Any:
+            Counting.calls += 1
+            return ray
+
+    register(EFFECTS, Faulty())
+    register(STAGES, Counting(""))
+    explain(scene_of().replace(faulty="off"))
+    assert Counting.calls == 0
