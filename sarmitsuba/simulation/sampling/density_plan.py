@@ -39,8 +39,8 @@ LOOK_SPACING = 2.0**0.75
 # rad; half the change of the phase over a tube within a block. Amplitudes are those of the middle pulse, and the return
 # of an edge is inversely proportional to that phase
 TUBE_PHASE_CHANGE = 0.4
-# most pulses of a block: larger grids are no cheaper per pulse
-LONGEST_BLOCK = 128
+# most pulses of a block: bounds its grid. The angle, and the error measured at block boundaries, end blocks before
+LONGEST_BLOCK = 512
 # most triangles of a scene for which the lattice is rotated away from their edges
 MOST_FACES = 2000
 # pulses per key pulse assumed in estimates
