@@ -14,7 +14,6 @@ from sarmitsuba import __version__
 from sarmitsuba.commands import COMMANDS
 from sarmitsuba.commands.console import Console
 from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.io.atomic import reason_of
 from sarmitsuba.parameters import one_line
 from sarmitsuba.registry import load_extension
 
@@ -93,6 +92,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (
         OSError
     ) as error:  # errors of the operating system on a path: name too long, no permission, failing disk
+        from sarmitsuba.io.atomic import reason_of
+
         where = "" if error.filename is None else f"{one_line(error.filename, 200)}: "
         console.complain(f"{where}{reason_of(error)}")
         return EXIT_USER

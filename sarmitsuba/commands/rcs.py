@@ -12,13 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sarmitsuba.arrays import F64
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
+    from sarmitsuba.arrays import F64
     from sarmitsuba.image.sar_image import SarImage
     from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.scene.scene import Scene

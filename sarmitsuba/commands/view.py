@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.io.output import OutputFile, OutputFolder
 
 if TYPE_CHECKING:
+    from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.page.payload import Value
 
 NAME = "view"
@@ -40,6 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Write the page."""
+    from sarmitsuba.io.output import OutputFile, OutputFolder
+
     folders = [Path(folder) for folder in args.folders]
     if args.output:
         file = OutputFile(args.output, force=args.force)
@@ -55,7 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def view_folder(
-    folder: OutputFolder,
+    folder: "OutputFolder",
     console: Console,
     others: Sequence[Path] = (),
     channel: str | None = None,

@@ -325,3 +325,15 @@ def test_doctor_says_what_is_missing(run: Runner, tmp_path: Path) -> None:
     assert "MISSING" in result.stdout
     assert "none.so: Dr.Jit cannot use this LLVM library; unset it, or pip install" in result.stdout
     assert "Traceback" not in result.stderr
+
+
+def test_the_help_of_every_command_imports_no_library() -> None:
+    """Numbers, files and pictures are imported when a command runs: help answers at once."""
+    script = (
+        "import sys\n"
+        "from sarmitsuba.cli import build_parser\n"
+        "build_parser().format_help()\n"
+        "print(sorted({'numpy', 'scipy', 'h5py', 'matplotlib', 'mitsuba', 'trimesh'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
