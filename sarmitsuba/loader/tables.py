@@ -85,7 +85,7 @@ INTEGRATOR = ParamTable(
             "width in samples of the gridding kernel; automatic: the film's",
             "",
             0,
-            16,
+            8,
             auto=True,
         ),
         Param("seed", "integer", 0, "random seed", "", 0, 2**31 - 1),

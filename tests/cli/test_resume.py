@@ -22,7 +22,7 @@ from sarmitsuba.io import read_image, read_raw
 from sarmitsuba.io.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation import blocks, tracing
+from sarmitsuba.simulation import batches, tracing
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.refinement.passes import refine
 
@@ -124,7 +124,7 @@ def same(a: RawData, b: RawData) -> None:
 def test_a_stop_at_a_drawn_launch_loses_the_block_in_work_and_no_bit(
     box: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, settings: dict[str, Any]
 ) -> None:
-    monkeypatch.setattr(blocks, "MAX_LANES", 300_000)  # several batches where every pulse is traced
+    monkeypatch.setattr(batches, "MAX_LANES", 300_000)  # several batches where every pulse is traced
     scene = replace(box, settings=replace(box.settings, seed=seed, **settings))
     state = tmp_path / "raw.blocks"
     with monkeypatch.context() as patch:

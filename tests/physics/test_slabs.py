@@ -374,7 +374,7 @@ def test_scatterers_that_no_ray_finds_are_seen_through_panes(monkeypatch: pytest
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        ({"material": "pec", "thickness": 0.01}, ("thickness = 0.01 m", "lets nothing through")),
+        ({"material": "pec", "thickness": 0.01}, ("thickness = 0.01 m", "which is opaque")),
         ({"material": "glass", "sheet_resistance": 5.0}, ("sheet_resistance = 5 ohm", "give its thickness")),
         ({"material": "glass", "thickness": -0.1}, ("thickness", "-0.1")),
     ],

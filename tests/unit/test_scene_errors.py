@@ -73,7 +73,7 @@ def test_the_good_one_loads(tmp_path: Path) -> None:
         (
             'value="4"',
             'value="40"',
-            "gridding_width = 40 is above the bound 16; give an integer from 2 to 16",
+            "gridding_width = 40 is above the bound 8; give an integer from 2 to 8",
         ),
         (
             "max_depth",
