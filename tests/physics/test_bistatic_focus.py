@@ -151,7 +151,7 @@ def test_what_does_not_take_two_antennas_says_so(tmp_path: Path, capsys: pytest.
         (lambda d: d.pop("yr"), "xr, zr: beside x, y, z one more antenna is supported"),
         (
             lambda d: d.update(xt=d["x"], yt=d["y"], zt=d["z"]),
-            "xt, yt, zt, xr, yr, zr: beside x, y, z one more antenna",
+            "xt, yt, zt, xr, yr, zr: beside x, y, z one more",
         ),
         (lambda d: d.update(xr=d["xr"][:-2]), "xr has 148 values, fp has 150 pulses"),
         (lambda d: d["xr"].__setitem__(7, np.nan), "1 of 150 pulses hold NaN .* pulse 7"),
