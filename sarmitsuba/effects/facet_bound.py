@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.map_materials import with_parts
@@ -26,14 +26,22 @@ class FacetBound:
     cross_section : m^2
     over_own_clutter_db : over the diffuse return of the same face and area, dB
     specular : m^2, sum over all cells on faces that may be perpendicular to the line of sight
+    specular_over_own_clutter_db : ``over_own_clutter_db`` of these faces alone
     """
 
     cross_section: float
     over_own_clutter_db: float
     specular: float
+    specular_over_own_clutter_db: float
 
 
-def facet_bound(context: SceneContext) -> FacetBound:
+def angles_known(context: SceneContext) -> bool:
+    """Whether the angles of the faces to the line of sight are known: one antenna, no motion, a thorough analysis."""
+    scene = context.scene
+    return context.shape.thorough and scene.radar.receiver is None and not scene.geometry.moves
+
+
+def facet_bound(context: SceneContext, *, least_height: float = 0.0) -> FacetBound:
     r"""Bound of the physical-optics return of a resolution cell on a plane face.
 
     .. math:: \sigma \le \frac{4 \pi}{\lambda^2} \cos^2\theta \, e^{-4 (k s \cos\theta)^2}
@@ -49,22 +57,22 @@ def facet_bound(context: SceneContext) -> FacetBound:
     Parameters
     ----------
     context : with its sampling
+    least_height : m; faces of smaller rms height are left out
 
     Notes
     -----
-    Ignores shadowing. Every angle counts where the receiver is apart, shapes move, or the analysis is not thorough.
+    Ignores shadowing. Every angle counts where those of the faces are not known.
     """
     if context.sampling is None:
-        return FacetBound(np.inf, np.inf, np.inf)
-    shape, scene = context.shape, context.scene
-    known = shape.thorough and scene.radar.receiver is None and not scene.geometry.moves
-    if not known:
-        return _at_any_angle(context)
+        return FacetBound(np.inf, np.inf, np.inf, np.inf)
+    if not angles_known(context):
+        return _at_any_angle(context, least_height)
+    shape = context.shape
     sine, nearest, farthest = _angles(shape, context.antenna)
-    largest, ratio, total = 0.0, -np.inf, 0.0
+    largest, ratio, total, towards = 0.0, -np.inf, 0.0, -np.inf
     for index in np.unique(shape.material):
         of = (shape.material == index) & (shape.areas > 0)
-        if not of.any():
+        if not of.any() or _height(context, int(index)) < least_height:
             continue
         length = _length(context, sine[of])
         cell = length * _width(context)
@@ -75,8 +83,28 @@ def facet_bound(context: SceneContext) -> FacetBound:
             limited = edges / (2.0 * context.wavenumber * sine[of])
         sigma, own = _returns(context, int(index), np.minimum(cell, limited), farthest[of], nearest[of])
         largest, ratio = max(largest, float(sigma.max())), max(ratio, _worst_ratio_db(sigma, own * cell))
-        total += float((sigma * shape.areas[of] / cell)[limited >= cell].sum())
-    return FacetBound(largest, ratio, total)
+        whole = limited >= cell
+        total += float((sigma * shape.areas[of] / cell)[whole].sum())
+        if whole.any():
+            towards = max(towards, _worst_ratio_db(sigma[whole], (own * cell)[whole]))
+    return FacetBound(largest, ratio, total, towards)
+
+
+def specular_db(context: SceneContext, pilot: PilotResult, *, least_height: float = 0.0) -> float:
+    """Bound of the energy of specular faces over that of the clutter of the whole scene, dB."""
+    bound = facet_bound(context, least_height=least_height).specular
+    clutter = mean_clutter(context, pilot)
+    if context.sampling is None or not clutter > 0.0:
+        return np.inf
+    cells = max(1.0, float((np.ptp(context.box, axis=0)[:2] / context.sampling.cell).prod()))
+    return 10.0 * float(np.log10(max(bound / (cells * clutter), 1e-30)))
+
+
+def mean_clutter(context: SceneContext, pilot: PilotResult) -> float:
+    """Mean diffuse return of a resolution cell, by the pilot, m^2; 0 where it is not known."""
+    if context.sampling is None or not pilot.clutter > 0.0:
+        return 0.0
+    return pilot.clutter / pilot.patch_area * context.sampling.cell_across
 
 
 def flash_bound(context: SceneContext, bounces: int) -> float:
@@ -143,22 +171,29 @@ def _angles(shape: ShapeAnalysis, antenna: F64) -> tuple[F64, F64, F64]:
     return np.sin(least), np.cos(least), np.cos(greatest)
 
 
-def _at_any_angle(context: SceneContext) -> FacetBound:
+def _height(context: SceneContext, index: int) -> float:
+    """Least rms height of a material and those of its maps, m."""
+    return min(m.rms_height for m in with_parts([context.scene.materials[index]]))
+
+
+def _at_any_angle(context: SceneContext, least_height: float) -> FacetBound:
     """Bound where a face may have any angle up to the greatest of the scene."""
     low, cell = np.array([context.incidence_cosine[0]]), _length(context, np.zeros(1)) * _width(context)
     largest, ratio, total = 0.0, -np.inf, 0.0
     for index in np.unique(context.shape.material):
+        if _height(context, int(index)) < least_height:
+            continue
         sigma, own = _returns(context, int(index), cell, low, np.ones(1))
         largest, ratio = max(largest, float(sigma[0])), max(ratio, _worst_ratio_db(sigma, own * cell))
         total += float((sigma / cell)[0] * context.shape.areas[context.shape.material == index].sum())
-    return FacetBound(largest, ratio, total)
+    return FacetBound(largest, ratio, total, ratio)
 
 
 def _returns(context: SceneContext, index: int, integral: F64, low: F64, high: F64) -> tuple[F64, F64]:
     """Bound of the coherent return, m^2, and the least sigma0, for phase integrals (m^2) and ranges of the cosine."""
     wavelength = context.scene.radar.waveform.wavelength
     parts = with_parts([context.scene.materials[index]])
-    height = min(m.rms_height for m in parts)
+    height = _height(context, index)
     fall = 4.0 * (_lowest_wavenumber(context) * height) ** 2
     square = (
         np.clip(1.0 / fall, low**2, high**2) if fall > 0.0 else high**2

@@ -126,17 +126,33 @@ def measured(clutter: float) -> PilotResult:
     return PilotResult((0,), 1, 100, 0, 0, mean, 0 * mean, np.ones(2), mean, 1.0, 0.1, patch_area=0.02)
 
 
+def facing(corner: Scene, tilt: float) -> F64:
+    """Triangle (3, 3), m, perpendicular to the line of sight, or tilted by an angle (rad)."""
+    towards = corner.radar.track.center_position / np.linalg.norm(corner.radar.track.center_position)
+    across = np.cross(towards, [0.0, 0.0, 1.0])
+    normal = np.cos(tilt) * towards + np.sin(tilt) * np.cross(across, towards)
+    frame = np.stack([across, np.cross(normal, across)])
+    return np.array([[-2.0, -2.0], [2.0, -2.0], [0.0, 2.0]]) @ frame
+
+
 @pytest.mark.parametrize(
     ("tilt", "ks", "on"), [(0.0, 1.0, True), (0.6, 1.0, True), (0.6, 6.0, False), (0.0, 6.0, False)]
 )
 def test_faces_that_a_pilot_may_miss_decide(corner: Scene, tilt: float, ks: float, on: bool) -> None:
     k = 2.0 * np.pi / corner.radar.waveform.wavelength
-    towards = corner.radar.track.center_position / np.linalg.norm(corner.radar.track.center_position)
-    across = np.cross(towards, [0.0, 0.0, 1.0])
-    normal = np.cos(tilt) * towards + np.sin(tilt) * np.cross(across, towards)
-    frame = np.stack([across, np.cross(normal, across)])
-    corners = np.array([[-2.0, -2.0], [2.0, -2.0], [0.0, 2.0]]) @ frame
-    scene = plates(corner, corners[None], ks / k)
+    scene = plates(corner, facing(corner, tilt)[None], ks / k)
     seen = replace(context(scene), pilot=measured(1e-3))
     decision = plan_effects(scene, seen.sampling, seen.pilot, warn=False).decision("coherent")
     assert decision is not None and decision.on is on
+
+
+@pytest.mark.parametrize(("tilt", "ks", "on"), [(0.0, 1.5, True), (0.6, 1.5, False), (0.0, 6.0, False)])
+def test_a_specular_rough_face_needs_a_wide_band(corner: Scene, tilt: float, ks: float, on: bool) -> None:
+    """The coherent loss of what the face leaves changes over the band, not only that of the incident wave."""
+    waveform = replace(corner.radar.waveform, bandwidth=0.1 * corner.radar.waveform.center_frequency)
+    k = 2.0 * np.pi / waveform.wavelength
+    scene = plates(corner, facing(corner, tilt)[None], ks / k)
+    scene = replace(scene, radar=replace(scene.radar, waveform=waveform))
+    seen = replace(context(scene), pilot=measured(1e-3))
+    decision = plan_effects(scene, seen.sampling, seen.pilot, warn=False).decision("wideband")
+    assert decision is not None and decision.on is on, decision.why

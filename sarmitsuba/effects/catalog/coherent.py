@@ -7,7 +7,7 @@ import numpy as np
 
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.effects.facet_bound import facet_bound, flash_bound
+from sarmitsuba.effects.facet_bound import facet_bound, flash_bound, mean_clutter, specular_db
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 from sarmitsuba.errors import SceneError
@@ -89,15 +89,11 @@ def _measured(context: SceneContext, pilot: PilotResult, bounces: int) -> Assess
 
 def _missed_db(context: SceneContext, pilot: PilotResult, bounces: int) -> tuple[float, float]:
     """Bounds of the coherent return that random patches may miss: energy over all, a cell over its mean clutter, dB."""
-    sampling = context.sampling
-    if sampling is None or not pilot.clutter > 0.0:
+    clutter = mean_clutter(context, pilot)
+    if not clutter > 0.0:
         return np.inf, np.inf
-    clutter = pilot.clutter / pilot.patch_area * sampling.cell_across
-    faces, paths = facet_bound(context), flash_bound(context, bounces)
-    ground = np.ptp(context.box, axis=0)[:2] / sampling.cell
-    cells = max(1.0, float(ground.prod()))
-    energy, cell = faces.specular / (cells * clutter), max(faces.cross_section, paths) / clutter
-    return 10.0 * float(np.log10(max(energy, 1e-30))), 10.0 * float(np.log10(max(cell, 1e-30)))
+    cell = max(facet_bound(context).cross_section, flash_bound(context, bounces)) / clutter
+    return specular_db(context, pilot), 10.0 * float(np.log10(max(cell, 1e-30)))
 
 
 EFFECTS.register(Coherent())
