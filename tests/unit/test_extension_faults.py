@@ -280,7 +280,7 @@ def test_a_gridding_kernel_that_is_too_wide_is_refused() -> None:
     wide = replace(scene, settings=replace(scene.settings, gridding_width=10))
     with pytest.raises(RadarError, match=r"gridding_width = 10 is not within 1 \.\.\. 8; take 4"):
         simulate(wide)
-    with pytest.raises(RadarError, match="gridding_width = 10"):
+    with pytest.raises(SceneError, match="gridding_width = 10 is above the bound 8"):
         scene.replace(gridding_width=10)
 
 
