@@ -17,6 +17,7 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
 from sarmitsuba.simulation.path_table import trace_paths
+from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.explanation import explain
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
@@ -177,6 +178,29 @@ def test_a_fault_of_a_scatterer_is_one_line(register: Callable[..., None], fault
             simulate(scene_of(kind=True).replace(method=method))
 
 
+class StatedFrequencies(FaultyScatterer):
+    """A kind that says at how many frequencies it is traced."""
+
+    frequencies = 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (FaultyScatterer(""), "faulty_kind does not set `frequencies`; the default 2 is used"),
+        (StatedFrequencies(""), "faulty_kind asks for 3 frequencies"),
+    ],
+)
+def test_the_plan_says_who_set_the_frequencies(
+    register: Callable[..., None], kind: Reflector, words: str
+) -> None:
+    register(SCATTERERS, kind)
+    plan = plan_scene(scene_of(kind=True).replace(bandwidth=0.8e9), pilot=False)
+    decision = plan.decision("wideband")
+    assert decision is not None
+    assert decision.why.startswith(words)
+
+
 SCENE = """<scene version="3.0.0"><sensor type="sar_antenna"><film type="range_film"/></sensor>
 <shape type="sphere">{shape}<bsdf type="{bsdf}"/></shape></scene>"""
 
@@ -213,7 +237,7 @@ def test_a_gridding_kernel_that_is_too_wide_is_refused() -> None:
     wide = replace(scene, settings=replace(scene.settings, gridding_width=10))
     with pytest.raises(RadarError, match=r"gridding_width = 10 is not within 1 \.\.\. 8; take 4"):
         simulate(wide)
-    with pytest.raises(RadarError, match="gridding_width = 10"):
+    with pytest.raises(SceneError, match="gridding_width = 10"):
         scene.replace(gridding_width=10)
 
 
