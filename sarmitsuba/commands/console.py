@@ -82,10 +82,13 @@ class Console:
             self._named.cancel()
         self._named = None
 
-    def expect(self, seconds: Mapping[str, float]) -> None:
-        """Announce a run by the predicted times of its stages; progress is then that of the whole run."""
+    def expect(self, seconds: Mapping[str, float], *, at_most: bool = False) -> None:
+        """Announce a run by the predicted times of its stages; progress is then that of the whole run.
+
+        ``at_most``: the run may end before they are used up.
+        """
         self.end_progress()
-        self._journey, self._lines = Journey(seconds, self._clock), 0
+        self._journey, self._lines, self._at_most = Journey(seconds, self._clock), 0, at_most
 
     def note(self, text: str) -> None:
         """Print an assumption on one line, unless it was a warning already; the same text is printed only once."""
@@ -120,7 +123,7 @@ class Console:
                 nrows=20,
             )
         bar.set_description_str(stage, refresh=False)
-        bar.set_postfix_str(", ".join(_remarks(standing, info)), refresh=False)
+        bar.set_postfix_str(", ".join(self._remarks(standing, info)), refresh=False)
         bar.update(standing.share - bar.n)
         if standing.share >= 1.0:
             self.end_progress()
@@ -130,8 +133,16 @@ class Console:
         if lines <= self._lines or standing.elapsed < _QUICK:
             return
         self._lines = lines
-        remarks = ", ".join([f"{_clock_time(standing.elapsed)} so far", *_remarks(standing, info)])
+        remarks = ", ".join([f"{_clock_time(standing.elapsed)} so far", *self._remarks(standing, info)])
         self._line(f"{100 * lines // _LINES:3d} % {stage}: {remarks}", sys.stderr)
+
+    def _remarks(self, standing: Standing, info: Mapping[str, float]) -> list[str]:
+        """Remaining time and rates, as shown beside the progress."""
+        from tqdm import tqdm
+
+        most = "at most " if self._at_most else ""
+        left = [] if standing.left == float("inf") else [f"{most}{_clock_time(standing.left)} left"]
+        return [*left, *(f"{tqdm.format_sizeof(value)} {name}" for name, value in info.items())]
 
     def end_progress(self) -> None:
         """Leave the last bar as it is and start a new line."""
@@ -177,14 +188,6 @@ class Console:
             self._bar.write(text, file=file)
         else:
             print(text, file=file, flush=True)
-
-
-def _remarks(standing: Standing, info: Mapping[str, float]) -> list[str]:
-    """Remaining time and rates, as shown beside the progress."""
-    from tqdm import tqdm
-
-    left = [] if standing.left == float("inf") else [f"{_clock_time(standing.left)} left"]
-    return [*left, *(f"{tqdm.format_sizeof(value)} {name}" for name, value in info.items())]
 
 
 def _clock_time(seconds: float) -> str:

@@ -50,6 +50,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         if folder is not None:
             folder.check_names((RECORD, TEXT, PLOT))
         scene = scene_of(args)
+        console.expect({"cost": args.budget}, at_most=True)
         report = study_cost(
             scene, target_error_db=args.target_error, budget=args.budget, progress=console.progress
         )

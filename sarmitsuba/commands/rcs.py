@@ -357,7 +357,11 @@ def _image(
         "image_request": table.image.moved(table.offset),
         "plan": image.metadata.get("plan"),
     }
-    console.say(f"{folder.path / results.PICTURE}: image from {table.radar}")
+    wave = table.radar.waveform
+    console.say(
+        f"{folder.path / results.PICTURE}: image of the target on a turntable, {wave.center_frequency / 1e9:.4g} GHz, "
+        f"bandwidth {wave.bandwidth / 1e6:.4g} MHz, {'/'.join(channels)}, {table.radar.track.n_pulses} aspects"
+    )
     return image
 
 

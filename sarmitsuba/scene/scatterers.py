@@ -32,6 +32,13 @@ class ScattererKind:
     frequencies: ClassVar[int] = 2
 
     @property
+    def states_frequencies(self) -> bool:
+        """Whether a class or instance of its own sets ``frequencies``."""
+        return any(
+            "frequencies" in vars(part) for part in (self, *type(self).__mro__) if part is not ScattererKind
+        )
+
+    @property
     def table(self) -> ParamTable:
         """Parameters of the bsdf."""
         return ParamTable(self.name, "bsdf", self.title, self.parameters)

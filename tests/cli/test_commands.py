@@ -201,6 +201,10 @@ def test_progress_off_a_terminal_is_a_line_every_tenth_of_the_whole_run(capsys: 
     assert lines[0] == " 10 % trace: 0:06 so far, 0:54 left, 4.10M rays/s"
     assert lines[4] == " 50 % trace: 0:30 so far, 0:30 left, 4.10M rays/s"
     assert lines[-1] == "100 % focus: 0:40 so far, 0:00 left"
+    console.expect({"cost": 40.0}, at_most=True)
+    now += 10.0
+    console.progress("cost", 10.0, 40.0, {})
+    assert capsys.readouterr().err.splitlines() == [" 20 % cost: 0:10 so far, at most 0:30 left"]
 
 
 def test_a_run_of_a_second_shows_no_progress_off_a_terminal(capsys: Any) -> None:

@@ -18,6 +18,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.registry import load_extension
 from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
 from sarmitsuba.simulation.path_table import trace_paths
+from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.explanation import explain
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
@@ -242,6 +243,29 @@ def test_a_fault_of_a_scatterer_is_one_line(register: Callable[..., None], fault
     for method in ("hybrid", "raw"):
         with pytest.raises(ExtensionError, match=f"kind of scatterer ['\"]faulty_kind['\"]: {words}"):
             simulate(scene_of(kind=True).replace(method=method))
+
+
+class StatedFrequencies(FaultyScatterer):
+    """A kind that says at how many frequencies it is traced."""
+
+    frequencies = 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (FaultyScatterer(""), "faulty_kind does not set `frequencies`; the default 2 is used"),
+        (StatedFrequencies(""), "faulty_kind asks for 3 frequencies"),
+    ],
+)
+def test_the_plan_says_who_set_the_frequencies(
+    register: Callable[..., None], kind: Reflector, words: str
+) -> None:
+    register(SCATTERERS, kind)
+    plan = plan_scene(scene_of(kind=True).replace(bandwidth=0.8e9), pilot=False)
+    decision = plan.decision("wideband")
+    assert decision is not None
+    assert decision.why.startswith(words)
 
 
 SCENE = """<scene version="3.0.0"><sensor type="sar_antenna"><film type="range_film"/></sensor>

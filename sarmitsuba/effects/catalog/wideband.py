@@ -99,7 +99,7 @@ class Wideband(Effect):
         error = 20.0 * float(np.log10(change)) if count == LEAST_SUB_BANDS else 0.0
         if error <= context.tolerance_db:
             return replace(found, error_db=max(found.error_db, error))
-        why = f"{whose} asks for {count} frequencies; {found.why}"
+        why = f"{_wish_of(whose, count)} (without it, {found.why})"
         return Assessment(True, why, error, count, note=found.note)
 
     def _of_materials(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
@@ -160,6 +160,13 @@ def _of_extensions(context: SceneContext) -> tuple[int, str]:
     asked = kinds | {e.name: e.frequencies for e in EFFECTS if switches.get(e.name) != "off"}
     name = max(asked, key=lambda key: asked[key])
     return asked[name], name
+
+
+def _wish_of(name: str, count: int) -> str:
+    """Why an effect or kind of scatterer needs so many frequencies: its own number, or the default of kinds."""
+    if name in SCATTERERS and not SCATTERERS[name].states_frequencies:
+        return f"{name} does not set `frequencies`; the default {count} is used"
+    return f"{name} asks for {count} frequencies"
 
 
 def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]) -> Iterator[_Law]:
