@@ -33,7 +33,7 @@ class SamplingFacts:
     cell : m, edge of a square as large as a resolution cell on level ground
     box : (2, 3) float64, m, scene frame; the lit part of the scene
     key_pulses : estimated number of traced pulses
-    cell_across : m^2, area of that square projected across the line of sight; NaN if not known
+    azimuth_cell, range_cell : m, resolution along azimuth and slant range
     """
 
     ray_spacing: float
@@ -41,7 +41,14 @@ class SamplingFacts:
     cell: float
     box: F64
     key_pulses: int
-    cell_across: float = float("nan")
+    azimuth_cell: float
+    range_cell: float
+
+    @property
+    def cell_across(self) -> float:
+        """Area of a resolution cell on level ground, projected across the line of sight, m^2."""
+        sine = min(1.0, self.azimuth_cell * self.range_cell / self.cell**2)
+        return float(self.cell**2 * np.sqrt(1.0 - sine**2))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.map_materials import with_parts
@@ -25,52 +25,86 @@ class FacetBound:
     ----------
     cross_section : m^2
     over_own_clutter_db : over the diffuse return of the same face and area, dB
+    specular : m^2, sum over all cells on faces that may be perpendicular to the line of sight
+    specular_over_own_clutter_db : ``over_own_clutter_db`` of these faces alone
     """
 
     cross_section: float
     over_own_clutter_db: float
+    specular: float
+    specular_over_own_clutter_db: float
 
 
-def facet_bound(context: SceneContext) -> FacetBound:
-    r"""Bound of the physical-optics return of a cell of area A = L^2 on a plane face.
+def angles_known(context: SceneContext) -> bool:
+    """Whether the angles of the faces to the line of sight are known: one antenna, no motion, a thorough analysis."""
+    scene = context.scene
+    return context.shape.thorough and scene.radar.receiver is None and not scene.geometry.moves
+
+
+def facet_bound(context: SceneContext, *, least_height: float = 0.0) -> FacetBound:
+    r"""Bound of the physical-optics return of a resolution cell on a plane face.
 
     .. math:: \sigma \le \frac{4 \pi}{\lambda^2} \cos^2\theta \, e^{-4 (k s \cos\theta)^2}
-        \min\left(A, \frac{\max(2 L, A p / A_f)}{2 k \sin\theta}\right)^2,
+        \min\left(A, \frac{\max(2 d, A p / A_f)}{2 k \sin\theta}\right)^2, \quad
+        A = \delta_a \frac{\delta_r}{\sin\theta}
 
-    because the phase integral over a polygon is at most its perimeter over the tangential wave vector (Green's
-    theorem): two edges of a large face pass through the cell, or the perimeters ``p`` of all faces of area ``A_f`` in
-    it. The angle is the least and the greatest within the face and between the examined antenna positions.
+    The cell's part of the face has the area A and the diagonal d; it is as long as the scene at most, since all of a
+    face perpendicular to the line of sight lies in one range cell. The phase integral over a polygon is at most its
+    perimeter over the tangential wave vector (Green's theorem): two edges of a large face pass through the cell, or
+    the perimeters ``p`` of all faces of area ``A_f`` in it. The angle is the least and the greatest within the face
+    and between the examined antenna positions.
 
     Parameters
     ----------
     context : with its sampling
+    least_height : m; faces of smaller rms height are left out
 
     Notes
     -----
-    Ignores shadowing. Every angle counts where the receiver is apart, shapes move, or the analysis is not thorough.
+    Ignores shadowing. Every angle counts where those of the faces are not known.
     """
     if context.sampling is None:
-        return FacetBound(np.inf, np.inf)
-    shape, scene = context.shape, context.scene
-    known = shape.thorough and scene.radar.receiver is None and not scene.geometry.moves
-    if not known:
-        return _at_any_angle(context)
+        return FacetBound(np.inf, np.inf, np.inf, np.inf)
+    if not angles_known(context):
+        return _at_any_angle(context, least_height)
+    shape = context.shape
     sine, nearest, farthest = _angles(shape, context.antenna)
-    largest, ratio = 0.0, -np.inf
+    largest, ratio, total, towards = 0.0, -np.inf, 0.0, -np.inf
     for index in np.unique(shape.material):
-        of = shape.material == index
-        area, cell = shape.areas[of], _cell(context)
-        solid = area > 0
-        if not solid.any():
+        of = (shape.material == index) & (shape.areas > 0)
+        if not of.any() or _height(context, int(index)) < least_height:
             continue
-        perimeter = shape.perimeters[of][solid]
-        edges = np.maximum(2.0 * np.sqrt(cell), cell * perimeter / area[solid])
+        length = _length(context, sine[of])
+        cell = length * _width(context)
+        edges = np.maximum(
+            2.0 * np.hypot(length, _width(context)), cell * shape.perimeters[of] / shape.areas[of]
+        )
         with np.errstate(divide="ignore"):
-            integral = np.minimum(cell, edges / (2.0 * context.wavenumber * sine[of][solid]))
-        low, high = farthest[of][solid], nearest[of][solid]
-        sigma, own = _returns(context, int(index), integral, low, high)
-        largest, ratio = max(largest, float(sigma.max())), max(ratio, _worst_ratio_db(sigma, own))
-    return FacetBound(largest, ratio)
+            limited = edges / (2.0 * context.wavenumber * sine[of])
+        sigma, own = _returns(context, int(index), np.minimum(cell, limited), farthest[of], nearest[of])
+        largest, ratio = max(largest, float(sigma.max())), max(ratio, _worst_ratio_db(sigma, own * cell))
+        whole = limited >= cell
+        total += float((sigma * shape.areas[of] / cell)[whole].sum())
+        if whole.any():
+            towards = max(towards, _worst_ratio_db(sigma[whole], (own * cell)[whole]))
+    return FacetBound(largest, ratio, total, towards)
+
+
+def specular_db(context: SceneContext, pilot: PilotResult, *, least_height: float = 0.0) -> float:
+    """Bound of the energy of specular faces over that of the clutter of the whole scene, dB."""
+    bound = facet_bound(context, least_height=least_height).specular
+    clutter = mean_clutter(context, pilot)
+    if context.sampling is None or not clutter > 0.0:
+        return np.inf
+    cells = max(1.0, float((np.ptp(context.box, axis=0)[:2] / context.sampling.cell).prod()))
+    return 10.0 * float(np.log10(max(bound / (cells * clutter), 1e-30)))
+
+
+def mean_clutter(context: SceneContext, pilot: PilotResult) -> float:
+    """Mean diffuse return of a resolution cell, by the pilot, m^2; 0 where it is not known."""
+    if context.sampling is None or not pilot.clutter > 0.0:
+        return 0.0
+    return pilot.clutter / pilot.patch_area * context.sampling.cell_across
 
 
 def flash_bound(context: SceneContext, bounces: int) -> float:
@@ -91,13 +125,22 @@ def flash_bound(context: SceneContext, bounces: int) -> float:
     least = min((m.rms_height for m in context.materials), default=0.0)
     loss = 4.0 * (_lowest_wavenumber(context) * least) ** 2 / bounces
     wavelength = context.scene.radar.waveform.wavelength
-    return float(4.0 * np.pi * _cell(context) ** 2 / wavelength**2 * np.exp(-loss))
+    area = float(_length(context, np.zeros(1))[0]) * _width(context)
+    return float(4.0 * np.pi * area**2 / wavelength**2 * np.exp(-loss))
 
 
-def _cell(context: SceneContext) -> float:
-    """Area of a resolution cell, m^2."""
+def _width(context: SceneContext) -> float:
+    """Extent of a resolution cell along azimuth, m."""
     assert context.sampling is not None
-    return max(context.sampling.cell, context.sampling.ray_spacing) ** 2
+    return max(context.sampling.azimuth_cell, context.sampling.ray_spacing)
+
+
+def _length(context: SceneContext, sine: F64) -> F64:
+    """Extent of a resolution cell on a face across azimuth, for sines of the incidence angle, m."""
+    assert context.sampling is not None
+    whole = float(np.linalg.norm(np.ptp(context.box, axis=0)))
+    length = max(context.sampling.range_cell, context.sampling.ray_spacing) / np.maximum(sine, 1e-12)
+    return np.asarray(np.minimum(length, whole))
 
 
 def _lowest_wavenumber(context: SceneContext) -> float:
@@ -128,22 +171,29 @@ def _angles(shape: ShapeAnalysis, antenna: F64) -> tuple[F64, F64, F64]:
     return np.sin(least), np.cos(least), np.cos(greatest)
 
 
-def _at_any_angle(context: SceneContext) -> FacetBound:
-    """Bound where a face may have any angle between the least and greatest of the scene."""
-    low = np.array([context.incidence_cosine[0]])
-    integral = np.array([_cell(context)])
-    largest, ratio = 0.0, -np.inf
+def _height(context: SceneContext, index: int) -> float:
+    """Least rms height of a material and those of its maps, m."""
+    return min(m.rms_height for m in with_parts([context.scene.materials[index]]))
+
+
+def _at_any_angle(context: SceneContext, least_height: float) -> FacetBound:
+    """Bound where a face may have any angle up to the greatest of the scene."""
+    low, cell = np.array([context.incidence_cosine[0]]), _length(context, np.zeros(1)) * _width(context)
+    largest, ratio, total = 0.0, -np.inf, 0.0
     for index in np.unique(context.shape.material):
-        sigma, own = _returns(context, int(index), integral, low, np.ones(1))
-        largest, ratio = max(largest, float(sigma.max())), max(ratio, _worst_ratio_db(sigma, own))
-    return FacetBound(largest, ratio)
+        if _height(context, int(index)) < least_height:
+            continue
+        sigma, own = _returns(context, int(index), cell, low, np.ones(1))
+        largest, ratio = max(largest, float(sigma[0])), max(ratio, _worst_ratio_db(sigma, own * cell))
+        total += float((sigma / cell)[0] * context.shape.areas[context.shape.material == index].sum())
+    return FacetBound(largest, ratio, total, ratio)
 
 
 def _returns(context: SceneContext, index: int, integral: F64, low: F64, high: F64) -> tuple[F64, F64]:
-    """Bound of the coherent and of the least diffuse return of a cell, m^2, for cosines from ``low`` to ``high``."""
+    """Bound of the coherent return, m^2, and the least sigma0, for phase integrals (m^2) and ranges of the cosine."""
     wavelength = context.scene.radar.waveform.wavelength
     parts = with_parts([context.scene.materials[index]])
-    height = min(m.rms_height for m in parts)
+    height = _height(context, index)
     fall = 4.0 * (_lowest_wavenumber(context) * height) ** 2
     square = (
         np.clip(1.0 / fall, low**2, high**2) if fall > 0.0 else high**2
@@ -156,7 +206,7 @@ def _returns(context: SceneContext, index: int, integral: F64, low: F64, high: F
         first = np.searchsorted(table.theta, np.arccos(high), side="right") - 1
         last = np.searchsorted(table.theta, np.arccos(low))
         sigma0 = np.minimum(sigma0, _least_between(power, first, np.minimum(last, _NODES - 1)))
-    return sigma, sigma0 * _cell(context)
+    return sigma, sigma0
 
 
 def _least_between(values: F64, first: NDArray[np.int64], last: NDArray[np.int64]) -> F64:

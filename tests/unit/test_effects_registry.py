@@ -94,7 +94,7 @@ def test_roughness_below_the_tolerance_is_left_out(corner: Scene) -> None:
 
 
 def test_rough_ground_returns_nothing_coherent(ground: Scene) -> None:
-    sampling = SamplingFacts(0.2, 100_000, 0.45, ground.geometry.bounds, 8)
+    sampling = SamplingFacts(0.2, 100_000, 0.45, ground.geometry.bounds, 8, 0.4, 0.4)
     assert decide(ground, "coherent", sampling)[0] is False
     smooth = replace(ground, materials=tuple(replace(m, rms_height=1e-4) for m in ground.materials))
     assert decide(smooth, "coherent", sampling)[0] is True
@@ -114,7 +114,7 @@ def test_beam_counts_where_it_varies(corner: Scene) -> None:
 def test_spreading_counts_near_the_antenna(corner: Scene, ground: Scene) -> None:
     assert decide(corner, "spreading")[0] is False
     near = np.array([[-200.0, -200.0, 0.0], [200.0, 200.0, 0.0]])
-    assert decide(ground, "spreading", SamplingFacts(0.2, 1, 0.4, near, 1))[0] is True
+    assert decide(ground, "spreading", SamplingFacts(0.2, 1, 0.4, near, 1, 0.3, 0.3))[0] is True
 
 
 def test_a_tighter_tolerance_leaves_less_out(corner: Scene) -> None:
@@ -144,7 +144,7 @@ def test_the_tolerance_of_the_scene_holds() -> None:
 
 def test_coherent_is_a_switch(ground: Scene, corner: Scene) -> None:
     smooth = replace(ground, materials=tuple(replace(m, rms_height=1e-4) for m in ground.materials))
-    sampling = SamplingFacts(0.2, 100_000, 0.45, ground.geometry.bounds, 8)
+    sampling = SamplingFacts(0.2, 100_000, 0.45, ground.geometry.bounds, 8, 0.4, 0.4)
     with pytest.warns(SarmitsubaWarning, match="coherent is switched off; predicted error at most 0 dB"):
         plan = plan_effects(switched(smooth, coherent="off"), sampling)
     assert not plan.flags.coherent and not plan.flags.tube_phase and plan.flags.diffuse
@@ -156,7 +156,7 @@ def test_coherent_is_a_switch(ground: Scene, corner: Scene) -> None:
 def test_fine_tubes_need_no_phase_integral(corner: Scene) -> None:
     wavelength = corner.radar.waveform.wavelength
     for part, expected in ((4.5, True), (8.0, True), (60.0, False)):
-        sampling = SamplingFacts(wavelength / part, 1, 1.0, corner.geometry.bounds, 1)
+        sampling = SamplingFacts(wavelength / part, 1, 1.0, corner.geometry.bounds, 1, 0.8, 0.8)
         assert decide(corner, "tube_phase", sampling)[0] is expected
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
-from sarmitsuba.effects.facet_bound import facet_bound, flash_bound
+from sarmitsuba.effects.facet_bound import facet_bound, flash_bound, mean_clutter, specular_db
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 from sarmitsuba.errors import SceneError
@@ -71,28 +71,29 @@ class Coherent(Effect):
 
 
 def _measured(context: SceneContext, pilot: PilotResult, bounces: int) -> Assessment:
-    """Decision from the pilot, and from the bound of returns that it may have missed."""
+    """Decision from the pilot, and from the bounds of returns that it may have missed."""
     energy, cell = pilot.energy_db(0, 1, upper=True), pilot.cell_db(0, 1)
-    bound = _missed_db(context, pilot, bounces)
+    specular, bound = _missed_db(context, pilot, bounces)
     limit = pilot.cell_limit_db(context.tolerance_db)
     found = (
         f"pilot: {pilot.energy_db(0, 1):.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter"
     )
-    if energy <= context.tolerance_db and max(cell, bound) <= limit:
-        return Assessment(False, f"{found}, of any face at most {bound:.0f} dB", energy, measured=True)
+    if max(energy, specular) <= context.tolerance_db and max(cell, bound) <= limit:
+        why = f"{found}, of any face at most {bound:.0f} dB"
+        return Assessment(False, why, max(energy, specular), measured=specular <= energy)
+    if energy <= context.tolerance_db and cell <= limit:
+        found += f", of any face up to {bound:.0f} dB"
     # random patches: bright lines are rare, and most of the energy
-    return Assessment(
-        True, f"{found}, of any face up to {bound:.0f} dB" if cell <= limit < bound else found, 0.0
-    )
+    return Assessment(True, found, 0.0)
 
 
-def _missed_db(context: SceneContext, pilot: PilotResult, bounces: int) -> float:
-    """Bound of the coherent return of a cell over its mean clutter, dB."""
-    if context.sampling is None or not pilot.clutter > 0.0:
-        return np.inf
-    clutter = pilot.clutter / pilot.patch_area * context.sampling.cell_across
-    most = max(facet_bound(context).cross_section, flash_bound(context, bounces))
-    return 10.0 * float(np.log10(max(most / clutter, 1e-30)))
+def _missed_db(context: SceneContext, pilot: PilotResult, bounces: int) -> tuple[float, float]:
+    """Bounds of the coherent return that random patches may miss: energy over all, a cell over its mean clutter, dB."""
+    clutter = mean_clutter(context, pilot)
+    if not clutter > 0.0:
+        return np.inf, np.inf
+    cell = max(facet_bound(context).cross_section, flash_bound(context, bounces)) / clutter
+    return specular_db(context, pilot), 10.0 * float(np.log10(max(cell, 1e-30)))
 
 
 EFFECTS.register(Coherent())

@@ -61,7 +61,9 @@ class DiffusePairs(Effect):
 
 
 def _measured(level: PairLevel, tolerance_db: float) -> Assessment:
-    share, square = (10.0 * float(np.log10(x)) for x in (level.share + 2.0 * level.error, level.strongest))
+    share, square = (
+        10.0 * float(np.log10(max(x, 1e-30))) for x in (level.share + 2.0 * level.error, level.strongest)
+    )
     mean = 10.0 * float(np.log10(level.share))
     cross = 10.0 * float(np.log10(max(level.cross, 1e-30)))
     on = max(share, cross) > tolerance_db + WHOLE_DB or square > tolerance_db + SQUARE_DB

@@ -10,6 +10,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.facet_bound import angles_known, facet_bound, specular_db
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
@@ -190,6 +191,14 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
                 yield _Law(
                     f"the coherent loss of {material.name}", left, _coherent_db(context), decides=False
                 )
+            if decided["coherent"].on:
+                left = np.exp(
+                    -2.0 * np.square(context.wavenumber * material.rms_height) * (np.square(relative) - 1.0)
+                )
+                share = _specular_db(context, material.rms_height)
+                what = f"the specular return of {material.name}"
+                if share > context.tolerance_db:
+                    yield _Law(what, left, share, _ODD_ABOVE_TOLERANCE_DB)
         if decided["diffuse"].on and material.scatters:
             yield _Law(f"the diffuse return of {material.name}", _diffuse(material, frequency, relative))
 
@@ -207,6 +216,18 @@ def _coherent_db(context: SceneContext) -> float:
         return 0.0
     cell = pilot.cell_db(0, 1) + context.tolerance_db - pilot.cell_limit_db(context.tolerance_db)
     return min(max(pilot.energy_db(0, 1, upper=True), cell), 0.0)
+
+
+def _specular_db(context: SceneContext, height: float) -> float:
+    """Share of the image's energy that faces of at least an rms height (m) may return specularly, dB; <= 0.
+
+    -inf where no angle of a face is known: the coherent loss relative to the incident wave then decides alone.
+    """
+    if context.sampling is None or not angles_known(context):
+        return -np.inf
+    if context.pilot is not None and context.pilot.clutter > 0.0:
+        return min(0.0, specular_db(context, context.pilot, least_height=height))
+    return min(0.0, facet_bound(context, least_height=height).specular_over_own_clutter_db)
 
 
 def _phase_over_tube(context: SceneContext, spacing: float) -> float:

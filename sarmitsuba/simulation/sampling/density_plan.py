@@ -274,7 +274,8 @@ class SamplingPlan:
             cell=float(np.sqrt(self.azimuth_cell * ground)),
             box=self.box,
             key_pulses=self.expected_key_pulses,
-            cell_across=self.azimuth_cell * ground * float(np.cos(self.window.incidence)),
+            azimuth_cell=self.azimuth_cell,
+            range_cell=self.range_cell,
         )
 
     def lattices(self, *, realisation: int = 0, subset: int = 0) -> tuple[LaunchGrid, ...]:
