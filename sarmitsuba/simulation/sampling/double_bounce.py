@@ -18,7 +18,7 @@ LEAST_LOSS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Forecourt:
+class BounceGround:
     """Ground in front of walls in the image that lies outside the image's footprint, in axes (along, across).
 
     Parameters
@@ -64,7 +64,7 @@ def walls(scene: Scene) -> NDArray[np.bool_]:
     return _visible(scene) & _steep(scene)
 
 
-def forecourt(scene: Scene, axes: F64, middle: F64, away: F64, incidence: float) -> Forecourt | None:
+def bounce_ground(scene: Scene, axes: F64, middle: F64, away: F64, incidence: float) -> BounceGround | None:
     """Ground beside the image's footprint that mirrors rays onto walls within it; None where there is none.
 
     A ray reflected by level ground at the distance z tan(incidence) in front of a wall meets it at the height z, and
@@ -116,7 +116,7 @@ def forecourt(scene: Scene, axes: F64, middle: F64, away: F64, incidence: float)
     there = np.stack([low[ground, :2].min(axis=0), high[ground, :2].max(axis=0)])
     first, last = np.maximum(first, there[0]), np.minimum(last, there[1])
     kept = (first <= last).all(axis=1) & ((first < -half - 1e-6) | (last > half + 1e-6)).any(axis=1)
-    return Forecourt(first[kept], last[kept]) if kept.any() else None
+    return BounceGround(first[kept], last[kept]) if kept.any() else None
 
 
 def unlit_ground(scene: Scene, width: float, loss: float) -> str:
@@ -124,7 +124,7 @@ def unlit_ground(scene: Scene, width: float, loss: float) -> str:
 
     Parameters
     ----------
-    width, loss : m and dB, see :meth:`Forecourt.unlit`
+    width, loss : m and dB, see :meth:`BounceGround.unlit`
     """
     if loss < LEAST_LOSS:
         return ""

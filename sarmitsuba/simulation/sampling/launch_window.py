@@ -10,7 +10,13 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.beside_mesh import clipped
-from sarmitsuba.simulation.sampling.double_bounce import GRAZING, MOST_RAYS, forecourt, unlit_ground, walls
+from sarmitsuba.simulation.sampling.double_bounce import (
+    GRAZING,
+    MOST_RAYS,
+    bounce_ground,
+    unlit_ground,
+    walls,
+)
 from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
 
@@ -144,26 +150,26 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
         cut = False
 
     views = bounding_antennas(radar.track, pulses)
-    plane = _Plane.of(bounds, axes, middle, views, antenna, sector.along)
-    court = forecourt(scene, axes, middle, away, incidence)
-    if court is not None:
+    plane = _CoveringPlane.of(bounds, axes, middle, views, antenna, sector.along)
+    ground = bounce_ground(scene, axes, middle, away, incidence)
+    if ground is not None:
         wider = bounds.copy()
-        wider[:, :2] = np.minimum(bounds[0, :2], court.box[0]), np.maximum(bounds[1, :2], court.box[1])
-        whole = _Plane.of(wider, axes, middle, views, antenna, sector.along)
+        wider[:, :2] = np.minimum(bounds[0, :2], ground.box[0]), np.maximum(bounds[1, :2], ground.box[1])
+        whole = _CoveringPlane.of(wider, axes, middle, views, antenna, sector.along)
         more = whole.half.prod() / plane.half.prod() - 1.0
         if more > MOST_RAYS:
             wider = bounds + MOST_RAYS / more * (wider - bounds)
-            whole = _Plane.of(wider, axes, middle, views, antenna, sector.along)
+            whole = _CoveringPlane.of(wider, axes, middle, views, antenna, sector.along)
         bounds, plane = wider, whole
     reach = float(np.abs(bounds[:, 0]).max())
     corners, frame, half = plane.corners, plane.frame, plane.half
     # five per cent of the window, at least ten resolution cells, keeps the edge lobe of the window below the clutter
     taper = max(0.05 * float(half.max()), 10.0 * radar.waveform.range_cell) if cut else 0.0
     unlit = (0.0, 0.0)
-    if court is not None:
+    if ground is not None:
         zone = 0.5 * np.sqrt(radar.waveform.wavelength * np.linalg.norm(look)) / np.sin(incidence)
         spare = 0.5 * taper / max(np.cos(incidence), np.cos(GRAZING))
-        unlit = court.unlit(bounds[:, :2], float(np.tan(min(incidence, GRAZING))), float(zone), float(spare))
+        unlit = ground.unlit(bounds[:, :2], float(np.tan(min(incidence, GRAZING))), float(zone), float(spare))
     every = np.concatenate([corners, found @ axes + middle])
     box = np.stack([every.min(axis=0), every.max(axis=0)])
     return LaunchWindow(
@@ -172,7 +178,7 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
 
 
 @dataclass(frozen=True, eq=False)
-class _Plane:
+class _CoveringPlane:
     """Launch plane that covers a box: the box's corners (8, 3) m, the frame, and half extents (2,) m."""
 
     corners: F64
@@ -180,7 +186,7 @@ class _Plane:
     half: F64
 
     @staticmethod
-    def of(bounds: F64, axes: F64, middle: F64, views: F64, antenna: F64, along: F64) -> "_Plane":
+    def of(bounds: F64, axes: F64, middle: F64, views: F64, antenna: F64, along: F64) -> "_CoveringPlane":
         """Plane for a box (2, 3), m, along ``axes`` about ``middle``, seen from the positions ``views``."""
         b_low, b_high = bounds
         corners = np.array(
@@ -199,7 +205,7 @@ class _Plane:
         hi = np.max([s[1] for s in spans], axis=0)
         shift = 0.5 * (lo + hi)
         center = center + frame.axis_x[0] * shift[0] + frame.axis_y[0] * shift[1]
-        return _Plane(corners, LaunchFrame(center[None], frame.axis_x, frame.axis_y), 0.5 * (hi - lo))
+        return _CoveringPlane(corners, LaunchFrame(center[None], frame.axis_x, frame.axis_y), 0.5 * (hi - lo))
 
 
 def _lit_mesh(
