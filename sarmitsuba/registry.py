@@ -57,18 +57,23 @@ class Calling:
     def __exit__(
         self, _: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if not isinstance(error, Exception) or isinstance(error, SarmitsubaError) or is_built_in(self.entry):
+        if not isinstance(error, Exception | SystemExit) or isinstance(error, SarmitsubaError):
+            return
+        if is_built_in(self.entry):
             return
         module = sys.modules.get(type(self.entry).__module__)
-        own = os.path.abspath(getattr(module, "__file__", None) or "")
-        frames = traceback.extract_tb(trace)
-        lines = [frame.lineno for frame in frames if os.path.abspath(frame.filename) == own]
-        place = f" ({os.path.basename(own)}, line {lines[-1]})" if lines else ""
-        text = " ".join(str(error).split()) or "no text"
+        said = _said(error, trace, getattr(module, "__file__", None) or "")
         name = getattr(self.entry, "name", type(self.entry).__name__)
-        raise ExtensionError(
-            f"{self.kind} {name!r}: {self.method}: {type(error).__name__}: {text}{place}"
-        ) from error
+        raise ExtensionError(f"{self.kind} {name!r}: {self.method}: {said}") from error
+
+
+def _said(error: BaseException, trace: TracebackType | None, file: str) -> str:
+    """Type and text of an error, with the last line of a file that it passed through."""
+    own = os.path.abspath(file)
+    lines = [frame.lineno for frame in traceback.extract_tb(trace) if os.path.abspath(frame.filename) == own]
+    place = f" ({os.path.basename(own)}, line {lines[-1]})" if lines else ""
+    text = " ".join(str(error).split()) or "no text"
+    return f"{type(error).__name__}: {text}{place}"
 
 
 def checked_type(found: Value, *kinds: type) -> Value:
@@ -106,11 +111,12 @@ class Registry(Generic[T]):
     Parameters
     ----------
     kind : of the entries, for messages, e.g. ``diffuse law``
+    interface : class of the entries
     package : dotted name of the folder of built-in entries; imported at the first look-up
     """
 
-    def __init__(self, kind: str, package: str | None = None) -> None:
-        self.kind = kind
+    def __init__(self, kind: str, interface: type, package: str | None = None) -> None:
+        self.kind, self.interface = kind, interface
         self._package = package
         self._entries: dict[str, T] = {}
         self._owners: dict[str, str] = {}
@@ -124,10 +130,16 @@ class Registry(Generic[T]):
         Raises
         ------
         ExtensionError
-            The name is used by another module, or is not one word.
+            It is of another class, or its name is used by another module or is not one word.
         """
-        name = entry.name
-        if not name or not name.replace("-", "_").replace(":", "_").isidentifier():
+        if not isinstance(entry, self.interface):
+            wanted = self.interface.__name__
+            found = "a class" if isinstance(entry, type) else f"an object of {type(entry).__name__}"
+            raise ExtensionError(
+                f"{self.kind}: {found} is registered; give an object of (a subclass of) {wanted}"
+            )
+        name = getattr(entry, "name", None)
+        if not isinstance(name, str) or not name.replace("-", "_").replace(":", "_").isidentifier():
             raise ExtensionError(f"{self.kind} {name!r}: the name must be a word of letters, digits and _")
         owner = sys._getframe(1).f_globals.get("__name__", "")  # a module executed again replaces its entry
         if self._owners.setdefault(name, owner) != owner:
@@ -203,7 +215,7 @@ def load_extension(module_or_file: str, *, again: bool = True) -> None:
         It cannot be found or imported.
     """
     path = Path(module_or_file)
-    try:
+    with _Importing(module_or_file):
         if path.suffix != ".py":
             importlib.import_module(module_or_file)
             return
@@ -217,5 +229,22 @@ def load_extension(module_or_file: str, *, again: bool = True) -> None:
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
         spec.loader.exec_module(module)
-    except (ImportError, SyntaxError) as error:
-        raise ExtensionError(f"{module_or_file}: cannot be imported: {error}") from error
+
+
+class _Importing:
+    """Context that imports a user's module: its errors become an ExtensionError in one line that names it."""
+
+    def __init__(self, module_or_file: str) -> None:
+        self.module_or_file = module_or_file
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, _: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not isinstance(error, Exception | SystemExit) or isinstance(error, SarmitsubaError):
+            return
+        expected = isinstance(error, ImportError | SyntaxError)
+        said = str(error) if expected else _said(error, trace, self.module_or_file)
+        raise ExtensionError(f"{self.module_or_file}: cannot be imported: {said}") from error

@@ -188,7 +188,7 @@ class Benchmark:
     run: Callable[[bool], Report]
 
 
-BENCHMARKS: Registry[Benchmark] = Registry("benchmark")
+BENCHMARKS: Registry[Benchmark] = Registry("benchmark", Benchmark)
 
 
 def benchmark(run: Callable[[bool], Report]) -> Callable[[bool], Report]:

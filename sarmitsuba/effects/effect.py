@@ -123,7 +123,7 @@ class Effect(ABC):
         return scene
 
 
-EFFECTS: Registry[Effect] = Registry("effect", "sarmitsuba.effects.catalog")
+EFFECTS: Registry[Effect] = Registry("effect", Effect, "sarmitsuba.effects.catalog")
 
 
 def effects() -> tuple[Effect, ...]:

@@ -72,7 +72,7 @@ class Autofocuser(WithOptions, ABC):
         """Range error of every pulse, (n_pulses,) float64, m: true minus recorded range to the scene."""
 
 
-AUTOFOCUSERS: Registry[Autofocuser] = Registry("autofocus", "sarmitsuba.focusing.autofocusers")
+AUTOFOCUSERS: Registry[Autofocuser] = Registry("autofocus", Autofocuser, "sarmitsuba.focusing.autofocusers")
 
 
 def parse_autofocus(text: str | Autofocuser | None) -> Autofocuser | None:

@@ -118,7 +118,7 @@ PIXEL_PULSE_SECONDS, OWN_APERTURES, PATTERN_SECONDS = 1.2e-9, 1.9, 1.9e-9
 CALL_SECONDS, PROFILE_SECONDS, PIXEL_SECONDS, WEIGHT_SECONDS = 0.01, 6e-8, 4e-7, 1.0e-7
 
 
-FOCUSERS: Registry[Focuser] = Registry("focuser", "sarmitsuba.focusing.focusers")
+FOCUSERS: Registry[Focuser] = Registry("focuser", Focuser, "sarmitsuba.focusing.focusers")
 
 
 @dataclass(frozen=True)

@@ -130,7 +130,7 @@ class SourceFormat:
     folders: bool = False
 
 
-SOURCES: Registry[SourceFormat] = Registry("source of scenes", "sarmitsuba.importing.sources")
+SOURCES: Registry[SourceFormat] = Registry("source of scenes", SourceFormat, "sarmitsuba.importing.sources")
 
 
 def find_source(path: Path) -> SourceFormat:

@@ -60,7 +60,7 @@ class FileFormat:
         return any(both[content])
 
 
-FORMATS: Registry[FileFormat] = Registry("file format", "sarmitsuba.io.catalog")
+FORMATS: Registry[FileFormat] = Registry("file format", FileFormat, "sarmitsuba.io.catalog")
 
 
 def find_format(path: Path, content: Content, name: str | None = None) -> FileFormat:

@@ -171,7 +171,7 @@ class DiffuseLaw(ABC):
         )
 
 
-LAWS: Registry[DiffuseLaw] = Registry("diffuse law", "sarmitsuba.materials.laws")
+LAWS: Registry[DiffuseLaw] = Registry("diffuse law", DiffuseLaw, "sarmitsuba.materials.laws")
 
 
 def law_parameters() -> tuple[Param, ...]:

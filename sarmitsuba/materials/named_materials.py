@@ -65,7 +65,7 @@ class ConstantMaterial(NamedMaterial):
         return self.value
 
 
-MATERIALS: Registry[NamedMaterial] = Registry("material", "sarmitsuba.materials.named")
+MATERIALS: Registry[NamedMaterial] = Registry("material", NamedMaterial, "sarmitsuba.materials.named")
 
 
 def material_parameters() -> tuple[Param, ...]:

@@ -180,7 +180,7 @@ def towards(point: F64, track: Track) -> F64:
     return np.asarray(line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300))
 
 
-MODES: Registry[RadarMode] = Registry("radar mode", "sarmitsuba.radar.modes")
+MODES: Registry[RadarMode] = Registry("radar mode", RadarMode, "sarmitsuba.radar.modes")
 
 
 def mode_parameters() -> tuple[Param, ...]:

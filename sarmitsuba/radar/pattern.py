@@ -50,4 +50,4 @@ class Pattern(ABC):
         """
 
 
-PATTERNS: Registry[Pattern] = Registry("antenna pattern", "sarmitsuba.radar.patterns")
+PATTERNS: Registry[Pattern] = Registry("antenna pattern", Pattern, "sarmitsuba.radar.patterns")

@@ -37,7 +37,7 @@ class ScattererKind:
         return ParamTable(self.name, "bsdf", self.title, self.parameters)
 
 
-SCATTERERS: Registry[ScattererKind] = Registry("kind of scatterer")
+SCATTERERS: Registry[ScattererKind] = Registry("kind of scatterer", ScattererKind)
 
 
 def scatterer_tables() -> dict[str, ParamTable]:

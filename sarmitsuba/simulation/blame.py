@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import ExtensionError, SceneError
 from sarmitsuba.finite import all_finite
 from sarmitsuba.materials.map_materials import with_parts
@@ -19,6 +18,7 @@ from sarmitsuba.trace.state import RECIPROCAL
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sarmitsuba.backend import mi
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.materials.material import Material
     from sarmitsuba.scene.geometry import Geometry
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 # such paths that there is room for; one is named
 ROOM = 16
-# above every finite float32
-LARGEST = 3.4028235e38
 REMEDY = "this is a defect of the program: report the scene; until it is mended leave the shape out or lower max_depth"
 
 
@@ -36,13 +34,8 @@ class NotFinite:
     """Filter of a recording that keeps contributions with a number that is not finite."""
 
     def passes(self, contribution: Contribution) -> mi.Bool:
-        """Lanes whose amplitudes, slant range or range rate are not finite."""
-        fine = mi.Bool(True)
-        for a in contribution.amplitudes:
-            fine &= (dr.abs(a.real) <= LARGEST) & (dr.abs(a.imag) <= LARGEST)
-        for x in (contribution.slant_range, contribution.range_rate):
-            fine &= dr.abs(x) <= LARGEST
-        return ~fine
+        """Lanes whose amplitudes, slant range, range rate or phase centre are not finite."""
+        return ~contribution.finite
 
 
 def blamed(

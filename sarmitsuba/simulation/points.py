@@ -101,12 +101,7 @@ class PointEcho:
             ),
         )
         kept = np.broadcast_to(np.asarray(echo.active), n)
-        finite = mi.Bool(True)
-        for a in (*echo.amplitudes, echo.slant_range, echo.range_rate):
-            finite &= (
-                dr.isfinite(a.real) & dr.isfinite(a.imag) if isinstance(a, mi.Complex2f) else dr.isfinite(a)
-            )
-        if not dr.all(finite | ~echo.active):
+        if not dr.all(echo.finite | ~echo.active):
             blame_stages(flags, "ideal point", lambda _: True)
         amplitudes = (
             kept * np.broadcast_to(np.asarray(x.real) + 1j * np.asarray(x.imag), n) for x in echo.amplitudes

@@ -184,6 +184,11 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: C64) -> list[str]:
             f"{scene.name}: none of {stats.rays} rays hits the scene; check that the image footprint "
             f"(image_center_x, image_center_y, image extents) lies on the geometry"
         )
+    if not np.any(data) and stats.power == 0.0 and not scene.points:
+        raise RadarError(
+            f"{scene.name}: {stats.hits} hits, but every echo has the amplitude 0; check the materials' diffuse laws, "
+            "the effects that are off, and stages of extensions"
+        )
     if not np.any(data):
         raise RadarError(
             f"{scene.name}: {stats.hits} hits, but no echo falls within the receive window; widen near_range ... "

@@ -7,11 +7,13 @@ coherent return, and every echo of every source. Stages that are off are not rec
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.errors import ExtensionError, SarmitsubaError
 from sarmitsuba.registry import Calling, Registry, checked_type, is_built_in
+from sarmitsuba.trace.returned import as_wide, like, lost_where_not_finite
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.state import Closing, Contribution, Hit, Kernel, Lane, RayState, TubeFootprint
     from sarmitsuba.trace.table_rows import MaterialRow
+
+Value = TypeVar("Value")
 
 
 class Stage:
@@ -71,7 +75,7 @@ class Stage:
 
 
 _KIND = "stage of the trace kernel"
-STAGES: Registry[Stage] = Registry(_KIND, "sarmitsuba.trace.stages")
+STAGES: Registry[Stage] = Registry(_KIND, Stage, "sarmitsuba.trace.stages")
 
 
 def check_stages() -> None:
@@ -119,15 +123,15 @@ class KernelRecording:
     ) -> None:
         if not isinstance(error, RuntimeError | TypeError):
             return
+        first: BaseException = error  # from which Dr.Jit's own follow
         cause: BaseException | None = error
         while cause is not None:
-            if isinstance(cause, SarmitsubaError):
+            if isinstance(cause, SarmitsubaError | KeyboardInterrupt):
                 raise cause from None
-            cause = cause.__cause__ or cause.__context__
+            first, cause = cause, cause.__cause__ or cause.__context__
         own = own_stages(self.flags)
         if own:
-            # such as a field of another type than before, which Dr.Jit's loops refuse
-            text = " ".join(str(error).split())
+            text = " ".join(str(first).split())
             raise ExtensionError(
                 f"{_KIND} {', '.join(own)}: the kernel cannot be recorded: {text}"
             ) from error
@@ -138,11 +142,16 @@ def changes_echoes(flags: KernelFlags) -> bool:
     return any(type(stage).at_echo is not Stage.at_echo for stage in stages_of(flags))
 
 
+def _checked(stage: Stage, found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
+    """What a stage returned; checked for a user's own, see :func:`sarmitsuba.trace.returned.like`."""
+    return found if is_built_in(stage) else like(found, before, optional)
+
+
 def launched(kernel: Kernel, lane: Lane, ray: RayState) -> RayState:
     """Ray at launch, after all stages."""
     for stage in stages_of(kernel.flags):
         with Calling(_KIND, stage, "at_launch"):
-            ray = checked_type(stage.at_launch(kernel, lane, ray), type(ray))
+            ray = _checked(stage, stage.at_launch(kernel, lane, ray), ray)
     return ray
 
 
@@ -150,7 +159,7 @@ def arrived(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> RayState:
     """Incident ray at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
         with Calling(_KIND, stage, "at_hit"):
-            ray = checked_type(stage.at_hit(kernel, lane, ray, hit), type(ray))
+            ray = _checked(stage, stage.at_hit(kernel, lane, ray, hit), ray)
     return ray
 
 
@@ -162,6 +171,8 @@ def mirrored(
         with Calling(_KIND, stage, "at_mirror"):
             kept = stage.at_mirror(kernel, properties, cosine)
             if kept is not None:
+                if not is_built_in(stage):
+                    kept = as_wide(checked_type(kept, type(cosine), float, int), (cosine, fields))
                 fields = tuple((re * kept, im * kept) for re, im in fields)
     return fields
 
@@ -172,7 +183,8 @@ def closed(
     """Coherent return of the tube at a hit, after all stages."""
     for stage in stages_of(kernel.flags):
         with Calling(_KIND, stage, "at_closing"):
-            closing = checked_type(stage.at_closing(kernel, lane, ray, hit, tube, closing), type(closing))
+            found = stage.at_closing(kernel, lane, ray, hit, tube, closing)
+            closing = _checked(stage, found, closing, ("integral",))
     return closing
 
 
@@ -180,5 +192,10 @@ def echoed(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Cont
     """Echo after all stages."""
     for stage in stages_of(flags):
         with Calling(_KIND, stage, "at_echo"):
-            echo = checked_type(stage.at_echo(wavenumber, echo), type(echo))
+            echo = _checked(stage, stage.at_echo(wavenumber, echo), echo)
+    if own_stages(flags):
+        # an echo without a place would count as outside the receive window
+        placed = echo.placed
+        amplitudes = tuple(lost_where_not_finite(placed, a) for a in echo.amplitudes)
+        echo = replace(echo, amplitudes=amplitudes)
     return echo

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sarmitsuba.trace.kernel import Accumulator, Follower
-from sarmitsuba.trace.stage import changes_echoes, echoed
+from sarmitsuba.trace.stage import changes_echoes, echoed, own_stages
 
 if TYPE_CHECKING:
     from sarmitsuba.backend import mi
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def through_stages(kernel: Kernel, accumulator: Accumulator) -> Accumulator:
-    """Accumulator that applies the stages which change echoes; the accumulator itself where none does."""
-    if not changes_echoes(kernel.flags):
+    """Accumulator that applies the stages to echoes, and checks those of a user's own; itself where none does."""
+    if not (changes_echoes(kernel.flags) or own_stages(kernel.flags)):
         return accumulator
     if isinstance(accumulator, Follower):
         return _StagedFollower(kernel, accumulator, accumulator)

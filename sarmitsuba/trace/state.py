@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 COHERENT, DIFFUSE, RECIPROCAL = range(3)
 # reversed diffuse path to a separate receiver, and echo of a scatterer at a known position; 3: ideal point
 REVERSED, SCATTERER = 4, 5
+# above every finite float32
+LARGEST = 3.4028235e38
 # hit number that means no hit
 NO_HIT = 0xFFFFFFFF
 
@@ -436,3 +438,19 @@ class Contribution:
     amplitudes: tuple[mi.Complex2f, ...]
     active: mi.Bool
     point: mi.Vector3d
+
+    @property
+    def placed(self) -> mi.Bool:
+        """Lanes whose slant range, range rate and phase centre are finite."""
+        fine = mi.Bool(True)
+        for x in (self.slant_range, self.range_rate, *self.point):
+            fine &= dr.abs(x) <= LARGEST
+        return fine
+
+    @property
+    def finite(self) -> mi.Bool:
+        """Lanes whose amplitudes are finite too."""
+        fine = self.placed
+        for a in self.amplitudes:
+            fine &= (dr.abs(a.real) <= LARGEST) & (dr.abs(a.imag) <= LARGEST)
+        return fine

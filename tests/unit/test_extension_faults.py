@@ -15,6 +15,7 @@ from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.errors import ExtensionError, RadarError, SarmitsubaWarning, SceneError
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.registry import load_extension
 from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.prediction.explanation import explain
@@ -65,13 +66,37 @@ class FaultyStage(Stage):
         if self.fault == "at_hit is not a number":
             lost = mi.Float(dr.nan)
             return replace(ray, fields=tuple((re * lost, im) for re, im in ray.fields))
+        if self.fault == "numpy fields":
+            return replace(ray, fields=tuple((np.float32(0.0), im) for _, im in ray.fields))
+        if self.fault == "too few fields":
+            return replace(ray, fields=())
         return ray
+
+    def at_mirror(self, kernel: Any, properties: Any, cosine: mi.Float) -> Any:
+        return mi.Float([1.0, 2.0, 3.0]) if self.fault == "wide mirror" else None
+
+    def at_closing(self, kernel: Any, lane: Any, ray: Any, hit: Any, tube: Any, closing: Any) -> Any:
+        if self.fault == "slant range is not a number":
+            return replace(closing, slant_range=closing.slant_range * dr.nan)
+        if self.fault == "wide factor":
+            return replace(closing, factor=mi.Float(np.ones(7, np.float32)))
+        return closing
 
     def at_echo(self, wavenumber: mi.Float, echo: Any) -> Any:
         if self.fault == "at_echo raises":
             raise ValueError("no such\nrain")
         if self.fault == "at_echo is not a number":
             return replace(echo, amplitudes=tuple(a * mi.Float(dr.nan) for a in echo.amplitudes))
+        if self.fault == "number":
+            return replace(echo, amplitudes=tuple(1.0 for _ in echo.amplitudes))
+        if self.fault == "too few amplitudes":
+            return replace(echo, amplitudes=())
+        if self.fault == "leaves":
+            raise SystemExit(3)
+        if self.fault == "range rate is not a number":
+            return replace(echo, range_rate=echo.range_rate + dr.nan)
+        if self.fault == "dark":
+            return replace(echo, amplitudes=tuple(0.0 * a for a in echo.amplitudes))
         return echo
 
 
@@ -136,6 +161,48 @@ def test_a_fault_of_a_stage_is_one_line(register: Callable[..., None], fault: st
     with pytest.raises(ExtensionError, match=text):
         rcs_sweep(scene, ASPECTS)
     assert np.isfinite(simulate(scene.replace(faulty="off")).data).all()
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("numpy fields", r"at_hit: TypeError: fields\[0\]\[0\] is float32, not Vector3f"),
+        ("too few fields", r"at_hit: ValueError: fields has 0 entries, not \d"),
+        ("wide mirror", r"at_mirror: ValueError: the factor has 3 values; the kernel has \d+ lanes"),
+        ("wide factor", r"at_closing: ValueError: factor has 7 values; the kernel has \d+ lanes"),
+        ("number", r"at_echo: TypeError: amplitudes\[0\] is float, not Complex2f"),
+        ("too few amplitudes", "at_echo: ValueError: amplitudes has 0 entries, not 1"),
+        ("leaves", r"at_echo: SystemExit: 3 \(test_extension_faults.py, line \d+\)"),
+        ("slant range is not a number", "gives an echo that is not a finite number"),
+        ("range rate is not a number", "gives an echo that is not a finite number"),
+    ],
+)
+def test_a_value_of_another_kind_is_named(register: Callable[..., None], fault: str, words: str) -> None:
+    register(EFFECTS, Faulty())
+    register(STAGES, FaultyStage(fault))
+    with pytest.raises(ExtensionError, match=f"stage of the trace kernel 'faulty': {words}"):
+        simulate(scene_of())
+
+
+def test_echoes_without_amplitude_are_not_blamed_on_the_receive_window(register: Callable[..., None]) -> None:
+    register(EFFECTS, Faulty())
+    register(STAGES, FaultyStage("dark"))
+    with pytest.raises(RadarError, match=r"every echo has the amplitude 0; check .* stages of extensions"):
+        simulate(scene_of())
+
+
+@pytest.mark.parametrize("registry", [EFFECTS, STAGES, SCATTERERS])
+def test_an_entry_of_another_class_is_refused(registry: Any) -> None:
+    for entry, found in ((object(), "an object of object"), (FaultyStage, "a class")):
+        with pytest.raises(ExtensionError, match=f"^{registry.kind}: {found} is registered; give an object"):
+            registry.register(entry)
+
+
+def test_an_extension_that_fails_at_import_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "broken.py"
+    path.write_text("x = 1\nx / 0\n")
+    with pytest.raises(ExtensionError, match=r"ZeroDivisionError: division by zero \(broken.py, line 2\)$"):
+        load_extension(str(path))
 
 
 class Impatient(Faulty):
@@ -213,7 +280,7 @@ def test_a_gridding_kernel_that_is_too_wide_is_refused() -> None:
     wide = replace(scene, settings=replace(scene.settings, gridding_width=10))
     with pytest.raises(RadarError, match=r"gridding_width = 10 is not within 1 \.\.\. 8; take 4"):
         simulate(wide)
-    with pytest.raises(RadarError, match="gridding_width = 10"):
+    with pytest.raises(SceneError, match="gridding_width = 10 is above the bound 8"):
         scene.replace(gridding_width=10)
 
 

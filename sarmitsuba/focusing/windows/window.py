@@ -63,7 +63,7 @@ class WindowFamily:
         return self.name + "".join(f"[:{name}" for name in names) + "]" * len(names)
 
 
-WINDOWS: Registry[WindowFamily] = Registry("window", "sarmitsuba.focusing.windows")
+WINDOWS: Registry[WindowFamily] = Registry("window", WindowFamily, "sarmitsuba.focusing.windows")
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ class Canopy:
         )
 
 
-CANOPIES: Registry[Canopy] = Registry("vegetation", "sarmitsuba.materials.vegetation.presets")
+CANOPIES: Registry[Canopy] = Registry("vegetation", Canopy, "sarmitsuba.materials.vegetation.presets")
 
 
 def _mean(part: Constituent, frequency: float) -> VolumeMedium:

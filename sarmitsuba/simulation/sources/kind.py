@@ -63,7 +63,9 @@ class SourceKind(ABC):
         """
 
 
-SOURCES: Registry[SourceKind] = Registry("kind of source", "sarmitsuba.simulation.sources.catalog")
+SOURCES: Registry[SourceKind] = Registry(
+    "kind of source", SourceKind, "sarmitsuba.simulation.sources.catalog"
+)
 
 
 def _in_turn() -> list[SourceKind]:

@@ -23,5 +23,5 @@ class CaseEntry:
     build: Callable[[bool], Case]
 
 
-CASES: Registry[CaseEntry] = Registry("validation case", "sarmitsuba.validation.cases")
+CASES: Registry[CaseEntry] = Registry("validation case", CaseEntry, "sarmitsuba.validation.cases")
 __all__ = ["CASES", "CaseEntry"]
