@@ -20,7 +20,7 @@ from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import glance
 from sarmitsuba.simulation.sampling.cropping import lit_points
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-from sarmitsuba.simulation.sampling.launch_window import mirrors_outside
+from sarmitsuba.simulation.sampling.launch_window import ground_outside, mirrors_outside
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.sampling.small_parts import Shortfall
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
@@ -113,8 +113,8 @@ class Run:
         self._needs: tuple[tuple[SamplingPlan | None, ImageGrid | None], Needs] | None = None
         self.notes = [*scene.notes, *self.plan.notes, *([left_out] if left_out else [])]
         if self.sampling is not None and self.plan.flags.multi_bounce:
-            unlit = mirrors_outside(self.scene, self.sampling.windows)
-            self.notes += [unlit] if unlit else []
+            for unlit in (mirrors_outside, ground_outside):
+                self.notes += [note] if (note := unlit(self.scene, self.sampling.windows)) else []
         glance()
         self.timer.lap("plan")
 

@@ -383,3 +383,99 @@ def test_hybrid_keeps_what_the_fade_out_lights(across: bool) -> None:
     every, blocks = (simulate(scene.replace(method=method), seed=1).data for method in ("raw", "hybrid"))
     # tol: a plate's glint turns by a part of its lobe within a block of pulses
     assert np.linalg.norm(blocks - every) < 0.1 * np.linalg.norm(every)
+
+
+def at_the_edge(seed: int, height: float, gap: float, behind: float = 24.0, look: float = 35.0) -> Scene:
+    """A metal tower on wide ground, seen by a drawn radar, ``gap`` (m) from the near-range edge of its image.
+
+    At look angles of ``look`` to 15 degrees more.
+    """
+    rng = np.random.default_rng([seed, 77])
+    heading, side = float(rng.uniform(0.0, 360.0)), ("left", "right")[rng.integers(2)]
+    h = np.radians(heading)
+    along = np.array([np.sin(h), np.cos(h), 0.0])
+    across = np.array([along[1], -along[0], 0.0]) * (1.0 if side == "right" else -1.0)
+    axes = np.stack([along, across, [0.0, 0.0, 1.0]])
+    vertices, faces = tessellate.cube()
+    tower = (vertices * [1.0, 1.0, 0.5 * height] + [0.0, 0.0, 0.5 * height]) @ axes
+    faces = faces if np.linalg.det(axes) > 0.0 else faces[:, ::-1]
+    level = 60.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) @ axes
+    middle = 0.5 * (behind - gap) * across
+    radar = RadarDescription(
+        slant_range=2e4,
+        look_angle_deg=float(look + rng.uniform(0.0, 15.0)),
+        heading_deg=heading,
+        look_side=side,
+        center_frequency=5e9,
+        bandwidth=400e6,
+        azimuth_resolution=1.0,
+        aim_x=0.0,
+        aim_y=0.0,
+        aim_z=0.0,
+    )
+    film = FilmDescription(
+        image_extent_azimuth=16.0,
+        image_extent_range=behind + gap,
+        image_center_x=float(middle[0]),
+        image_center_y=float(middle[1]),
+        image_height=0.0,
+        image_grid="ground",
+    )
+    ground = SceneMesh(level, np.array([[0, 1, 2], [0, 2, 3]]), "concrete", "ground")
+    scene = build_scene([ground, SceneMesh(tower, faces, "metal", "tower")], radar=radar, film=film)
+    return scene.replace(max_depth=2, ray_spacing=0.15)
+
+
+def foot(scene: Scene) -> tuple[C64, list[str]]:
+    """Image about a tower's foot, and what the run says about ground in front of tall objects."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SarmitsubaWarning)
+        raw = simulate(scene)
+    request = {"center_x": 0.0, "center_y": 0.0, "height": 0.0, "extent_azimuth": 5.0, "extent_range": 2.4}
+    image = focus(raw, request=request | {"grid": "ground", "spacing_azimuth": 0.5, "spacing_range": 0.4})
+    return image.total(), [note for note in raw.metadata["notes"] if "tall objects" in note]
+
+
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 12))]
+)
+def test_a_tower_at_the_near_edge_keeps_its_double_bounce(seed: int) -> None:
+    """Against an image that reaches far beyond; the ground in front of the tower lies beside the small one."""
+    rng = np.random.default_rng([seed, 78])
+    height, gap = float(rng.uniform(4.0, 9.0)), float(rng.uniform(1.2, 4.0))
+    small, notes = foot(at_the_edge(seed, height, gap))
+    large, _ = foot(at_the_edge(seed, height, 30.0))
+    assert not notes
+    assert error_db(small, large) < -35.0  # tol: other places of the rays, 0.15 m apart
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_ground_before_a_tower_too_tall_for_the_image_is_named(seed: int) -> None:
+    scene, gap = at_the_edge(seed, 20.0, 1.5, 6.0, 45.0), 1.5
+    small, (note,) = foot(scene)
+    told = float(note.split("by up to ")[1].split(" dB")[0])
+    wider = float(note.split("towards the radar by ")[1].split(" m")[0])
+    large, _ = foot(at_the_edge(seed, 20.0, 50.0, 24.0, 45.0))
+    lost = -10.0 * np.log10((np.abs(small) ** 2).sum() / (np.abs(large) ** 2).sum())
+    assert lost == pytest.approx(told, abs=0.3)  # tol: shape of the taper, half of which counts as lit
+    (window,) = launch_windows(scene)
+    bare = launch_windows(scene.replace(max_depth=1))[0]
+    assert window.half_x * window.half_y <= 1.2501 * bare.half_x * bare.half_y
+    (enough,) = launch_windows(at_the_edge(seed, 20.0, gap + 1.01 * wider, 6.0, 45.0))
+    assert enough.unlit[1] < 0.5
+
+
+def test_nothing_tall_at_the_edge_leaves_the_window_as_it_was() -> None:
+    """Low things near the edge, tall ones far from it or below the plane, one bounce, ground that ends at the image."""
+    for height, gap in ((1.0, 4.0), (6.0, 12.0)):
+        scene = at_the_edge(3, height, gap)
+        (window,), (bare,) = launch_windows(scene), launch_windows(scene.replace(max_depth=1))
+        assert np.array_equal(window.box, bare.box) and np.array_equal(window.center, bare.center)
+        assert (window.half_x, window.half_y, window.taper) == (bare.half_x, bare.half_y, bare.taper)
+    scene = at_the_edge(3, 8.0, 2.0)
+    (window,), (bare,) = launch_windows(scene), launch_windows(scene.replace(max_depth=1))
+    assert window.half_y > bare.half_y
+    vertices = scene.geometry.vertices.copy()
+    vertices[:4] *= 0.01  # the ground ends under the tower
+    (ends,) = launch_windows(replace(scene, geometry=replace(scene.geometry, vertices=vertices)))
+    assert ends.taper == 0.0 and ends.unlit == (0.0, 0.0)

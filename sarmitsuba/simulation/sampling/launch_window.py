@@ -10,6 +10,13 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.beside_mesh import clipped
+from sarmitsuba.simulation.sampling.double_bounce import (
+    GRAZING,
+    MOST_RAYS,
+    bounce_ground,
+    unlit_ground,
+    walls,
+)
 from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
 
@@ -61,6 +68,8 @@ class LaunchWindow:
     taper : m, width of the taper beyond; 0 where the scene ends within the window
     incidence : rad, on level ground at the centre
     reach : m, largest distance along the track from the image's middle at which surfaces are lit at full weight
+    unlit : m, width of the ground beyond the box that double bounces of tall objects in the image need, and dB, their
+        largest loss without it; 0 and 0 where the box has it all
     """
 
     pulses: tuple[int, int]
@@ -72,6 +81,7 @@ class LaunchWindow:
     taper: float
     incidence: float
     reach: float
+    unlit: tuple[float, float] = (0.0, 0.0)
 
     @property
     def area(self) -> float:
@@ -108,7 +118,8 @@ def sectors(scene: Scene) -> list[tuple[int, int]]:
 def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     """Launch window that lights all geometry which can appear in the requested image, for a sector of the track.
 
-    The window covers the mesh; the box also covers scatterers that are not part of the mesh and need no rays.
+    The window covers the mesh; the box also covers scatterers that are not part of the mesh and need no rays. Ground
+    beside the image that mirrors rays onto tall objects in it belongs to it, up to ``MOST_RAYS`` of the window's area.
 
     Raises
     ------
@@ -138,31 +149,63 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
         bounds = np.tile(0.5 * (found.min(axis=0) + found.max(axis=0)), (2, 1))
         cut = False
 
-    b_low, b_high = bounds
+    views = bounding_antennas(radar.track, pulses)
+    plane = _CoveringPlane.of(bounds, axes, middle, views, antenna, sector.along)
+    ground = bounce_ground(scene, axes, middle, away, incidence)
+    if ground is not None:
+        wider = bounds.copy()
+        wider[:, :2] = np.minimum(bounds[0, :2], ground.box[0]), np.maximum(bounds[1, :2], ground.box[1])
+        whole = _CoveringPlane.of(wider, axes, middle, views, antenna, sector.along)
+        more = whole.half.prod() / plane.half.prod() - 1.0
+        if more > MOST_RAYS:
+            wider = bounds + MOST_RAYS / more * (wider - bounds)
+            whole = _CoveringPlane.of(wider, axes, middle, views, antenna, sector.along)
+        bounds, plane = wider, whole
     reach = float(np.abs(bounds[:, 0]).max())
-    corners = np.array(
-        [
-            [x, y, z]
-            for x in (b_low[0], b_high[0])
-            for y in (b_low[1], b_high[1])
-            for z in (b_low[2], b_high[2])
-        ]
-    )
-    corners = corners @ axes + middle
-    center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    frame = frame_towards(antenna[None], center, sector.along)
-    spans = [window_of(corners, position, frame) for position in bounding_antennas(radar.track, pulses)]
-    lo = np.min([s[0] for s in spans], axis=0)
-    hi = np.max([s[1] for s in spans], axis=0)
-    shift = 0.5 * (lo + hi)
-    center = center + frame.axis_x[0] * shift[0] + frame.axis_y[0] * shift[1]
-    half = 0.5 * (hi - lo)
-    frame = LaunchFrame(center[None], frame.axis_x, frame.axis_y)
+    corners, frame, half = plane.corners, plane.frame, plane.half
     # five per cent of the window, at least ten resolution cells, keeps the edge lobe of the window below the clutter
     taper = max(0.05 * float(half.max()), 10.0 * radar.waveform.range_cell) if cut else 0.0
+    unlit = (0.0, 0.0)
+    if ground is not None:
+        zone = 0.5 * np.sqrt(radar.waveform.wavelength * np.linalg.norm(look)) / np.sin(incidence)
+        spare = 0.5 * taper / max(np.cos(incidence), np.cos(GRAZING))
+        unlit = ground.unlit(bounds[:, :2], float(np.tan(min(incidence, GRAZING))), float(zone), float(spare))
     every = np.concatenate([corners, found @ axes + middle])
     box = np.stack([every.min(axis=0), every.max(axis=0)])
-    return LaunchWindow(pulses, box, center, frame, float(half[0]), float(half[1]), taper, incidence, reach)
+    return LaunchWindow(
+        pulses, box, frame.center[0], frame, float(half[0]), float(half[1]), taper, incidence, reach, unlit
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _CoveringPlane:
+    """Launch plane that covers a box: the box's corners (8, 3) m, the frame, and half extents (2,) m."""
+
+    corners: F64
+    frame: LaunchFrame
+    half: F64
+
+    @staticmethod
+    def of(bounds: F64, axes: F64, middle: F64, views: F64, antenna: F64, along: F64) -> "_CoveringPlane":
+        """Plane for a box (2, 3), m, along ``axes`` about ``middle``, seen from the positions ``views``."""
+        b_low, b_high = bounds
+        corners = np.array(
+            [
+                [x, y, z]
+                for x in (b_low[0], b_high[0])
+                for y in (b_low[1], b_high[1])
+                for z in (b_low[2], b_high[2])
+            ]
+        )
+        corners = corners @ axes + middle
+        center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        frame = frame_towards(antenna[None], center, along)
+        spans = [window_of(corners, position, frame) for position in views]
+        lo = np.min([s[0] for s in spans], axis=0)
+        hi = np.max([s[1] for s in spans], axis=0)
+        shift = 0.5 * (lo + hi)
+        center = center + frame.axis_x[0] * shift[0] + frame.axis_y[0] * shift[1]
+        return _CoveringPlane(corners, LaunchFrame(center[None], frame.axis_x, frame.axis_y), 0.5 * (hi - lo))
 
 
 def _lit_mesh(
@@ -217,8 +260,7 @@ def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
     corner = geometry.vertices[geometry.faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     size = np.linalg.norm(normal, axis=1)
-    visible = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
-    steep = visible & (np.abs(normal[:, 2]) < 0.5 * size)
+    steep = walls(scene)
     center, top = corner[steep].mean(axis=1)[:, :2], corner[steep, :, 2].max(axis=1)
     outside = np.full(len(center), True)
     near = np.full(len(center), False)
@@ -226,7 +268,7 @@ def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
         low, high = window.box[:, :2]
         gap = np.linalg.norm(np.maximum(np.maximum(low - center, center - high), 0.0), axis=1)
         outside &= gap > window.taper
-        near |= gap < np.maximum(top - image.height, 0.0) * np.tan(min(window.incidence, 1.5))
+        near |= gap < np.maximum(top - image.height, 0.0) * np.tan(min(window.incidence, GRAZING))
     area = 0.5 * float(size[steep][outside & near].sum())
     if area == 0.0:
         return ""
@@ -234,6 +276,11 @@ def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
         f"{scene.name}: {area:.3g} m^2 of walls beyond the image could mirror rays into it and are not lit; their "
         "returns in the image are missing: enlarge the image by the height of the buildings there to include them"
     )
+
+
+def ground_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
+    """Note on ground in front of tall objects that no launch window could be extended to; empty without any."""
+    return unlit_ground(scene, *np.max([window.unlit for window in windows], axis=0).tolist())
 
 
 def bounding_antennas(track: Track, pulses: tuple[int, int]) -> F64:
