@@ -7,12 +7,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.effects.context import PilotResult, SceneContext
-from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.map_materials import with_parts
 
-# antenna positions at which faces are examined, of those of the context; in between, angles have a margin
-_POSITIONS = 17
 # nodes of the table of sigma0, 0 to 90 degrees
 _NODES = 91
 
@@ -68,7 +65,7 @@ def facet_bound(context: SceneContext, *, least_height: float = 0.0) -> FacetBou
     if not angles_known(context):
         return _at_any_angle(context, least_height)
     shape = context.shape
-    sine, nearest, farthest = _angles(shape, context.antenna)
+    sine, nearest, farthest = shape.incidence_bounds
     largest, ratio, total, towards = 0.0, -np.inf, 0.0, -np.inf
     for index in np.unique(shape.material):
         of = (shape.material == index) & (shape.areas > 0)
@@ -90,14 +87,13 @@ def facet_bound(context: SceneContext, *, least_height: float = 0.0) -> FacetBou
     return FacetBound(largest, ratio, total, towards)
 
 
-def specular_db(context: SceneContext, pilot: PilotResult, *, least_height: float = 0.0) -> float:
+def specular_db(context: SceneContext, pilot: PilotResult, bound: FacetBound) -> float:
     """Bound of the energy of specular faces over that of the clutter of the whole scene, dB."""
-    bound = facet_bound(context, least_height=least_height).specular
     clutter = mean_clutter(context, pilot)
     if context.sampling is None or not clutter > 0.0:
         return np.inf
     cells = max(1.0, float((np.ptp(context.box, axis=0)[:2] / context.sampling.cell).prod()))
-    return 10.0 * float(np.log10(max(bound / (cells * clutter), 1e-30)))
+    return 10.0 * float(np.log10(max(bound.specular / (cells * clutter), 1e-30)))
 
 
 def mean_clutter(context: SceneContext, pilot: PilotResult) -> float:
@@ -149,28 +145,6 @@ def _lowest_wavenumber(context: SceneContext) -> float:
     return context.wavenumber * (1.0 - 0.5 * waveform.bandwidth / waveform.center_frequency)
 
 
-def _angles(shape: ShapeAnalysis, antenna: F64) -> tuple[F64, F64, F64]:
-    """Least sine, greatest and least cosine of the incidence angle over each face and the aperture, (n_faces,)."""
-    pick = np.unique(np.linspace(0, len(antenna) - 1, min(len(antenna), _POSITIONS)).round().astype(int))
-    corners = shape.vertices[shape.faces]
-    middle = corners.mean(axis=1)
-    radius = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
-    least, greatest = np.full(shape.n_faces, 0.5 * np.pi), np.zeros(shape.n_faces)
-    previous = None
-    for position in antenna[pick]:
-        ray = position - middle
-        distance = np.linalg.norm(ray, axis=1)
-        unit = ray / distance[:, None]
-        angle = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", unit, shape.normals)), 0.0, 1.0))
-        margin = np.arcsin(np.minimum(radius / distance, 1.0))
-        if previous is not None:  # half the step of the line of sight to the position before
-            margin = margin + 0.5 * np.linalg.norm(unit - previous, axis=1)
-        previous = unit
-        least = np.minimum(least, np.maximum(angle - margin, 0.0))
-        greatest = np.maximum(greatest, np.minimum(angle + margin, 0.5 * np.pi))
-    return np.sin(least), np.cos(least), np.cos(greatest)
-
-
 def _height(context: SceneContext, index: int) -> float:
     """Least rms height of a material and those of its maps, m."""
     return min(m.rms_height for m in with_parts([context.scene.materials[index]]))
@@ -192,15 +166,13 @@ def _at_any_angle(context: SceneContext, least_height: float) -> FacetBound:
 def _returns(context: SceneContext, index: int, integral: F64, low: F64, high: F64) -> tuple[F64, F64]:
     """Bound of the coherent return, m^2, and the least sigma0, for phase integrals (m^2) and ranges of the cosine."""
     wavelength = context.scene.radar.waveform.wavelength
-    parts = with_parts([context.scene.materials[index]])
-    height = _height(context, index)
-    fall = 4.0 * (_lowest_wavenumber(context) * height) ** 2
+    fall = 4.0 * (_lowest_wavenumber(context) * _height(context, index)) ** 2
     square = (
         np.clip(1.0 / fall, low**2, high**2) if fall > 0.0 else high**2
     )  # where x exp(-fall x) is largest
     sigma = 4.0 * np.pi / wavelength**2 * np.square(integral) * square * np.exp(-fall * square)
     sigma0 = np.full(len(low), np.inf)
-    for m in parts:
+    for m in with_parts([context.scene.materials[index]]):
         table = diffuse_tables(m, wavelength, _NODES)
         power = np.square(np.minimum(table.amplitude_h, table.amplitude_v))
         first = np.searchsorted(table.theta, np.arccos(high), side="right") - 1

@@ -15,6 +15,8 @@ from sarmitsuba.scene.geometry import Geometry
 
 # products of planes and vertices that a proof may cost; 5e7 take about 0.2 s
 _MAX_PRODUCTS = 50_000_000
+# antenna positions at which the angles of all faces are examined; in between, they have a margin
+_POSITIONS = 17
 # faces up to which all pairs are examined
 _MAX_FACING = 1500
 # number of bounces possible only between faces opposite each other
@@ -262,6 +264,30 @@ class ShapeAnalysis:
             ray = a - middle
             values.append(np.abs(np.einsum("ij,ij->i", ray, self.normals)) / np.linalg.norm(ray, axis=1))
         return float(np.min(values)), float(np.max(values))
+
+    @cached_property
+    def incidence_bounds(self) -> tuple[F64, F64, F64]:
+        """Least sine, greatest and least cosine of the incidence angle over each face and the aperture, (n_faces,)."""
+        pick = np.unique(
+            np.linspace(0, len(self.antenna) - 1, min(len(self.antenna), _POSITIONS)).round().astype(int)
+        )
+        corners = self.vertices[self.faces]
+        middle = corners.mean(axis=1)
+        radius = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+        least, greatest = np.full(self.n_faces, 0.5 * np.pi), np.zeros(self.n_faces)
+        previous = None
+        for position in self.antenna[pick]:
+            ray = position - middle
+            distance = np.linalg.norm(ray, axis=1)
+            unit = ray / distance[:, None]
+            angle = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", unit, self.normals)), 0.0, 1.0))
+            margin = np.arcsin(np.minimum(radius / distance, 1.0))
+            if previous is not None:  # half the step of the line of sight to the position before
+                margin = margin + 0.5 * np.linalg.norm(unit - previous, axis=1)
+            previous = unit
+            least = np.minimum(least, np.maximum(angle - margin, 0.0))
+            greatest = np.maximum(greatest, np.minimum(angle + margin, 0.5 * np.pi))
+        return np.sin(least), np.cos(least), np.cos(greatest)
 
     # ---- connectivity
 

@@ -92,8 +92,9 @@ def _missed_db(context: SceneContext, pilot: PilotResult, bounces: int) -> tuple
     clutter = mean_clutter(context, pilot)
     if not clutter > 0.0:
         return np.inf, np.inf
-    cell = max(facet_bound(context).cross_section, flash_bound(context, bounces)) / clutter
-    return specular_db(context, pilot), 10.0 * float(np.log10(max(cell, 1e-30)))
+    faces = facet_bound(context)
+    cell = max(faces.cross_section, flash_bound(context, bounces)) / clutter
+    return specular_db(context, pilot, faces), 10.0 * float(np.log10(max(cell, 1e-30)))
 
 
 EFFECTS.register(Coherent())

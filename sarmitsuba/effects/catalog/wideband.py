@@ -232,9 +232,10 @@ def _specular_db(context: SceneContext, height: float) -> float:
     """
     if context.sampling is None or not angles_known(context):
         return -np.inf
+    faces = facet_bound(context, least_height=height)
     if context.pilot is not None and context.pilot.clutter > 0.0:
-        return min(0.0, specular_db(context, context.pilot, least_height=height))
-    return min(0.0, facet_bound(context, least_height=height).specular_over_own_clutter_db)
+        return min(0.0, specular_db(context, context.pilot, faces))
+    return min(0.0, faces.specular_over_own_clutter_db)
 
 
 def _phase_over_tube(context: SceneContext, spacing: float) -> float:
