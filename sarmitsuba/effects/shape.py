@@ -282,8 +282,10 @@ class ShapeAnalysis:
             unit = ray / distance[:, None]
             angle = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", unit, self.normals)), 0.0, 1.0))
             margin = np.arcsin(np.minimum(radius / distance, 1.0))
-            if previous is not None:  # half the step of the line of sight to the position before
-                margin = margin + 0.5 * np.linalg.norm(unit - previous, axis=1)
+            if previous is not None:  # back to the line of sight from the position before
+                margin = margin + 2.0 * np.arcsin(
+                    np.minimum(0.5 * np.linalg.norm(unit - previous, axis=1), 1.0)
+                )
             previous = unit
             least = np.minimum(least, np.maximum(angle - margin, 0.0))
             greatest = np.maximum(greatest, np.minimum(angle + margin, 0.5 * np.pi))
