@@ -15,6 +15,7 @@ from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling import movers, water
+from sarmitsuba.simulation.sampling.double_bounce import steep_faces
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, bounding_antennas, launch_windows
 from sarmitsuba.simulation.sampling.small_parts import expected_finer_rays
 from sarmitsuba.trace.edges import edges_of
@@ -388,12 +389,9 @@ def _footprint_spacing(scene: Scene, window: LaunchWindow, footprint: float) -> 
     The footprint is longest on level ground (over the cosine of the incidence angle) or, where the scene has any,
     on walls (over its sine).
     """
-    v = scene.geometry.vertices[scene.geometry.faces]
-    normal = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
-    area = np.linalg.norm(normal, axis=1)
-    steep = float(area[np.abs(normal[:, 2]) < 0.5 * area].sum()) > 0.01 * float(area.sum())
+    steep, area = steep_faces(scene)
     slant = np.cos(window.incidence)
-    if steep:
+    if float(area[steep].sum()) > 0.01 * float(area.sum()):
         slant = min(slant, np.sin(window.incidence))
     return float(footprint * max(slant, 0.2))
 

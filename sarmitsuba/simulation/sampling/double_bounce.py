@@ -59,9 +59,19 @@ class BounceGround:
         return float(width.max()), float(loss.max())
 
 
-def walls(scene: Scene) -> NDArray[np.bool_]:
-    """Which faces (n,) are visible and steeper than 60 degrees."""
-    return _visible(scene) & _steep(scene)
+def visible_faces(scene: Scene) -> NDArray[np.bool_]:
+    """Which faces (n,) are visible."""
+    return np.asarray(
+        ~np.array([m.invisible for m in scene.materials], dtype=bool)[scene.geometry.face_material]
+    )
+
+
+def steep_faces(scene: Scene) -> tuple[NDArray[np.bool_], F64]:
+    """Which faces (n,) are steeper than 60 degrees, and the areas of all, m^2."""
+    corner = scene.geometry.vertices[scene.geometry.faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    return np.asarray(np.abs(normal[:, 2]) < 0.5 * size), np.asarray(0.5 * size)
 
 
 def bounce_ground(scene: Scene, axes: F64, middle: F64, away: F64, incidence: float) -> BounceGround | None:
@@ -93,7 +103,7 @@ def bounce_ground(scene: Scene, axes: F64, middle: F64, away: F64, incidence: fl
         return None
     corner = vertices[geometry.faces]
     low, high = corner.min(axis=1), corner.max(axis=1)
-    steep, visible = _steep(scene), _visible(scene)
+    (steep, _), visible = steep_faces(scene), visible_faces(scene)
     tall = visible & steep & (high[:, 2] > 1e-6)
     tall &= (low[:, :2] < half).all(axis=1) & (high[:, :2] > -half).all(axis=1)
     level = visible & ~steep
@@ -139,15 +149,3 @@ def _overlap(low: F64, high: F64, half: F64, reach: F64, toward: F64) -> bool:
     below = (toward < -1e-9) & (reach > 1e-6) & (low < -half - 1e-6)
     above = (toward > 1e-9) & (reach > 1e-6) & (high > half + 1e-6)
     return bool((below | above).any())
-
-
-def _visible(scene: Scene) -> NDArray[np.bool_]:
-    return np.asarray(
-        ~np.array([m.invisible for m in scene.materials], dtype=bool)[scene.geometry.face_material]
-    )
-
-
-def _steep(scene: Scene) -> NDArray[np.bool_]:
-    corner = scene.geometry.vertices[scene.geometry.faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    return np.asarray(np.abs(normal[:, 2]) < 0.5 * np.linalg.norm(normal, axis=1))

@@ -14,8 +14,9 @@ from sarmitsuba.simulation.sampling.double_bounce import (
     GRAZING,
     MOST_RAYS,
     bounce_ground,
+    steep_faces,
     unlit_ground,
-    walls,
+    visible_faces,
 )
 from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
@@ -258,9 +259,8 @@ def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
     """
     image, geometry = scene.image, scene.geometry
     corner = geometry.vertices[geometry.faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    size = np.linalg.norm(normal, axis=1)
-    steep = walls(scene)
+    steep, areas = steep_faces(scene)
+    steep &= visible_faces(scene)
     center, top = corner[steep].mean(axis=1)[:, :2], corner[steep, :, 2].max(axis=1)
     outside = np.full(len(center), True)
     near = np.full(len(center), False)
@@ -269,7 +269,7 @@ def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
         gap = np.linalg.norm(np.maximum(np.maximum(low - center, center - high), 0.0), axis=1)
         outside &= gap > window.taper
         near |= gap < np.maximum(top - image.height, 0.0) * np.tan(min(window.incidence, GRAZING))
-    area = 0.5 * float(size[steep][outside & near].sum())
+    area = float(areas[steep][outside & near].sum())
     if area == 0.0:
         return ""
     return (
