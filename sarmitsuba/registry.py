@@ -36,7 +36,27 @@ def late(module: str, name: str) -> Callable[..., object]:
 Value = TypeVar("Value")
 
 
-class Calling:
+class _ForeignCode:
+    """Context that runs a user's code: its errors become an ExtensionError of one line."""
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, _: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not isinstance(error, Exception | SystemExit) or isinstance(error, SarmitsubaError):
+            return
+        line = self._line(error, trace)
+        if line is not None:
+            raise ExtensionError(line) from error
+
+    def _line(self, error: BaseException, trace: TracebackType | None) -> str | None:
+        """What is said of an error; None: it passes as it is."""
+        raise NotImplementedError
+
+
+class Calling(_ForeignCode):
     """Context that calls an entry's code: errors of an extension become an ExtensionError in one line that names it.
 
     Errors of built-in entries are defects of the program and pass as they are.
@@ -51,20 +71,14 @@ class Calling:
     def __init__(self, kind: str, entry: object, method: str) -> None:
         self.kind, self.entry, self.method = kind, entry, method
 
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self, _: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if not isinstance(error, Exception | SystemExit) or isinstance(error, SarmitsubaError):
-            return
+    def _line(self, error: BaseException, trace: TracebackType | None) -> str | None:
+        """Entry, method and error; None for a built-in entry."""
         if is_built_in(self.entry):
-            return
+            return None
         module = sys.modules.get(type(self.entry).__module__)
         said = _said(error, trace, getattr(module, "__file__", None) or "")
         name = getattr(self.entry, "name", type(self.entry).__name__)
-        raise ExtensionError(f"{self.kind} {name!r}: {self.method}: {said}") from error
+        return f"{self.kind} {name!r}: {self.method}: {said}"
 
 
 def _said(error: BaseException, trace: TracebackType | None, file: str) -> str:
@@ -231,20 +245,14 @@ def load_extension(module_or_file: str, *, again: bool = True) -> None:
         spec.loader.exec_module(module)
 
 
-class _Importing:
+class _Importing(_ForeignCode):
     """Context that imports a user's module: its errors become an ExtensionError in one line that names it."""
 
     def __init__(self, module_or_file: str) -> None:
         self.module_or_file = module_or_file
 
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self, _: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if not isinstance(error, Exception | SystemExit) or isinstance(error, SarmitsubaError):
-            return
+    def _line(self, error: BaseException, trace: TracebackType | None) -> str:
+        """Module and error."""
         expected = isinstance(error, ImportError | SyntaxError)
         said = str(error) if expected else _said(error, trace, self.module_or_file)
-        raise ExtensionError(f"{self.module_or_file}: cannot be imported: {said}") from error
+        return f"{self.module_or_file}: cannot be imported: {said}"

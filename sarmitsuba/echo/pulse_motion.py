@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.boxes import box_corners
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.radar.radar import Radar
@@ -96,5 +97,8 @@ def widest_shift(radar: Radar, box: F64, pulses: slice) -> float:
     """Largest range shift of the echoes of a box (2, 3) m, m."""
     if radar.delay is None:
         return 0.0
-    corners = np.array([[x, y, z] for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]])
-    return radar.range_per_rate * 1.1 * max(float(np.abs(radar.range_rate(p, pulses)).max()) for p in corners)
+    return (
+        radar.range_per_rate
+        * 1.1
+        * max(float(np.abs(radar.range_rate(p, pulses)).max()) for p in box_corners(box))
+    )

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.boxes import box_corners
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.effects.slabs_between import seen_through
 from sarmitsuba.materials.map_materials import with_parts
@@ -276,11 +277,7 @@ class SceneContext:
     @cached_property
     def corners(self) -> F64:
         """Corners of ``box`` and its middle, (9, 3), m."""
-        low, high = self.box
-        grid = np.array(
-            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-        )
-        return np.concatenate([grid, [0.5 * (low + high)]])
+        return np.concatenate([box_corners(self.box), [0.5 * (self.box[0] + self.box[1])]])
 
     @cached_property
     def incidence_cosine(self) -> tuple[float, float]:

@@ -34,6 +34,7 @@ FLOORS = (
     (
         "arrays",
         "backend",
+        "boxes",
         "constants",
         "errors",
         "exclusive",

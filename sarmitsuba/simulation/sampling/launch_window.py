@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.boxes import box_corners
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
@@ -189,16 +190,7 @@ class _CoveringPlane:
     @staticmethod
     def of(bounds: F64, axes: F64, middle: F64, views: F64, antenna: F64, along: F64) -> "_CoveringPlane":
         """Plane for a box (2, 3), m, along ``axes`` about ``middle``, seen from the positions ``views``."""
-        b_low, b_high = bounds
-        corners = np.array(
-            [
-                [x, y, z]
-                for x in (b_low[0], b_high[0])
-                for y in (b_low[1], b_high[1])
-                for z in (b_low[2], b_high[2])
-            ]
-        )
-        corners = corners @ axes + middle
+        corners = box_corners(bounds) @ axes + middle
         center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         frame = frame_towards(antenna[None], center, along)
         spans = [window_of(corners, position, frame) for position in views]

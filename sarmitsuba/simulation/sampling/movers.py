@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.boxes import box_corners
 from sarmitsuba.echo.block import BlockPlan, plan_block
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.motion import Motion
@@ -27,10 +28,7 @@ def swept(scene: Scene, pulses: tuple[int, int]) -> list[F64]:
     out = []
     for motion, faces in geometry.moving_meshes():
         vertices = geometry.vertices[geometry.faces[faces]].reshape(-1, 3)
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        corners = np.array(
-            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-        )
+        corners = box_corners(np.stack([vertices.min(axis=0), vertices.max(axis=0)]))
         out.append(corners + motion.displacement(times)[:, None])
     return out
 

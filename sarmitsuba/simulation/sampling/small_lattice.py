@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from sarmitsuba.arrays import F64, I64
+from sarmitsuba.boxes import box_corners
 from sarmitsuba.trace.launch import LaunchFrame, project
 
 # largest length of the parts into which triangles are cut, steps of the lattice: the motion between the antenna
@@ -328,10 +329,7 @@ def _may_reach(
     triangles: F64, antennas: F64, frame: LaunchFrame, reach: tuple[float, float]
 ) -> NDArray[np.bool_]:
     """Triangles (n, 3, 3) whose projections from the antennas may lie within ``reach`` of the launch plane's centre."""
-    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    box = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
+    box = box_corners(np.stack([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))]))
     if all((np.abs(project(box, antenna, frame)) <= reach).all() for antenna in antennas):
         return np.ones(len(triangles), dtype=bool)
     seen = [project(triangles, antenna, frame) for antenna in antennas]
