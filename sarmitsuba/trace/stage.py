@@ -142,6 +142,14 @@ def changes_echoes(flags: KernelFlags) -> bool:
     return any(type(stage).at_echo is not Stage.at_echo for stage in stages_of(flags))
 
 
+def changes_closings(flags: KernelFlags) -> bool:
+    """Whether any active stage of an extension overrides :meth:`Stage.at_closing`."""
+    return any(
+        type(stage).at_closing is not Stage.at_closing and not is_built_in(stage)
+        for stage in stages_of(flags)
+    )
+
+
 def _checked(stage: Stage, found: Value, before: Value, optional: tuple[str, ...] = ()) -> Value:
     """What a stage returned; checked for a user's own, see :func:`sarmitsuba.trace.returned.like`."""
     return found if is_built_in(stage) else like(found, before, optional)
