@@ -11,7 +11,6 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.corners import both_chains, corner_share
 from sarmitsuba.trace.leg import Surroundings, antenna_basis
-from sarmitsuba.trace.stage import changes_closings
 from sarmitsuba.trace.stage import closed as by_stages
 from sarmitsuba.trace.state import (
     COHERENT,
@@ -191,19 +190,6 @@ def close_coherent(
         active=returned.counts,
         point=returned.point,
     )
-
-
-def vanishing(kernel: Kernel, hit: Hit, tube_here: TubeFootprint) -> mi.Bool:
-    """Lanes whose coherent return is zero: all sides of the tube are common with others, and left out.
-
-    See :func:`sarmitsuba.trace.tubes.polygon.part_integral`. Not used where a stage of an extension changes closings,
-    which may replace the integral.
-    """
-    if not kernel.flags.tube_phase or changes_closings(kernel.flags):
-        return mi.Bool(False)
-    constants = kernel.constants
-    q = (hit.to_antenna - hit.direction) * constants.wavenumber
-    return tube_here.bounds.cancelled(q, tube_here.u, tube_here.v, constants.kept_up_to)
 
 
 def _closed(

@@ -17,7 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar, runtime_checkable
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.closing import TubeReturn, close_coherent, receiver, selected, tube_return, vanishing
+from sarmitsuba.trace.closing import TubeReturn, close_coherent, receiver, selected, tube_return
 from sarmitsuba.trace.diffuse_return import DiffuseReturns, Slot, close_diffuse
 from sarmitsuba.trace.propagation import (
     arrive,
@@ -31,7 +31,7 @@ from sarmitsuba.trace.propagation import (
 )
 from sarmitsuba.trace.slab_passage import Waiting, branched
 from sarmitsuba.trace.stage import arrived as by_stages
-from sarmitsuba.trace.stage import launched
+from sarmitsuba.trace.stage import launched, vanishing
 from sarmitsuba.trace.state import (
     NO_HIT,
     Contribution,
