@@ -37,9 +37,9 @@ machine below and on its load; ratios were measured in one run.
 
 {changes}{contents}
 """
-# before the section of each benchmark, and before what follows them
 # sections that come first: what accuracy costs at a glance
 FIRST = ("error_time", "bounce_depth")
+# before the section of each benchmark, and before what follows them
 SECTION, END = "<!-- benchmark: {} -->", "<!-- by hand -->"
 
 
