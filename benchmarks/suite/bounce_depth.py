@@ -52,12 +52,12 @@ def pictures(name: str, layers: np.ndarray, seconds: list[float]) -> Any:
     for depth, (above, below) in zip(SHOWN, axes.T, strict=True):
         for ax, image in ((above, layers[:depth].sum(axis=0)), (below, layers[depth - 1])):
             level = 20.0 * np.log10(np.maximum(np.abs(image), 1e-30)) - top
-            ax.imshow(level, cmap="gray", vmin=-SPAN_DB, vmax=0.0, aspect="auto", interpolation="nearest")
+            ax.imshow(level, cmap="gray", vmin=-SPAN_DB, vmax=0.0, origin="lower", aspect="auto")
             ax.set(xticks=[], yticks=[])
             ax.grid(False)
         above.set_title(f"up to bounce {depth}: {seconds[depth - 1]:.2f} s", fontsize=9)
         below.set_title(f"bounce {depth} alone", fontsize=9)
-    figure.suptitle(f"{name}: range to the right, azimuth down, {SPAN_DB:g} dB", fontsize=10)
+    figure.suptitle(f"{name}: range to the right, azimuth up, {SPAN_DB:g} dB", fontsize=10)
     return figure
 
 

@@ -140,6 +140,8 @@ class Report:
     def markdown(self, images: str = "") -> str:
         """The report as Markdown; ``images`` is the folder of the pictures as seen from the page."""
         lines = [f"## {self.title}", "", self.text, ""]
+        for name in self.figures:
+            lines += [f"![{self.title}: {name}]({images}{self.name}_{name}.png)", ""]
         for t in self.tables:
             if t["caption"]:
                 lines += [f"**{t['caption']}**", ""]
@@ -157,8 +159,6 @@ class Report:
                     f"{c['unit']} | {assessment} |"
                 )
             lines.append("")
-        for name in self.figures:
-            lines += [f"![{self.title}: {name}]({images}{self.name}_{name}.png)", ""]
         lines += [f"{note}  " for note in self.notes]
         import kernel_sources
 
