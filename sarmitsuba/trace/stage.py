@@ -63,7 +63,7 @@ class Stage:
         """Coherent return of the tube at a hit, before polarisation."""
         return closing
 
-    def vanishing(self, kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool | None:
+    def at_vanishing(self, kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool | None:
         """Lanes whose coherent return :meth:`at_closing` makes zero, so that it is not computed; None: none."""
         return None
 
@@ -198,8 +198,8 @@ def vanishing(kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool:
     if any(type(s).at_closing is not Stage.at_closing and not is_built_in(s) for s in stages):
         return none
     for stage in stages:
-        with Calling(_KIND, stage, "vanishing"):
-            found = stage.vanishing(kernel, hit, tube)
+        with Calling(_KIND, stage, "at_vanishing"):
+            found = stage.at_vanishing(kernel, hit, tube)
             if found is not None:
                 none |= checked_type(found, mi.Bool, bool)
     return none
