@@ -259,8 +259,9 @@ def store_image(
     if chart:
         from sarmitsuba.view.account import account_figure
 
+        title = f"{image.metadata['scene']}: " if image.metadata.get("scene") else ""
         with watch.stage("chart"):
-            draw_into(folder, CHART, partial(account_figure, found), console)
+            draw_into(folder, CHART, partial(account_figure, found, title), console)
     return path
 
 

@@ -1,17 +1,18 @@
 """Sweeps of a cost study: one parameter at a time on a piece of the scene, for error and time by stage."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.model import AFFECTS, FLOOR_DB, CostModel
 from sarmitsuba.cost.proof import Reference
 from sarmitsuba.cost.report import SPARE_DB, Row
-from sarmitsuba.cost.trial import Trial, TrialSetting, Value, run_trial
+from sarmitsuba.cost.trial import Trial, TrialSetting, Value
+from sarmitsuba.cost.trials import Trials
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError, SarmitsubaError
+from sarmitsuba.focusing.focuser import FOCUSERS, parse_focuser
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import split_trace
@@ -24,6 +25,19 @@ REFERENCE_DEPTH = 6
 SPACINGS = (0.71, 1.0, 1.41, 2.0, 2.83)
 IMAGE_SPACINGS = (1.0, 1.19, 1.41, 1.68, 2.0, 2.38, 2.83, 3.36, 4.0, 4.76, 5.66)
 COARSEST = 16.0
+# wanted errors of factorised backprojection beside its own
+_FACTORISED = ("factorised,error=-35", "factorised,error=-65")
+# effects that a scene has only with certain contents, and that take time
+_COSTLY = (
+    "diffuse_pairs",
+    "slabs",
+    "transmission",
+    "edge_diffraction",
+    "line_scatterers",
+    "vegetation",
+    "water_motion",
+    "wideband",
+)
 
 
 @dataclass
@@ -40,9 +54,8 @@ class Sweeps:
     launch_seconds : of one launch, independent of its rays
     deadline : of the sweeps, on the clock
     model : to which the trials are added
-    report : called after every trial
     target_error_db : wanted error
-    clock : time source
+    trials : of the study
     rows : of the table
     now : latest run of the plain setting, reference of the ratios
     """
@@ -56,24 +69,22 @@ class Sweeps:
     launch_seconds: float
     deadline: float
     model: CostModel
-    report: Callable[[], None]
     target_error_db: float
-    clock: StudyClock
+    trials: Trials
     rows: list[Row] = field(default_factory=list)
     now: Trial | None = None
 
     def left(self) -> float:
         """Seconds until the deadline."""
-        return self.deadline - self.clock.now()
+        return self.deadline - self.trials.clock.now()
 
     def run(self, **changes: Value) -> Trial:
         """Run the plain setting with changes, on the piece."""
-        trial = run_trial(self.scene, self.base.but(**changes), self.grid, clock=self.clock)
-        self.report()
-        return trial
+        same = {k: v for k, v in changes.items() if self.base.changes.get(k, self.model.plain.get(k)) != v}
+        return self.trials.run(self.scene, self.base.but(**same), self.grid)
 
     def refresh(self, **changes: Value) -> None:
-        """Run the plain setting again, so that ratios refer to a run under the present load of the machine."""
+        """Setting to which ratios refer from here on."""
         self.now = self.run(**changes)
 
     def extend(self, factors: list[float], factor: float, error_db: float) -> None:
@@ -136,14 +147,19 @@ def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Referen
     _methods(study, scene, converged)
     study.refresh(max_depth=REFERENCE_DEPTH)
     factors = list(SPACINGS)
+    interval = study.plain.key_pulse_interval
+    blocks = {"key_pulse_interval": interval} if interval > 1 else {}
     for factor in factors:
         spacing = factor * study.model.spacings.coherent
-        trial = study.run(**study.model.spacings.at(factor), max_depth=REFERENCE_DEPTH)
+        if study.left() < 0.0:
+            break
+        trial = study.run(**study.model.spacings.at(factor), max_depth=REFERENCE_DEPTH, **blocks)
         error = converged.error_db(trial.image)
         study.note("ray_spacing", spacing, trial, error)
         if "image" not in study.model.full:  # else method image covers coarse rays
             study.extend(factors, factor, error)
     _focusers(study)
+    _effects(study, plan)
     _cells(study, plan)
     _raw_row(study)
     interval = study.plain.key_pulse_interval
@@ -156,7 +172,10 @@ def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Referen
 
 
 def _focusers(study: Sweeps) -> None:
-    """Sweep the interpolations of backprojection, and omega-K where track and grid allow it."""
+    """Sweep interpolations of backprojection, all other focusers, and the wanted error of factorised backprojection.
+
+    All focus the same echoes.
+    """
     if study.left() < 0.0:
         return
     study.refresh()
@@ -165,12 +184,33 @@ def _focusers(study: Sweeps) -> None:
     for name in ("kernel", "kernel:4", "linear"):
         trial = study.run(interpolation=name)
         study.note("interpolation", name, trial, trial.error_db(exact.image))
-    study.note("focuser", "backprojection", study.run(focuser="backprojection"), FLOOR_DB)
-    try:
-        trial = study.run(focuser="omega_k")
-    except DataError:
-        return  # omega-K does not support the grid or the track
-    study.note("focuser", "omega_k", trial, trial.error_db(exact.image))
+    plain = study.run()
+    study.note("focuser", "backprojection", plain, max(FLOOR_DB, plain.error_db(exact.image)))
+    radar = study.scene.radar.start_stop()
+    for name in (*(f.name for f in FOCUSERS if f.name != "backprojection"), *_FACTORISED):
+        if study.left() < 0.0:
+            return
+        focuser = parse_focuser(name)
+        if focuser.objection(radar, study.grid):
+            continue  # the focuser does not support the grid or the track
+        try:
+            trial = study.run(focuser=name)
+        except DataError:
+            continue
+        stated = focuser.error_db(radar, study.grid)
+        remark = f"states at most {stated:.1f} dB" if np.isfinite(stated) else ""
+        study.note("focuser", name, trial, trial.error_db(exact.image), remark)
+
+
+def _effects(study: Sweeps, plan: EffectsPlan) -> None:
+    """Switch off, in turn, the effects whose cost a scene with panes, pairs, edges, water or volumes decides on."""
+    for name in _COSTLY:
+        decision = next((d for d in plan.decisions if d.name == name), None)
+        if decision is None or not decision.on or study.left() < 0.0:
+            continue
+        study.refresh()
+        trial = study.run(**{name: "off"})
+        study.note(name, "off", trial, trial.error_db(study.run().image), "against the effect on")
 
 
 def _cells(study: Sweeps, plan: EffectsPlan) -> None:
@@ -198,7 +238,7 @@ def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
             whole = (
                 trial
                 if study.scene is scene
-                else run_trial(scene, study.base.but(method=name), clock=study.clock)
+                else study.trials.run(scene, study.base.but(method=name))
             )
         except SarmitsubaError:
             continue  # ideal points only, or a scene that the method does not support
@@ -206,7 +246,7 @@ def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
             study.row("method", name, trial, converged.error_db(trial.image), whole.seconds)
             continue
         method = study.base.but(method=name)
-        model.full = {**model.full, name: whole_stages(scene, method, model.spacings, whole, study.clock)}
+        model.full = {**model.full, name: whole_stages(scene, method, model.spacings, whole, study.trials)}
         factors = list(IMAGE_SPACINGS)
         for factor in factors:
             if study.left() < 0.0:
@@ -236,19 +276,25 @@ def _raw_row(study: Sweeps) -> None:
 
 
 def whole_stages(
-    scene: Scene, setting: TrialSetting, spacings: RaySpacings, full: Trial, clock: StudyClock
+    scene: Scene, setting: TrialSetting, spacings: RaySpacings, full: Trial, trials: Trials
 ) -> dict[str, float]:
     """Seconds by stage of a setting on the whole scene: fixed, proportional to launches and proportional to rays.
 
     They are separated by a second run with an eighth of the rays; of the common time the smaller one counts.
     """
-    sparse = run_trial(scene, setting.but(**spacings.at(8.0**0.5)), clock=clock)
+    sparse = trials.run(scene, held(setting, full).but(**spacings.at(8.0**0.5)))
     same = {
         k: min(v, sparse.stages.get(k, v))
         for k, v in full.stages.items()
         if k not in ("trace", "launch grid")
     }
     return split_trace({**full.stages, **same}, sparse.stages, 8.0)
+
+
+def held(setting: TrialSetting, trial: Trial) -> TrialSetting:
+    """Setting with the blocks of a trial: automatic ones are shorter for wider rays."""
+    interval = trial.key_pulse_interval
+    return setting.but(key_pulse_interval=interval) if interval > 1 else setting
 
 
 def _stages_of(trial: Trial, launch_seconds: float) -> dict[str, float]:

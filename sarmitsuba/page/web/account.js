@@ -17,7 +17,7 @@ const level = (part) => {
 
 /** Bar of a share, light where it is a bound. */
 function bar(share, bound) {
-  return html`<td class="bar"><div class="${bound ? "bound" : "known"}" style="width: ${(100 * share).toFixed(1)}%"></div></td>`;
+  return html`<td class="share"><div class="${bound ? "bound" : "known"}" style="width: ${(100 * share).toFixed(1)}%"></div></td>`;
 }
 
 /** Both tables and the advice; `account` of a look, or null. */
