@@ -116,6 +116,11 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         "sweep, to its best value",
         *table(report),
         "",
+        *(
+            [f"not swept, or cut short, within the budget: {', '.join(report.skipped)}; a larger --budget sweeps them"]
+            if report.skipped
+            else []
+        ),
         f"the scene's own settings on the whole scene: {report.full_seconds:.2f} s (measured)",
         f"cheapest combinations (m: measured; errors are of {report.proof.text}, relative to "
         f"{report.estimated_against}; the unmarked ones are estimated from the measured ones):",
@@ -177,6 +182,9 @@ def _save(folder: "OutputFolder", report: "CostReport", name: str, text: str) ->
         "measured_on": report.proof.text,
         "check": report.check,
         "plain_seconds": report.full_seconds,
+        "budget": report.budget,
+        "skipped": report.skipped,
+        "reused": report.reused,
         "seconds": report.seconds,
     }
     with folder.writing(RECORD) as path:

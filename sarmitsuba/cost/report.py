@@ -99,6 +99,7 @@ class CostReport:
     reference : description of the sweeps' reference
     estimated_against : description of the reference of the combinations
     budget : s, of the study
+    skipped : sweeps that the budget left no time for, or cut short
     reused : trials of an earlier study that were not repeated
     seconds : of the whole study
     """
@@ -114,6 +115,7 @@ class CostReport:
     reference: str
     estimated_against: str
     budget: float
+    skipped: tuple[str, ...]
     reused: int
     seconds: float
 

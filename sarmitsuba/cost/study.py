@@ -127,6 +127,7 @@ def _study(task: _Task) -> CostReport:
         reference=reference_text(spacings, SWEEP_FACTOR, REFERENCE_DEPTH),
         estimated_against=reference_text(spacings, proof.factor, REFERENCE_DEPTH),
         budget=task.budget,
+        skipped=tuple(sweeps.skipped),
         reused=task.trials.reused,
         seconds=task.spent,
     )

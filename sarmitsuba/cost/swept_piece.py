@@ -8,9 +8,13 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.piece import crop
 
 # shares of the budget: for the sweeps, and largest share for the reference
-SWEEP_SHARE, PROOF_SHARE = 0.4, 0.3
+SWEEP_SHARE, PROOF_SHARE = 0.55, 0.25
 # cost of all sweeps and of the reference, in runs of the plain setting: each setting runs once, on shared geometry
 SWEEP_RUNS = 36.0
+# seconds of a run of the whole scene below which smaller pieces are hardly faster: launches and planning remain
+SHORT = 10.0
+# budget, in runs of the whole scene, below which sweeps and combinations have the same reference
+SHORT_STUDY = 40.0
 # candidate pieces of a scene: share of the image's extents, share of the pulses
 _PIECES = (
     (1.0, 1.0),
@@ -40,6 +44,8 @@ def piece_to_sweep(
     guess = whole_seconds
     n = scene.radar.track.n_pulses
     steps = [(s, p) for s, p in _PIECES if p == 1.0 or n * p >= 64]
+    if whole_seconds < SHORT:
+        steps = [(s, p) for s, p in steps if p == 1.0]
     index = next((i for i, (s, p) in enumerate(steps) if guess * s * s * p <= allowed), len(steps) - 1)
     while True:
         share, pulses = steps[index]
@@ -70,13 +76,16 @@ def field_of_proof(
 ) -> tuple[Scene | None, float, str]:
     """Part of the scene for measuring the estimates, and the relative ray spacing of its reference.
 
-    As large and as densely sampled as a third of the budget allows; None if less than a third of the image's extents.
+    As large and as densely sampled as a quarter of the budget allows; None if less than a third of the image's extents,
+    and for small budgets: the swept piece and its reference serve.
 
     Parameters
     ----------
     full : seconds by stage of the plain setting on the whole scene
     budget, left : s, of the whole study, and its remainder
     """
+    if budget < SHORT_STUDY * sum(full.values()):  # a second reference would take what the combinations need
+        return None, 0.0, ""
     allowed = min(PROOF_SHARE * budget, 0.6 * left)
     fixed = full.get("build", 0.0) + full.get("plan", 0.0)
     for share, factor in REFERENCES:
