@@ -116,11 +116,7 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         "sweep, to its best value",
         *table(report),
         "",
-        *(
-            [f"not swept, or cut short, within the budget: {', '.join(report.skipped)}; a larger --budget sweeps them"]
-            if report.skipped
-            else []
-        ),
+        *_skipped(report),
         f"the scene's own settings on the whole scene: {report.full_seconds:.2f} s (measured)",
         f"cheapest combinations (m: measured; errors are of {report.proof.text}, relative to "
         f"{report.estimated_against}; the unmarked ones are estimated from the measured ones):",
@@ -153,6 +149,12 @@ def _text(report: "CostReport", name: str, command: str) -> str:
     again = f"; {report.reused} trials of an earlier one were not repeated" if report.reused else ""
     lines.append(f"this study took {report.seconds:.0f} s of {report.budget:.0f} s{again}")
     return "\n".join(lines)
+
+
+def _skipped(report: "CostReport") -> list[str]:
+    """Line about the sweeps that the budget left out."""
+    names = ", ".join(report.skipped)
+    return [f"not swept or cut short: {names}; a larger --budget with --resume sweeps them"] if names else []
 
 
 def _short(changes: object) -> str:

@@ -271,9 +271,7 @@ def _announcing(console: Console, args: argparse.Namespace, limit: float | None 
         if args.raw == "chirped" and needs.raw_bytes:
             needs = needs.recorded(radar.window.n_samples, n_fast_chirped(radar))
         formats, channels = results.Formats.parse(args.format), run.scene.radar.channels
-        needs = results.with_files(
-            needs, formats, channels, image=not args.no_focus, chart=not args.no_chart
-        )
+        needs = results.with_files(needs, formats, channels, image=not args.no_focus, chart=not args.no_chart)
         needs.check()
         console.say(str(needs))
         console.say(f"plan: {run.plan.summary()}")

@@ -257,7 +257,7 @@ def store_image(
     found = dataclasses.replace(found, stages=stage_times(image, watch))
     record["account"] = found.as_dict()
     if chart:
-        from sarmitsuba.view.account import account_figure
+        from sarmitsuba.view.account_chart import account_figure
 
         title = f"{image.metadata['scene']}: " if image.metadata.get("scene") else ""
         with watch.stage("chart"):
@@ -276,7 +276,9 @@ def stage_times(image: SarImage, watch: StageTimer) -> dict[str, StageTime]:
 
     The simulation of raw data that were made before is left out.
     """
-    times = {name: StageTime(s, watch.processor[name]) for name, s in watch.seconds.items() if s >= LEAST_STAGE}
+    times = {
+        name: StageTime(s, watch.processor[name]) for name, s in watch.seconds.items() if s >= LEAST_STAGE
+    }
     whole = times.get("simulate")
     elapsed, used = (image.metadata.get(name) for name in ("seconds", "processor_seconds"))
     if whole is None or not isinstance(elapsed, Mapping) or not isinstance(used, Mapping):

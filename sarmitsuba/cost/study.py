@@ -133,9 +133,7 @@ def _study(task: _Task) -> CostReport:
     )
 
 
-def _task(
-    scene: Scene, target_error_db: float, budget: float, progress: Progress, trials: Trials
-) -> _Task:
+def _task(scene: Scene, target_error_db: float, budget: float, progress: Progress, trials: Trials) -> _Task:
     begin = trials.clock.now()
     plan = plan_scene(scene)
     sampling = SamplingPlan.of(scene, plan.flags)
@@ -170,7 +168,13 @@ def _dense(task: _Task, sweeps: Sweeps) -> TrialSetting:
 
 def _sweep(task: _Task) -> tuple[Sweeps, str, Reference]:
     """All sweeps, the description of the piece of the scene, and its reference."""
-    scene, base, spacings, trials, whole = task.scene, task.base, task.sampling.spacings, task.trials, task.whole
+    scene, base, spacings, trials, whole = (
+        task.scene,
+        task.base,
+        task.sampling.spacings,
+        task.trials,
+        task.whole,
+    )
     piece, text, plain = piece_to_sweep(scene, base, task.budget, whole.seconds, trials)
     grid = default_grid(piece.radar, piece.image)
     # few rays: the remaining time is that of launches

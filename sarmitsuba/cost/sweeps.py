@@ -21,8 +21,8 @@ from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 # highest bounce order of the reference; later bounces are below -40 dB in every shipped scene
 REFERENCE_DEPTH = 6
-# ray spacings relative to the automatic one, which is always measured; finer steps for method image because its runs are
-# short; coarser ones follow while they are better than wanted
+# ray spacings relative to the automatic one, which is always measured; finer steps for method image because its runs
+# are short; coarser ones follow while they are better than wanted
 SPACINGS = (1.0, 0.71, 1.41, 2.0, 2.83)
 IMAGE_SPACINGS = (1.0, 1.19, 1.41, 1.68, 2.0, 2.38, 2.83, 3.36, 4.0, 4.76, 5.66)
 COARSEST = 16.0
@@ -230,7 +230,9 @@ def _focusers(study: Sweeps, scene: Scene) -> None:
         stated = [focuser.error_db(*part) for part in parts]
         remark = f"states at most {stated[1]:.1f} dB for the whole" if np.isfinite(stated[1]) else ""
         grows = stated[1] - stated[0] if np.isfinite(stated).all() else 0.0
-        slower = [focuser.cpu_seconds(*part) / exact for part, exact in zip(parts, exact_seconds, strict=True)]
+        slower = [
+            focuser.cpu_seconds(*part) / exact for part, exact in zip(parts, exact_seconds, strict=True)
+        ]
         error = trial.error_db(exact.image) + max(0.0, grows)
         study.note("focuser", name, trial, error, remark, {"focus": slower[1] / slower[0]})
 
@@ -270,11 +272,7 @@ def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
             return
         try:
             study.now = trial = study.run(method=name)
-            whole = (
-                trial
-                if study.scene is scene
-                else study.trials.run(scene, study.base.but(method=name))
-            )
+            whole = trial if study.scene is scene else study.trials.run(scene, study.base.but(method=name))
         except SarmitsubaError:
             continue  # ideal points only, or a scene that the method does not support
         if name == "raster":

@@ -40,8 +40,8 @@ class TrialSetting:
 
     Parameters
     ----------
-    changes : values by fields of ``TraceSettings``; also ``focuser`` (with its options), ``interpolation`` (an option of
-        backprojection), and names of effects (``on``, ``off``)
+    changes : values by fields of ``TraceSettings``; also ``focuser`` (with its options), ``interpolation`` (an option
+        of backprojection), and names of effects (``on``, ``off``)
     """
 
     changes: Changes = field(default_factory=dict)
@@ -50,15 +50,19 @@ class TrialSetting:
         """The scene with these settings."""
         settings = scene.settings
         own = {k: v for k, v in self.changes.items() if k in _TRACE_FIELDS}
-        switches = {k: str(v) for k, v in self.changes.items() if k in settings.effects}
-        changed = replace(settings, **own, effects={**settings.effects, **switches})  # type: ignore[arg-type]
+        effects = {name: self.changes.get(name, switch) for name, switch in settings.effects.items()}
+        changed = replace(settings, **own, effects=effects)  # type: ignore[arg-type]
         return replace(scene, settings=changed)
 
     @property
     def focuser(self) -> str:
         """As ``render`` takes it."""
         text = str(self.changes.get("focuser", "backprojection"))
-        return f"{text},interpolation={self.changes['interpolation']}" if "interpolation" in self.changes else text
+        return (
+            f"{text},interpolation={self.changes['interpolation']}"
+            if "interpolation" in self.changes
+            else text
+        )
 
     @property
     def traced(self) -> "TrialSetting":

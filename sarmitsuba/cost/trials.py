@@ -63,7 +63,7 @@ class Trials:
         pass_index: int = 0,
         again: int = 0,
     ) -> Trial:
-        """The trial of a setting on a part of the scene, run unless it was before; ``again``: number of a repetition."""
+        """The trial of a setting on a part of the scene, run once; ``again``: number of a repetition."""
         part = _part(scene)
         key = _key(part, setting, pass_index, again)
         if key not in self._made:

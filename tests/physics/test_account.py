@@ -37,7 +37,9 @@ def scene_of(name: str, options: str = "") -> Scene:
 
 
 @cache
-def image_of(name: str, options: str = "", *, pass_index: int = 0, focuser: str = "backprojection") -> SarImage:
+def image_of(
+    name: str, options: str = "", *, pass_index: int = 0, focuser: str = "backprojection"
+) -> SarImage:
     scene = scene_of(name, options)
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True))
     raw = simulate(scene, seed=3, pass_index=pass_index)
@@ -49,7 +51,9 @@ def account_of(name: str) -> Account:
     image = image_of(name)
     stages = {stage: StageTime(s, s) for stage, s in image.metadata["processor_seconds"].items()}
     raw = simulate(scene_of(name), seed=3)
-    return account(image, {**stages, "focus": StageTime(1.0, 1.0)}, alternatives("backprojection", raw.radar, image.grid))
+    return account(
+        image, {**stages, "focus": StageTime(1.0, 1.0)}, alternatives("backprojection", raw.radar, image.grid)
+    )
 
 
 def change_of(name: str, cause: str) -> Change:
@@ -153,7 +157,9 @@ def test_time_of_the_advice_follows_the_work() -> None:
     before = image_of(name).metadata["statistics"]
     for cause, key, factor in (("rays", "rays", 4.0), ("blocks of pulses", "key_pulses", 2.0)):
         change = change_of(name, cause)
-        after = image_of(name, (kept(name) if cause == "rays" else "") + change.options).metadata["statistics"]
+        after = image_of(name, (kept(name) if cause == "rays" else "") + change.options).metadata[
+            "statistics"
+        ]
         # tol: 30 %: finer lattices over small parts stay, and the number of blocks is whole
         assert after[key] / before[key] == pytest.approx(factor, rel=0.3)
         assert change.seconds > 0.0

@@ -143,9 +143,7 @@ class Account:
         }
 
 
-def account(
-    image: SarImage, stages: Mapping[str, StageTime], others: Iterable[Alternative] = ()
-) -> Account:
+def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[Alternative] = ()) -> Account:
     """Account of a simulated image.
 
     Parameters
@@ -269,12 +267,12 @@ def _blocks(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
         return []
     half = int(interval) // 2
     after = part.error_db + 10.0 * BLOCK_ORDER * math.log10(half / interval)
-    found = [
-        _change(part, _path("key_pulse_interval", half), after, spent.tracing * (interval / half - 1.0))
-    ]
+    found = [_change(part, _path("key_pulse_interval", half), after, spent.tracing * (interval / half - 1.0))]
     if number(data.part("settings").get("key_pulse_interval")) > 0.0:
         after = part.error_db + 10.0 * BLOCK_ORDER * math.log10(2.0)
-        found.append(_change(part, _path("key_pulse_interval", 2 * int(interval)), after, -0.5 * spent.tracing))
+        found.append(
+            _change(part, _path("key_pulse_interval", 2 * int(interval)), after, -0.5 * spent.tracing)
+        )
     return found
 
 

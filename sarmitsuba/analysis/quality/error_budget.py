@@ -83,6 +83,7 @@ class BudgetFacts:
     metadata: Mapping[str, object]
 
     def part(self, *names: str) -> Mapping[str, object]:
+        """Nested mapping of these names; empty where there is none."""
         found: object = self.metadata
         for name in names:
             found = found.get(name) if isinstance(found, Mapping) else None

@@ -31,12 +31,14 @@ def account_figure(account: Account, title: str = "") -> Figure:
     Returns
     -------
     Figure. Left: share of every cause in the sum of the known error energies, linear from 0, with its level relative to
-    the image; a cause that is not measured has no bar. Right: elapsed and processor seconds of every stage. Below: the changes of
-    settings that pay most.
+    the image; a cause that is not measured has no bar. Right: elapsed and processor seconds of every stage. Below: the
+    changes of settings that pay most.
     """
     stages = _stages(account)
     rows = max(len(account.parts), len(stages))
-    notes = [line for text in account.advice for line in textwrap.wrap(text, _LETTERS, subsequent_indent="    ")]
+    notes = [
+        line for text in account.advice for line in textwrap.wrap(text, _LETTERS, subsequent_indent="    ")
+    ]
     foot = _BOTTOM + _LINE * len(notes)
     width, height = 2 * (_NAMES + _BARS + _VALUES), _TOP + _ROW * rows + foot
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
@@ -73,11 +75,11 @@ def _errors(axes: Axes, account: Account) -> None:
 
 
 def _times(axes: Axes, stages: Sequence[tuple[str, float, float]]) -> None:
-    names = [name for name, _, _ in stages]
-    both = [[stage[i] for stage in stages] for i in (1, 2)]
-    most = max((x for times in both for x in times if math.isfinite(x)), default=1.0) or 1.0
-    _bars(axes, names, [x if math.isfinite(x) else 0.0 for x in both[1]], [_PROCESSOR] * len(stages), 0.78)
-    axes.barh(range(len(stages)), both[0], height=0.34, color=_WALL)
+    elapsed_seconds = [elapsed for _, elapsed, _ in stages]
+    processors = [0.0 if math.isnan(processor) else processor for _, _, processor in stages]
+    most = max([*elapsed_seconds, *processors], default=0.0) or 1.0
+    _bars(axes, [name for name, _, _ in stages], processors, [_PROCESSOR] * len(stages), 0.78)
+    axes.barh(range(len(stages)), elapsed_seconds, height=0.34, color=_WALL)
     for i, (_, elapsed, processor) in enumerate(stages):
         text = f"{elapsed:.2f} s" + (f", {processor:.2f} CPU s" if math.isfinite(processor) else "")
         axes.text(1.02 * most, i, text, fontsize=_SMALL, va="center")
