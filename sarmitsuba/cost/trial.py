@@ -24,7 +24,7 @@ from sarmitsuba.simulation.prediction.speed import Work
 from sarmitsuba.simulation.raw import echoes
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.statistics import TraceStatistics
-from sarmitsuba.timing import StageTimer
+from sarmitsuba.timing import Clock, StageTimer
 
 # value of a setting: number, switch, name
 Value = float | str
@@ -123,9 +123,9 @@ class Prepared:
     seconds: Mapping[str, float]
 
     @staticmethod
-    def of(scene: Scene) -> "Prepared":
+    def of(scene: Scene, clock: Clock) -> "Prepared":
         """Build and plan."""
-        run = Run(scene)
+        run = Run(scene, clock=clock)
         return Prepared(run, dict(run.timer.seconds))
 
     def trial(self, scene: Scene) -> Run:
@@ -168,7 +168,7 @@ def run_trial(
             stages = {k: v for k, v in echoes_of.stages.items() if k != "focus"}
         else:
             with compiling() as spent:
-                run = Run(changed) if prepared is None else prepared.trial(changed)
+                run = Run(changed, clock=clock.source) if prepared is None else prepared.trial(changed)
                 if method in ("image", "raster"):
                     imager = Imager(run, grid)
                     image = imager.image(pass_index) if method == "image" else imager.raster()
@@ -179,7 +179,7 @@ def run_trial(
             compiled += _take(stages, spent[0], ("trace", "raster", "plan", "points"))
             statistics, interval = run.statistics, run.report.key_pulse_interval if run.report else 1
         if raw is not None:
-            timer = StageTimer()
+            timer = StageTimer(clock.source)
             with compiling() as spent:
                 image = focus(raw, grid, focuser=setting.focuser)
             timer.lap("focus")

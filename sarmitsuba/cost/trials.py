@@ -93,7 +93,7 @@ class Trials:
         again: int,
     ) -> Trial:
         if part not in self._prepared:
-            self._prepared[part] = Prepared.of(scene)
+            self._prepared[part] = Prepared.of(scene, self.clock.source)
         traced = _key(part, setting.traced, pass_index, again)
         same = self._last[1] if self._last is not None and self._last[0] == traced else None
         trial = run_trial(
