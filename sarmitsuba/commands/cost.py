@@ -63,7 +63,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         if folder is not None:
             folder.check_names((RECORD, TEXT, PLOT, STATE))
         scene = scene_of(args)
-        console.expect({"cost": args.budget or 0.0}, at_most=True)
+        console.expect({"cost": args.budget or 1.0}, at_most=True)  # one stage: any weight is the whole
+        console.busy("running the scene once")
         state = None
         if folder is not None:
             if not args.resume:

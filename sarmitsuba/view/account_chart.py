@@ -58,7 +58,9 @@ def account_figure(account: Account, title: str = "") -> Figure:
     total = f"{account.total_db:.1f} dB of the image" if math.isfinite(account.total_db) else "none known"
     figure.text(8 / width, 1 - 18 / height, f"{title}error by cause: {total}", fontsize=9, parse_math=False)
     elapsed = sum(stage[1] for stage in stages)
-    figure.text(0.5 + 8 / width, 1 - 18 / height, f"time by stage: {elapsed:.3g} s", fontsize=9)
+    figure.text(
+        0.5 + 8 / width, 1 - 18 / height, f"time by stage: {elapsed:.3g} s", fontsize=9, parse_math=False
+    )
     for i, line in enumerate(reversed(notes)):
         figure.text(8 / width, (6 + _LINE * i) / height, line, fontsize=_SMALL, parse_math=False)
     return figure
@@ -69,9 +71,9 @@ def _errors(axes: Axes, account: Account) -> None:
     colours = [_BOUND if part.known == AT_MOST else _MEASURED for part in account.parts]
     _bars(axes, [part.name for part in account.parts], [100.0 * share for share in shares], colours)
     for i, (part, share) in enumerate(zip(account.parts, shares, strict=True)):
-        axes.text(102.0, i, _value(part, share), fontsize=_SMALL, va="center")
+        axes.text(102.0, i, _value(part, share), fontsize=_SMALL, va="center", parse_math=False)
     axes.set_xlim(0.0, 100.0)
-    axes.set_xlabel("share of the known error energy, %; light: at most", fontsize=_SMALL)
+    axes.set_xlabel("share of the known error energy, %; light: at most", fontsize=_SMALL, parse_math=False)
 
 
 def _times(axes: Axes, stages: Sequence[tuple[str, float, float]]) -> None:
@@ -82,9 +84,9 @@ def _times(axes: Axes, stages: Sequence[tuple[str, float, float]]) -> None:
     axes.barh(range(len(stages)), elapsed_seconds, height=0.34, color=_WALL)
     for i, (_, elapsed, processor) in enumerate(stages):
         text = f"{elapsed:.2f} s" + (f", {processor:.2f} CPU s" if math.isfinite(processor) else "")
-        axes.text(1.02 * most, i, text, fontsize=_SMALL, va="center")
+        axes.text(1.02 * most, i, text, fontsize=_SMALL, va="center", parse_math=False)
     axes.set_xlim(0.0, most)
-    axes.set_xlabel("seconds; light: processor seconds of all threads", fontsize=_SMALL)
+    axes.set_xlabel("seconds; light: processor seconds of all threads", fontsize=_SMALL, parse_math=False)
 
 
 def _bars(
