@@ -120,8 +120,8 @@ def test_more_bounces(name: str) -> None:
     change = deeper[0]
     before = image_error_db(image_of(name, shallow).total(), truth)
     after = image_error_db(image_of(name, kept(name) + change.options).total(), truth)
-    # tol: 2 dB, as above
-    assert after < change.error_db[1] + 2.0 and after < before - 3.0
+    # tol: 2 dB, as above; -120 dB: rounding
+    assert after < max(change.error_db[1], -120.0) + 2.0 and after < before - 3.0
 
 
 @pytest.mark.slow
