@@ -111,7 +111,7 @@ def _fringe(n: F64, x: C128, lit: NDArray[np.bool_]) -> C128:
     )
     x = real + 1j * x.imag
     small = lit & (np.abs(x) < _SERIES)
-    safe = np.where(small, 1.0, x)
+    safe: C128 = np.where(small, 1.0 + 0.0j, x)
     r2 = 1.0 / np.square(n)
     series = x * ((1.0 - r2) / 3.0 + np.square(x) * (1.0 - np.square(r2)) / 45.0)
     whole = _cot(safe / n) / n - np.where(lit, _cot(safe), 0.0)
