@@ -42,20 +42,31 @@ def backend_lock() -> Iterator[None]:
                 _holder = _threads = 0
 
 
-def take_one_thread() -> None:
-    """Let the back end compute in the calling thread alone, until its outermost locked call ends.
+def threads() -> int:
+    """Number of threads that the back end may use, as it was set outside of locked calls."""
+    drjit = sys.modules.get("drjit")
+    return _threads or (max(1, int(drjit.thread_count())) if drjit is not None else 1)
 
-    For short work: after every launch the waiting threads of Dr.Jit's pool keep their processors busy for milliseconds,
-    and each has its own copy of the grid that echoes are added to. Does nothing in a thread that has not locked the
+
+def take_threads(one: bool) -> None:
+    """Let the back end compute in the calling thread alone, or in all threads again.
+
+    Lasts until the outermost locked call of the calling thread ends; does nothing in a thread that has not locked the
     back end.
+
+    Notes
+    -----
+    One thread is for short work: after every launch the waiting threads of Dr.Jit's pool keep their processors busy for
+    milliseconds, and each has its own copy of the grid that echoes are added to.
     """
     global _threads
     drjit = sys.modules.get("drjit")
-    if drjit is None or _holder != threading.get_ident() or drjit.thread_count() <= 1:
+    if drjit is None or _holder != threading.get_ident() or one == (drjit.thread_count() <= 1):
         return
-    drjit.sync_thread()
-    _threads = int(drjit.thread_count())
-    drjit.set_thread_count(1)
+    if one or _threads:
+        drjit.sync_thread()
+        wanted, _threads = (1, threads()) if one else (_threads, 0)
+        drjit.set_thread_count(wanted)
 
 
 def exclusive(function: Callable[P, T]) -> Callable[P, T]:
