@@ -13,7 +13,7 @@ from math import prod
 from typing import Literal
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SUBSET_SHARES
@@ -380,7 +380,7 @@ def ratio_margin(above: F64, below: F64, n: int) -> float:
         return np.inf
     left = above - above.sum() / below.sum() * below
     error = np.sqrt((1.0 - k / n) * k / (k - 1.0) * np.sum(left**2)) / above.sum()
-    return float(student.ppf(CONFIDENCE, k - 1) * error)
+    return float(stdtrit(k - 1, CONFIDENCE) * error)
 
 
 def _stated(ratio: float, margin: float | None) -> tuple[float, bool]:
