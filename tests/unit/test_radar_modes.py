@@ -262,6 +262,10 @@ def test_spare_pulses_of_small_images_are_said(radar: str) -> None:
     spotlight = loaded(**{"sar_antenna.mode": "spotlight", "sar_antenna.prf": "0"})
     assert f"20 m in azimuth needs {spotlight.radar.track.n_pulses} at" in note
     assert small.radar.track.n_pulses >= 10 * spotlight.radar.track.n_pulses
-    wide = {"range_film.image_extent_azimuth": "3000"} if radar != "drone_ku" else {"sar_antenna.n_pulses": "900"}
+    wide = (
+        {"range_film.image_extent_azimuth": "3000"}
+        if radar != "drone_ku"
+        else {"sar_antenna.n_pulses": "900"}
+    )
     for other in (spotlight, loaded(**wide, **({"sar_antenna.prf": "0"} if radar == "drone_ku" else {}))):
         assert not any("pulses, where an image" in note for note in other.notes)
