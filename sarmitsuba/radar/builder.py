@@ -106,8 +106,8 @@ def build_radar(
         faded = faded_box(box, scene, width, cells[0], all_round=all_round)
         path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
         track, half_aperture = automatic_track(given, geometry, box, faded, waveform, antenna, path)
-        pulses, extent = track.n_pulses, image.extent_azimuth
-        notes += spare_pulses(given, geometry, (box, faded), waveform, antenna, path, pulses, extent)
+        boxes, pulses = (box, faded), track.n_pulses
+        notes += spare_pulses(given, geometry, boxes, waveform, antenna, path, pulses, image.extent_azimuth)
     track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
     receiver = receiver_track(given, track, aim, shift)
