@@ -3,7 +3,8 @@
 ``python benchmarks/run_all.py [FILE ...] [--quick] [--only NAME ...] [-o FOLDER] [--list]``. Benchmarks are the files
 in ``suite`` that hold ``@harness.benchmark``; FILE is one of your own that lies elsewhere. ``--quick`` runs small
 sizes, writes nothing into docs and takes under a minute. With ``--only`` the other sections of the page stay.
-``--list`` runs nothing: it only brings the page's lists of scripts up to date.
+``--list`` runs nothing: it only brings the page's lists of scripts up to date. ``--still-holds WHY`` enters, after a
+change of the kernels' sources, why the figures of the pages still hold.
 """
 
 import argparse
@@ -18,6 +19,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent / "suite"))
 sys.path.insert(0, str(Path(__file__).parent / "support"))
 import harness
+import kernel_sources
 import listing
 
 from sarmitsuba.errors import ExtensionError
@@ -33,8 +35,10 @@ machine below and on its load; ratios were measured in one run.
 
 {facts}
 
-{contents}
+{changes}{contents}
 """
+# sections that come first: what accuracy costs at a glance
+FIRST = ("error_time", "bounce_depth")
 # before the section of each benchmark, and before what follows them
 SECTION, END = "<!-- benchmark: {} -->", "<!-- by hand -->"
 
@@ -53,8 +57,13 @@ def main() -> int:
     parser.add_argument("-o", "--output", type=Path, default=harness.RESULTS)
     parser.add_argument("--collect", action="store_true", help="only collect what was run before")
     parser.add_argument("--list", action="store_true", help="only bring the lists of scripts up to date")
+    parser.add_argument(
+        "--still-holds", metavar="WHY", help="enter why figures hold after a change of the kernels' sources"
+    )
     args = parser.parse_args()
-    if args.list:
+    if args.still_holds:
+        kernel_sources.still_holds(args.still_holds)
+    if args.list or args.still_holds:
         collect(None)
         return 0
     try:
@@ -86,6 +95,8 @@ def run(wanted: list[harness.Benchmark], output: Path, quick: bool) -> list[str]
         print(f"== {benchmark.name}", flush=True)
         try:
             benchmark.run(quick).save(output)
+            if not quick:
+                kernel_sources.measured()
         except Exception:  # one broken benchmark must not lose the others
             traceback.print_exc()
             failed.append(benchmark.name)
@@ -116,8 +127,11 @@ def collect(output: Path | None, page: Path = DOCS / "benchmarks.md") -> None:
         head = "\n".join(f"| {k} | {v} |" for k, v in harness.machine().items() if k != "load")
         head = f"| machine | |\n|---|---|\n{head}"
     titles = {name: text.splitlines()[0].removeprefix("## ") for name, text in sections.items()}
-    parts = [HEAD.format(facts=head, contents=listing.suite(titles))]
-    parts += [f"{SECTION.format(name)}\n{text}" for name, text in sections.items()]
+    reasons = "\n".join(f"| `{k}` | {why} |" for k, why in kernel_sources.known().items() if why)
+    changes = f"| kernels' sources changed since, to | the figures hold because |\n|---|---|\n{reasons}\n\n"
+    parts = [HEAD.format(facts=head, changes=changes if reasons else "", contents=listing.suite(titles))]
+    order = [name for name in FIRST if name in sections] + [name for name in sections if name not in FIRST]
+    parts += [f"{SECTION.format(name)}\n{sections[name]}" for name in order]
     page.write_text("\n".join([*parts, f"{END}\n{listing.by_hand()}\n"]), encoding="utf-8")
 
 

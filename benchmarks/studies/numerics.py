@@ -15,6 +15,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import _support
+import kernel_sources
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -100,7 +102,7 @@ def figure(value: float | None, unit: str) -> str:
 
 def page(collector: Collector) -> str:
     """Return the Markdown page."""
-    parts = [HEAD]
+    parts = [HEAD, f"\n{kernel_sources.statement(kernel_sources.current())}\n"]
     modules = [m for m in ORDER if m in collector.counts]
     modules += sorted(m for m in collector.lines if m not in modules)
     for module in modules:
@@ -141,6 +143,7 @@ def main() -> None:
     if status != 0:
         print("a test failed: the page is not written", file=sys.stderr)
         sys.exit(1)
+    kernel_sources.measured()
     args.output.write_text(text, encoding="utf-8")
 
 

@@ -9,6 +9,8 @@ import numpy as np
 # what comes back after the eighth bounce is below float32's rounding in all four scenes
 DEEPEST = 8
 DEPTHS = (1, 2, 3, 4, 5, 6, 8)
+# bounces of the pictures, and the span of their grey levels below the brightest percent, dB
+SHOWN, SPAN_DB = (1, 2, 3, 4), 45.0
 # of the pulses: the middle of the aperture is enough for energies, and a quarter of the time
 PULSES = {"tower": 0.25, "bridge": 0.25, "urban_block": 0.25, "Munich": 0.25}
 
@@ -40,6 +42,23 @@ def orders(scene: Any) -> np.ndarray:
             for o in range(1, DEEPEST + 1)
         ]
     )
+
+
+def pictures(name: str, layers: np.ndarray, seconds: list[float]) -> Any:
+    """Image of each depth above what its last bounce adds, on one grey scale; titled with what the depth costs."""
+    figure, axes = harness.new_figure(3.0 * len(SHOWN), 6.4, len(SHOWN), 2)
+    total = np.abs(layers.sum(axis=0))
+    top = 20.0 * np.log10(np.percentile(total, 99.0))
+    for depth, (above, below) in zip(SHOWN, axes.T, strict=True):
+        for ax, image in ((above, layers[:depth].sum(axis=0)), (below, layers[depth - 1])):
+            level = 20.0 * np.log10(np.maximum(np.abs(image), 1e-30)) - top
+            ax.imshow(level, cmap="gray", vmin=-SPAN_DB, vmax=0.0, origin="lower", aspect="auto")
+            ax.set(xticks=[], yticks=[])
+            ax.grid(False)
+        above.set_title(f"up to bounce {depth}: {seconds[depth - 1]:.2f} s", fontsize=9)
+        below.set_title(f"bounce {depth} alone", fontsize=9)
+    figure.suptitle(f"{name}: range to the right, azimuth up, {SPAN_DB:g} dB", fontsize=10)
+    return figure
 
 
 @harness.benchmark
@@ -94,6 +113,8 @@ def run(quick: bool) -> harness.Report:
         )
         report.data[name] = rows
         shown = [r for r in rows if r[1] > -100]
+        if name in ("urban_block", "Munich"):
+            report.figure(name, pictures(name, layers, [r[4] for r in rows]))
         left.plot([r[0] for r in shown], [r[1] for r in shown], "o-", label=name)
         right.plot([r[0] for r in rows], [r[4] / rows[0][4] for r in rows], "o-", label=name)
     left.set(

@@ -140,6 +140,8 @@ class Report:
     def markdown(self, images: str = "") -> str:
         """The report as Markdown; ``images`` is the folder of the pictures as seen from the page."""
         lines = [f"## {self.title}", "", self.text, ""]
+        for name in self.figures:
+            lines += [f"![{self.title}: {name}]({images}{self.name}_{name}.png)", ""]
         for t in self.tables:
             if t["caption"]:
                 lines += [f"**{t['caption']}**", ""]
@@ -157,10 +159,11 @@ class Report:
                     f"{c['unit']} | {assessment} |"
                 )
             lines.append("")
-        for name in self.figures:
-            lines += [f"![{self.title}: {name}]({images}{self.name}_{name}.png)", ""]
         lines += [f"{note}  " for note in self.notes]
-        lines += [f"Load average when it ended: {load()} on {self.machine['cores']} cores.", ""]
+        import kernel_sources
+
+        ended = f"Load average when it ended: {load()} on {self.machine['cores']} cores."
+        lines += [f"{ended} {kernel_sources.statement(kernel_sources.current())}", ""]
         return "\n".join(lines)
 
     def save(self, folder: Path) -> None:
@@ -217,15 +220,15 @@ def _cell(value: Any) -> str:
     return str(value)
 
 
-def new_figure(width: float = 7.0, height: float = 4.4, columns: int = 1) -> tuple[Any, Any]:
-    """A Matplotlib figure without a window system, and its axes."""
+def new_figure(width: float = 7.0, height: float = 4.4, columns: int = 1, rows: int = 1) -> tuple[Any, Any]:
+    """A Matplotlib figure without a window system, and its axes: one, or an array without dimensions of 1."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(1, columns)
-    for ax in [axes] if columns == 1 else axes:
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for ax in axes.flat:
         ax.grid(alpha=0.3)
-    return figure, axes
+    return figure, axes[0, 0] if axes.size == 1 else axes.squeeze()
 
 
 def munich() -> Path | None:

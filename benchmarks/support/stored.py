@@ -32,7 +32,10 @@ def filled(page: str, name: str, text: str) -> str:
 
 def show(name: str, text: str, page: str = "effects_measured.md") -> None:
     """Put what a study generates onto its page."""
+    import kernel_sources
+
     path = DOCS / page
+    text = f"{text.strip()}\n\n{kernel_sources.statement(kernel_sources.measured())}"
     path.write_text(filled(path.read_text(encoding="utf-8"), name, text), encoding="utf-8")
 
 

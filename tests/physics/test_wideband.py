@@ -407,10 +407,51 @@ def test_a_narrow_band_is_traced_at_the_carrier() -> None:
     assert plan_effects(scene.replace(wideband="off"), warn=False).sub_bands == 1
 
 
-@pytest.mark.parametrize("power", [1, -1])
-def test_what_is_odd_about_the_carrier_moves_neither_level_nor_place(power: int) -> None:
+def test_diffuse_returns_of_a_narrow_band_are_traced_at_the_carrier() -> None:
+    """Rough walls whose law grows faster than f: off at 3 % of bandwidth, with the error that is left; on at 15 %."""
+    rough = Material(
+        "rough", 5.0 - 0.3j, diffuse_law="small_slope", rms_height=0.0005, correlation_length=0.002
+    )
+    for bandwidth, count in ((0.3e9, 1), (1.5e9, 2)):
+        scene = scene_of(
+            [SceneMesh(facing(np.zeros(3), (0.5, 0.5)), SQUARE, rough, "wall")],
+            frequency=10e9,
+            bandwidth=bandwidth,
+        )
+        plan = plan_effects(scene.replace(coherent="off", roughness="off"), warn=False)
+        decision = plan.decision("wideband")
+        assert plan.sub_bands == count, decision
+        assert "the diffuse return of rough" in decision.why
+        linear = 20.0 * np.log10(bandwidth / 10e9 / np.sqrt(12.0))
+        assert 3.0 < decision.error_db - linear < 6.5, decision  # sqrt(sigma0) as f^1.5 to f^2
+        assert decision.error_db > -40.0
+
+
+@pytest.mark.parametrize(("power", "bandwidth"), [(1, 0.11), (-1, 0.11), (3.5, 0.031)])
+def test_random_scatterers_keep_their_mean_power(power: float, bandwidth: float) -> None:
+    """Clutter whose amplitudes are a power of f over the band: the mean power and the statistics of a flat one."""
+    rng = np.random.default_rng(int(10 * power) % 97)
+    node, weight = np.polynomial.legendre.leggauss(120)
+    amplitude = (1.0 + 0.5 * bandwidth * node) ** power
+    places, cells = rng.uniform(-40.0, 40.0, 4000), np.arange(-30.0, 30.0)
+    phases = np.exp(2j * np.pi * rng.random(4000))
+    spectrum_of_clutter = np.exp(-1j * np.pi * np.outer(node, places)) @ phases
+    got, flat = (
+        np.exp(1j * np.pi * np.outer(cells, node)) @ (0.5 * weight * a * spectrum_of_clutter)
+        for a in (amplitude, np.ones_like(node))
+    )
+    error = 10.0 * np.log10(np.mean(np.abs(got - flat) ** 2) / np.mean(np.abs(flat) ** 2))
+    stated = 20.0 * np.log10(abs(power) * bandwidth / np.sqrt(12.0))
+    assert abs(error - stated) < 1.5  # tol: 60 cells of speckle
+    powers = np.mean(np.abs(got) ** 2), np.mean(np.abs(flat) ** 2)
+    # tol: of first order in the error, -30 dB, times the correlation left between 60 cells, 1 / sqrt(60)
+    assert abs(10.0 * np.log10(powers[0] / powers[1])) < 0.05
+
+
+@pytest.mark.parametrize(("power", "bandwidth"), [(1, 0.11), (-1, 0.11), (3.5, 0.031)])
+def test_what_is_odd_about_the_carrier_moves_neither_level_nor_place(power: float, bandwidth: float) -> None:
     """At B / fc = 0.11 a return as f or 1/f has the peak and the place of a flat one, and -30 dB of it beside them."""
-    carrier, bandwidth = 1.0, 0.11
+    carrier = 1.0
     node, weight = np.polynomial.legendre.leggauss(200)
     amplitude = (1.0 + 0.5 * bandwidth / carrier * node) ** power
     cells = np.linspace(-3.0, 3.0, 6001)

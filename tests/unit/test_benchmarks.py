@@ -137,3 +137,35 @@ def test_sections_that_were_not_run_stay_on_the_page(runner: ModuleType, tmp_pat
     page.unlink()
     runner.collect(out, page)
     assert "| cores |" in page.read_text(encoding="utf-8")
+
+
+def test_the_hash_of_sources_counts_code_and_not_words(benchmark_script: Callable[[str], ModuleType]) -> None:
+    sources = benchmark_script("kernel_sources")
+    code = (
+        'class A:\n    """Words."""\n\n    # more words\n    def f(self):\n'
+        '        """Words,\n        two lines.\n        """\n        return "# no comment"\n'
+    )
+    plain = 'class A:\n    def f(self):\n        return "# no comment"'
+    assert sources.without_words(code) == plain
+    assert sources.without_words(plain + "  \n\n") == plain
+    assert sources.without_words(plain.replace("no", "another")) != plain
+
+
+def test_figures_hold_while_every_change_has_its_reason(
+    benchmark_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    sources, stored = benchmark_script("kernel_sources"), benchmark_script("stored")
+    monkeypatch.setattr(stored, "FOLDER", tmp_path)
+    now = "a" * 12
+    monkeypatch.setattr(sources, "current", lambda: now)
+    assert sources.holds(now) and not sources.holds("b" * 12)
+    sources.measured()
+    now = "b" * 12
+    assert not sources.holds("a" * 12)
+    sources.still_holds("only names changed")
+    assert sources.holds("a" * 12) and sources.holds("b" * 12)
+    now = "c" * 12
+    sources.measured()  # another benchmark is measured anew: that is no reason for the first
+    assert sources.holds("c" * 12) and not sources.holds("a" * 12)
+    sources.still_holds("the same bits")
+    assert sources.holds("a" * 12)

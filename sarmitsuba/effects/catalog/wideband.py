@@ -68,14 +68,14 @@ class Wideband(Effect):
 
     .. math:: \frac{B}{\sqrt{12} f_c}
 
-    This, the return of a facet's corner (as 1/f) and the coherent loss of a rough surface are real factors that are odd
-    about the carrier up to second order: in quadrature to the peak, they change neither level nor position, but
-    side lobes and the nulls between them. These need the effect from 10 dB above the tolerance on (by default from
-    B / f_c = 0.11 on).
+    This, the return of a facet's corner (as 1/f), the coherent loss of a rough surface and diffuse laws (as a power of
+    f through both ends of the band) are real factors that are odd about the carrier up to second order: in quadrature
+    to the peak, they change neither level nor position, but side lobes and the nulls between them. These need the
+    effect from 10 dB above the tolerance on (by default from B / f_c = 0.11 on).
 
     Reflection coefficients of half spaces and slabs, and transmission through slabs, are compared with those at the
-    carrier, relative to the incident wave; diffuse laws at both ends of the band. They need the effect from the
-    tolerance on. The number of frequencies is such that the error of each is 10 dB below the tolerance.
+    carrier, relative to the incident wave. They need the effect from the tolerance on. The number of frequencies is
+    such that the error of each is 10 dB below the tolerance.
     """
 
     name = "wideband"
@@ -207,7 +207,8 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
                 if share > context.tolerance_db:
                     yield _Law(what, left, share, _ODD_ABOVE_TOLERANCE_DB)
         if decided["diffuse"].on and material.scatters:
-            yield _Law(f"the diffuse return of {material.name}", _diffuse(material, frequency, relative))
+            level = _diffuse(material, frequency, relative)  # a power of f: odd about the carrier as well
+            yield _Law(f"the diffuse return of {material.name}", level, above_db=_ODD_ABOVE_TOLERANCE_DB)
 
 
 def _steepest(context: SceneContext) -> float:
