@@ -167,9 +167,13 @@ class Run:
         ResourceError
             The run does not fit into memory.
         """
-        needs = self.needs(grid)
-        needs.check()
-        take_threads(one=sum(needs.seconds.get(stage, 0.0) for stage in SHARED) < ONE_THREAD)
+        self.needs(grid).check()
+        self.choose_threads(grid)
+
+    def choose_threads(self, grid: ImageGrid | None = None) -> None:
+        """Let one thread compute a short run, and all threads a longer one; see :mod:`sarmitsuba.exclusive`."""
+        seconds = self.needs(grid).seconds
+        take_threads(one=sum(seconds.get(stage, 0.0) for stage in SHARED) < ONE_THREAD)
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
         """Tracer of this scene; ``antenna_pattern`` off leaves out the weight of the beam."""
