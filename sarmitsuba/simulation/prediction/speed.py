@@ -9,6 +9,7 @@ import numpy as np
 
 from sarmitsuba.exclusive import threads
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.statistics import TraceStatistics
 
 
 @dataclass(frozen=True)
@@ -227,6 +228,16 @@ def scatterers_met(sampling: SamplingPlan) -> float:
 def run_seconds(sampling: SamplingPlan) -> float:
     """Estimated seconds of the reference core for simulating and focusing; basis of decisions on any machine."""
     return USUAL_CORE.seconds(expected_work(sampling))
+
+
+def ray_share(statistics: TraceStatistics, subsets: int) -> float:
+    """Share of the time of tracing that is proportional to the number of rays, on the reference core.
+
+    The rest belongs to launches: one per key pulse and ray subset.
+    """
+    rays = USUAL_CORE.stages(Work(rays=statistics.rays))["trace"]
+    launches = USUAL_CORE.stages(Work(launches=max(1, statistics.key_pulses) * subsets))["trace"]
+    return rays / (rays + launches)
 
 
 def split_trace(full: Mapping[str, float], sparse: Mapping[str, float], fewer: float) -> dict[str, float]:
