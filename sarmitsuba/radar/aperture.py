@@ -24,7 +24,7 @@ MAX_PULSES = 10_000_000
 MAX_APERTURE = 4.0  # largest length over slant range: the line of sight turns by 127 degrees
 # a note says so where a track has this many times the pulses that the image needs, and at least this many: fewer are
 # simulated in a second
-SPARE_FACTOR, SPARE_FROM = 10, 500
+SPARE_FACTOR, SPARE_FROM = 10, 1000
 # deviation from 1 of the footprint's speed over the antenna's up to which a beam counts as fixed to a straight track:
 # rounding
 _FIXED = 1e-9
@@ -311,8 +311,8 @@ def spare_pulses(
 ) -> tuple[str, ...]:
     """Note where the track has far more pulses than a spotlight of the image's extent and resolution needs.
 
-    A mode in which the beam passes over the pixels, and a given ``prf``, sample the Doppler bandwidth of the whole beam
-    for any image; pulses cost time in proportion.
+    A mode in which the beam passes over the pixels samples the Doppler bandwidth of the whole beam for any image;
+    pulses cost time in proportion. The ``prf`` of a spotlight is that of the radar it stands for: no note.
 
     Parameters
     ----------
@@ -322,9 +322,9 @@ def spare_pulses(
     (the others as for :func:`automatic_track`)
     """
     s, mode = given.sensor, MODES[given.sensor.mode]
-    settings = [f"mode = {s.mode}"] * mode.own_apertures + [f"prf = {s.prf:g} Hz"] * (s.prf > 0.0)
+    settings = [f"mode = {s.mode}"] + [f"prf = {s.prf:g} Hz"] * (s.prf > 0.0)
     within_beam = extent <= antenna.nulls[0] * geometry.slant_range
-    if s.n_pulses or not settings or mode.all_round or not within_beam:
+    if s.n_pulses or not mode.own_apertures or mode.all_round or not within_beam:
         return ()
     spotlight = replace(given, sensor=replace(s, mode="spotlight", prf=0.0))
     wanted = _Wanted(spotlight, geometry, *boxes, waveform, antenna, path)

@@ -248,7 +248,7 @@ def test_plans_show_the_beam() -> None:
     assert whole.get_xlim()[0] < edge[:, 0].min() and whole.get_ylim()[0] < edge[:, 1].min()
 
 
-@pytest.mark.parametrize("radar", ["spaceborne_x", "drone_ku", "iceye_spotlight", "sentinel1_stripmap"])
+@pytest.mark.parametrize("radar", ["spaceborne_x", "drone_ku", "sentinel1_stripmap"])
 def test_spare_pulses_of_small_images_are_said(radar: str) -> None:
     """The note's number is what a spotlight without prf has, and larger images have no note."""
 
