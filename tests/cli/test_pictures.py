@@ -20,7 +20,6 @@ def cities(benchmark_script: Callable[[str], ModuleType]) -> ModuleType:
 
 
 SMALL = {
-    "quarter": ("-D", "image_extent_limit=100"),
     "munich": ("-D", "image_extent_limit=120"),
     "urban_block": ("-D", "range_film.image_extent_azimuth=60"),
 }
