@@ -47,7 +47,7 @@ def browsing(path: str, folder: Path) -> Iterator[Any]:
             executable_path=path,
             args=list(FLAGS),
             offline=True,
-            viewport={"width": 960, "height": 600},  # WebGL in software draws every picture element
+            viewport={"width": 1280, "height": 800},
         )
         yield context
         context.close()
