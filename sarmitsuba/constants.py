@@ -16,3 +16,6 @@ EARTH_ROTATION = 7.292115e-5  # rad/s
 # share of the coherent rays, and weight in the image, of each ray subset of the error bars; 0: all rays together.
 # Three to one: subsets of different density also show errors that depend on density, which equal subsets share
 SUBSET_SHARES: dict[int, float] = {0: 1.0, 1: 0.75, 2: 0.25}
+# error energy of ray sampling falls with this power of the number of rays: 2.5 dB per doubling
+# (benchmarks/suite/error_bars.py)
+RAY_ERROR_ORDER = 0.83

@@ -18,23 +18,27 @@ class StageTimer:
     Attributes
     ----------
     seconds : by stage, in the order in which the stages first ended
+    processor : processor seconds by stage, of all threads of this process
     """
 
     def __init__(self, clock: Clock = time.perf_counter) -> None:
         self.clock = clock
         self.seconds: dict[str, float] = {}
+        self.processor: dict[str, float] = {}
         self._begin = self._last = clock()
+        self._last_processor = time.process_time()
 
     def lap(self, stage: str) -> None:
         """Add the time since the end of the last stage to ``stage``."""
-        now = self.clock()
+        now, used = self.clock(), time.process_time()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
-        self._last = now
+        self.processor[stage] = self.processor.get(stage, 0.0) + used - self._last_processor
+        self._last, self._last_processor = now, used
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Add the time of the ``with`` block to a stage."""
-        self._last = self.clock()
+        self._last, self._last_processor = self.clock(), time.process_time()
         try:
             yield
         finally:

@@ -15,6 +15,7 @@ NAME = "cost"
 HELP = "measure error against run time on a scene and recommend a setting"
 
 RECORD, TEXT, PLOT = "cost.json", "cost.md", "cost.png"
+STATE = "cost.trials"  # every finished trial
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,9 +29,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="wanted error of the image: energy of the error over energy of the image (default -20)",
     )
     parser.add_argument(
-        "--budget", type=float, default=300.0, metavar="S", help="seconds to spend on measuring (default 300)"
+        "--budget",
+        type=float,
+        metavar="S",
+        help="seconds to spend on measuring (default: 15 times a run of the scene)",
     )
     parser.add_argument("-o", "--output", metavar="OUT", help=f"folder for {RECORD}, {TEXT} and {PLOT}")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help=f"use what an earlier, also an interrupted study of this scene measured and kept in OUT/{STATE}",
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -39,21 +48,41 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.loader.tables import INTEGRATOR
 
     INTEGRATOR["target_error_db"].check_option("--target-error", args.target_error, "cost")
-    if not (args.budget > 0.0 and args.target_error < 0.0):
-        raise SceneError(
-            f"cost: --budget = {args.budget:g} s must be above 0, and --target-error = {args.target_error:g} dB below 0"
-        )
+    if args.budget is not None and not 0.0 < args.budget < float("inf"):
+        raise SceneError(f"cost: --budget = {args.budget:g} s must be above 0 and finite")
+    if not args.target_error < 0.0:
+        raise SceneError(f"cost: --target-error = {args.target_error:g} dB must be below 0")
+    if args.resume and not args.output:
+        raise SceneError("cost: --resume needs -o OUT, the folder of the earlier study")
     from sarmitsuba.cost.study import study_cost
+    from sarmitsuba.io.journal import remove_journal
     from sarmitsuba.io.output import output_folder
+    from sarmitsuba.simulation.fingerprint import fingerprint
 
     with output_folder(args.output) if args.output else nullcontext() as folder:
         if folder is not None:
-            folder.check_names((RECORD, TEXT, PLOT))
+            folder.check_names((RECORD, TEXT, PLOT, STATE))
         scene = scene_of(args)
-        console.expect({"cost": args.budget}, at_most=True)
-        report = study_cost(
-            scene, target_error_db=args.target_error, budget=args.budget, progress=console.progress
-        )
+        console.expect({"cost": args.budget or 1.0}, at_most=True)  # one stage: any weight is the whole
+        console.busy("running the scene once")
+        state = None
+        if folder is not None:
+            if not args.resume:
+                remove_journal(folder.path / STATE)
+            folder.announce(STATE)
+            state = folder.path / STATE
+        try:
+            report = study_cost(
+                scene,
+                target_error_db=args.target_error,
+                budget=args.budget or 0.0,
+                progress=console.progress,
+                state=state,
+                run_hash=fingerprint(scene, getattr(args, "extension", ())),
+            )
+        finally:
+            if folder is not None:
+                folder.enter(STATE)
         console.end_progress()
         command = f"python -m sarmitsuba render {args.scene}" + (
             f" --radar {args.radar}" if args.radar else ""
@@ -88,6 +117,7 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         "sweep, to its best value",
         *table(report),
         "",
+        *_skipped(report),
         f"the scene's own settings on the whole scene: {report.full_seconds:.2f} s (measured)",
         f"cheapest combinations (m: measured; errors are of {report.proof.text}, relative to "
         f"{report.estimated_against}; the unmarked ones are estimated from the measured ones):",
@@ -117,8 +147,15 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         lines.append("not checked: the time budget ran out first")
     lines.append(f"  {command} {found.options()} -o OUT")
     lines.append("  (seconds cover simulating and focusing, not start-up, reading, compiling and writing)")
-    lines.append(f"this study took {report.seconds:.0f} s")
+    again = f"; {report.reused} trials of an earlier one were not repeated" if report.reused else ""
+    lines.append(f"this study took {report.seconds:.0f} s of {report.budget:.0f} s{again}")
     return "\n".join(lines)
+
+
+def _skipped(report: "CostReport") -> list[str]:
+    """Line about the sweeps that the budget left out."""
+    names = ", ".join(report.skipped)
+    return [f"not swept or cut short: {names}; a larger --budget with --resume sweeps them"] if names else []
 
 
 def _short(changes: object) -> str:
@@ -148,6 +185,9 @@ def _save(folder: "OutputFolder", report: "CostReport", name: str, text: str) ->
         "measured_on": report.proof.text,
         "check": report.check,
         "plain_seconds": report.full_seconds,
+        "budget": report.budget,
+        "skipped": report.skipped,
+        "reused": report.reused,
         "seconds": report.seconds,
     }
     with folder.writing(RECORD) as path:

@@ -14,6 +14,7 @@ from sarmitsuba.timing import StageTimer
 if TYPE_CHECKING:
     from sarmitsuba.cluster.dask_workers import DaskWorkers
     from sarmitsuba.echo.raw_data import RawData
+    from sarmitsuba.focusing.alternatives import Alternative
     from sarmitsuba.focusing.focuser import Focuser
     from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.radar.image_request import ImageRequest
@@ -125,7 +126,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that say how to focus."""
+    """Add the arguments that say how to focus, and what to write of the image."""
+    parser.add_argument(
+        "--no-chart", action="store_true", help="do not draw accuracy.png: error by cause and time by stage"
+    )
     parser.add_argument(
         "--focuser",
         action=_Listing,
@@ -227,7 +231,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
             raw = read_raw(args.raw)
         request = _request(raw, args)
         orders = any(layer.order > 0 for layer in raw.layers)
-        names = results.expected_names(formats, raw.channels, raw=False, image=True, orders=orders)
+        names = results.expected_names(
+            formats, raw.channels, raw=False, image=True, orders=orders, chart=not args.no_chart
+        )
         run_hash = str(raw.metadata.get(results.RUN_HASH) or _run_hash_of(Path(args.raw)))
         if args.focuser == _ALL:
             names += (COMPARISON,)
@@ -339,7 +345,7 @@ def focus_into(
             progress=console.progress,
         )
     facts = image.metadata.get("focus", {})
-    done = {
+    done: dict[str, object] = {
         "method": args.focuser,
         "window": args.window,
         "motion_compensation": args.motion_compensation,
@@ -349,7 +355,24 @@ def focus_into(
     if "chosen" in facts:
         record["focus"] = {**done, "method": facts["method"], "chosen": facts["chosen"]}
         console.say(f"focuser: {facts['chosen']}")
-    return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
+
+    def others() -> "Sequence[Alternative]":
+        from sarmitsuba.focusing.alternatives import alternatives
+
+        if "motion_compensation" in facts:  # the straight track's focusers have another error
+            return ()
+        return alternatives(args.focuser, raw.radar, image.grid)
+
+    return results.store_image(
+        folder,
+        image,
+        results.Formats.parse(args.format),
+        watch,
+        record,
+        console,
+        chart=not args.no_chart,
+        others=others,
+    )
 
 
 def _compare(
@@ -384,5 +407,7 @@ def _compare(
     record["focusers"] = [result.as_dict() for result in found]
     image = found[0].image
     assert image is not None
-    results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
+    results.store_image(
+        folder, image, results.Formats.parse(args.format), watch, record, console, chart=not args.no_chart
+    )
     return results.draw_into(folder, COMPARISON, lambda: focusers_figure(found), console)

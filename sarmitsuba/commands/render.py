@@ -193,7 +193,12 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
     if _many_passes(scene):  # several passes are not replaced by one without --force
         run_hash += " passes"
     names = results.expected_names(
-        formats, scene.radar.channels, raw=with_raw, image=not args.no_focus, orders=settings.keep_orders
+        formats,
+        scene.radar.channels,
+        raw=with_raw,
+        image=not args.no_focus,
+        orders=settings.keep_orders,
+        chart=not (args.no_focus or args.no_chart),
     )
     if args.page:
         names += (PAGE,)
@@ -266,7 +271,7 @@ def _announcing(console: Console, args: argparse.Namespace, limit: float | None 
         if args.raw == "chirped" and needs.raw_bytes:
             needs = needs.recorded(radar.window.n_samples, n_fast_chirped(radar))
         formats, channels = results.Formats.parse(args.format), run.scene.radar.channels
-        needs = results.with_files(needs, formats, channels, image=not args.no_focus)
+        needs = results.with_files(needs, formats, channels, image=not args.no_focus, chart=not args.no_chart)
         needs.check()
         console.say(str(needs))
         console.say(f"plan: {run.plan.summary()}")
@@ -365,4 +370,6 @@ def _image_only(
         console.note(str(note))
     folder.clear(run_hash)
     record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
-    return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
+    return results.store_image(
+        folder, image, results.Formats.parse(args.format), watch, record, console, chart=not args.no_chart
+    )

@@ -2,8 +2,9 @@
 
 import dataclasses
 import importlib.metadata
+import math
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba import __version__
-from sarmitsuba.analysis.quality.error_budget import error_budget
+from sarmitsuba.analysis.quality.account import Account, StageTime, account
 from sarmitsuba.commands.console import Console
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SarmitsubaError
@@ -26,17 +27,21 @@ from sarmitsuba.timing import StageTimer
 from sarmitsuba.view.display import LARGEST, SMALLEST, magnification
 
 if TYPE_CHECKING:
+    from sarmitsuba.focusing.alternatives import Alternative
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.simulation.prediction.needs import Needs
     from sarmitsuba.view.quicklook import Drawing
 
+CHART = "accuracy.png"  # error by cause and time by stage
 PICTURE, PICTURE_ORDERS, RECORD = "quicklook.png", "quicklook_order.png", "parameters.json"
 BLOCKS = "raw.blocks"  # finished blocks of raw data that are being made
 PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
 RUN_HASH = "fingerprint"  # of scene, settings and program, in the metadata of raw data
 # processor seconds of a usual core, and bytes: importing what draws; a picture, and each of its screen pixels
 DRAWING, DRAWING_BYTES = 0.38, 28_000_000
-DRAWN, DRAWN_PIXEL, PIXEL_BYTES = 0.06, 1.2e-7, 75
+DRAWN, DRAWN_PIXEL, PIXEL_BYTES, CHARTED = 0.06, 1.2e-7, 75, 0.15
+# processor seconds of focusing from which other focusers are considered, and shortest stage shown, s
+LONG_FOCUS, LEAST_STAGE = 1.0, 1e-3
 # of a file, and of a byte in it
 WRITTEN, WRITTEN_BYTE = 0.02, 2e-9
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
@@ -88,9 +93,9 @@ class Formats:
 
 
 def expected_names(
-    formats: Formats, channels: Sequence[str], *, raw: bool, image: bool, orders: bool
+    formats: Formats, channels: Sequence[str], *, raw: bool, image: bool, orders: bool, chart: bool
 ) -> tuple[str, ...]:
-    """Names of the files that a run will write: raw data, image with pictures, bounce orders."""
+    """Names of the files that a run will write: raw data, image with pictures, bounce orders, chart of its account."""
     names = [RECORD]
     if raw:
         names += formats.names(raw=True)
@@ -98,6 +103,7 @@ def expected_names(
         names += [name for entry in formats.image for name in entry.names("image", channels)]
         names += [picture_name(channels, c) for c in channels]
         names += [PICTURE_ORDERS] if orders else []
+        names += [CHART] if chart else []
     return tuple(names)
 
 
@@ -161,7 +167,9 @@ def _stated(bar: Mapping[str, float]) -> str:
     return f"{bar['error_db']:.1f} dB +- {bar['confidence_db']:.1f} dB{bound}"
 
 
-def with_files(needs: "Needs", formats: Formats, channels: Sequence[str], *, image: bool) -> "Needs":
+def with_files(
+    needs: "Needs", formats: Formats, channels: Sequence[str], *, image: bool, chart: bool = True
+) -> "Needs":
     """Predicted needs of a run including the writing of files and pictures (stage ``files``).
 
     Parameters
@@ -170,6 +178,7 @@ def with_files(needs: "Needs", formats: Formats, channels: Sequence[str], *, ima
     formats : that are written
     channels : each has a picture
     image : whether the raw data are focused, or there are none
+    chart : whether a chart of the image's account is drawn
     """
     count = len(formats.raw) * (needs.raw_bytes > 0)
     planes = needs.layers // len(channels)
@@ -183,7 +192,7 @@ def with_files(needs: "Needs", formats: Formats, channels: Sequence[str], *, ima
         height, width = (side / max(min(needs.pixel_spacing), finest) for side in sides)
         shown = height * width * magnification(width, height, LARGEST, SMALLEST) ** 2
         count, written = count + len(formats.image), written + 8 * needs.pixels * len(formats.image)
-        seconds = DRAWING + len(channels) * (DRAWN + DRAWN_PIXEL * shown)
+        seconds = DRAWING + CHARTED * chart + len(channels) * (DRAWN + DRAWN_PIXEL * shown)
         size = max(size, DRAWING_BYTES + PIXEL_BYTES * shown)
     seconds += count * WRITTEN + written * WRITTEN_BYTE
     return (needs if image else needs.without_focus).then("files", seconds, size)
@@ -196,8 +205,17 @@ def store_image(
     watch: StageTimer,
     record: dict[str, object],
     console: Console,
+    *,
+    chart: bool,
+    others: Callable[[], Sequence["Alternative"]] = tuple,
 ) -> Path:
-    """Write the image in every requested format, its pictures and the record. Return the first picture's path."""
+    """Write the image in every requested format, its pictures and the record. Return the first picture's path.
+
+    Parameters
+    ----------
+    chart : whether to draw the account of error and time
+    others : gives focusers in place of the one used; called only where focusing takes long
+    """
     with watch.stage("error bars"):
         image = with_error_bars(image)
     errors = image.metadata.get("sampling_error", {})
@@ -205,11 +223,13 @@ def store_image(
         record["sampling_error"] = errors
         text = ", ".join(f"{channel} {_stated(bar)}" for channel, bar in errors.items())
         console.say(f"sampling error of the image: {text} ({next(iter(errors.values()))['source']})")
-    parts = error_budget(image)
+    found = _account(image, watch, others)
+    parts = found.parts
     record["errors"] = {part.name: part.as_dict() for part in parts}
     console.say(
         f"not in it: {', '.join(map(str, parts[1:]))}" if errors else f"errors: {', '.join(map(str, parts))}"
     )
+    console.say("; ".join(found.advice))
     failed: list[SarmitsubaError] = []
     with watch.stage("write image"):
         for entry, name in zip(formats.image, formats.names(raw=False), strict=True):
@@ -228,11 +248,50 @@ def store_image(
         "range_resolution_cell_m": image.range_resolution_cell,
     }
     # expensive results first, pictures last; the record is written again at the end with times and warnings
+    record["account"] = found.as_dict()
     save_record(folder, record)
     if failed:
         raise failed[0]
     with watch.stage("picture"):
-        return save_pictures(folder, image, console)
+        path = save_pictures(folder, image, console)
+    found = dataclasses.replace(found, stages=stage_times(image, watch))
+    record["account"] = found.as_dict()
+    if chart:
+        from sarmitsuba.view.account_chart import account_figure
+
+        title = f"{image.metadata['scene']}: " if image.metadata.get("scene") else ""
+        with watch.stage("chart"):
+            draw_into(folder, CHART, partial(account_figure, found, title), console)
+    return path
+
+
+def _account(image: SarImage, watch: StageTimer, others: Callable[[], Sequence["Alternative"]]) -> Account:
+    """Account of an image, before its files are written."""
+    asked = others() if watch.processor.get("focus", 0.0) >= LONG_FOCUS else ()
+    return account(image, stage_times(image, watch), asked)
+
+
+def stage_times(image: SarImage, watch: StageTimer) -> dict[str, StageTime]:
+    """Time by stage of a command; its simulation by the stages in the image's metadata.
+
+    The simulation of raw data that were made before is left out.
+    """
+    times = {
+        name: StageTime(s, watch.processor[name]) for name, s in watch.seconds.items() if s >= LEAST_STAGE
+    }
+    whole = times.get("simulate")
+    elapsed, used = (image.metadata.get(name) for name in ("seconds", "processor_seconds"))
+    if whole is None or not isinstance(elapsed, Mapping) or not isinstance(used, Mapping):
+        return times
+    parts = {name: StageTime(s, used.get(name, math.nan)) for name, s in elapsed.items() if s >= LEAST_STAGE}
+    left = [whole.elapsed - sum(t.elapsed for t in parts.values())]
+    left.append(whole.processor - sum(t.processor for t in parts.values()))
+    if left[0] >= LEAST_STAGE:
+        parts["simulate, other"] = StageTime(left[0], left[1])
+    found: dict[str, StageTime] = {}
+    for name, stage in times.items():
+        found |= parts if name == "simulate" else {name: stage}
+    return found
 
 
 def save_pictures(folder: OutputFolder, image: SarImage, console: Console) -> Path:

@@ -5,10 +5,18 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from sarmitsuba.simulation.prediction.speed import USUAL_CORE, SpeedModel, Work
+from sarmitsuba.timing import Clock
 
 
 class StudyClock(Protocol):
-    """Clock of a cost study."""
+    """Clock of a cost study.
+
+    Attributes
+    ----------
+    source : of the seconds that the stages of a run measure
+    """
+
+    source: Clock
 
     def now(self) -> float:
         """Seconds since a fixed moment."""
@@ -20,11 +28,14 @@ class StudyClock(Protocol):
 
 
 class WallClock:
-    """Elapsed seconds of this machine."""
+    """Seconds of this machine: elapsed, or with ``time.process_time`` those of its processors."""
+
+    def __init__(self, source: Clock = time.perf_counter) -> None:
+        self.source = source
 
     def now(self) -> float:
         """Seconds since a fixed moment."""
-        return time.perf_counter()
+        return self.source()
 
     def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
         """As measured."""
@@ -42,6 +53,7 @@ class WorkClock:
 
     def __init__(self, speed: SpeedModel = USUAL_CORE, stage_seconds: float = 5e-3) -> None:
         self.speed, self.stage_seconds = speed, stage_seconds
+        self.source: Clock = time.perf_counter
         self._elapsed = 0.0
 
     def now(self) -> float:

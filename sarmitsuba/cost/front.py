@@ -52,7 +52,7 @@ def measure_front(
         if not todo:
             return candidates
         pick = todo[0]
-        left = deadline - proof.clock.now() - proof.cost(chosen.seconds)
+        left = deadline - proof.trials.clock.now() - proof.cost(chosen.seconds)
         if proof.cost(pick.seconds) > (left if any(pick is c for c in near) else FAR_SHARE * left):
             skipped.add(index[id(pick)])
             continue

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.arrays import C64, C128
-from sarmitsuba.cost.clock import StudyClock
-from sarmitsuba.cost.trial import Changes, TrialSetting, run_trial
+from sarmitsuba.cost.trial import Changes, TrialSetting
+from sarmitsuba.cost.trials import Trials
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 
 Image = C64 | C128
 
 # runs shorter than this are repeated, s, and the faster one counts: disturbances only lengthen them
-STEADY = 3.0
+STEADY = 1.0
 # number of the first lattices of the reference, not used by any trial
 REFERENCE_PASS = 1000
 
@@ -32,12 +32,9 @@ class Reference:
     noise: float
 
     @staticmethod
-    def of(scene: Scene, setting: TrialSetting, grid: ImageGrid, clock: StudyClock) -> "Reference":
+    def of(scene: Scene, setting: TrialSetting, grid: ImageGrid, trials: Trials) -> "Reference":
         """Trace it."""
-        a, b = (
-            run_trial(scene, setting, grid, pass_index=REFERENCE_PASS + i, clock=clock).image
-            for i in range(2)
-        )
+        a, b = (trials.run(scene, setting, grid, pass_index=REFERENCE_PASS + i).image for i in range(2))
         mean = 0.5 * (a.astype(np.complex128) + b)
         return Reference(mean.astype(np.complex64), _energy(a - b) / (4.0 * _energy(mean)))
 
@@ -75,7 +72,7 @@ class Proof:
     reference : image of the field
     factor : ray spacing of the reference, relative to the automatic one
     text : description of the field
-    clock : time source
+    trials : of the study
     """
 
     scene: Scene
@@ -85,7 +82,7 @@ class Proof:
     reference: Reference
     factor: float
     text: str
-    clock: StudyClock
+    trials: Trials
 
     def cost(self, seconds: float) -> float:
         """Seconds for :meth:`measure` of a setting that takes ``seconds`` for the whole scene."""
@@ -94,13 +91,13 @@ class Proof:
     def measure(self, changes: Changes, pass_index: int = 0) -> ProofRun:
         """Error on the field and seconds on the whole scene, with these lattices."""
         setting = self.base.but(**changes)
-        trial = run_trial(self.field, setting, self.grid, pass_index=pass_index, clock=self.clock)
+        trial = self.trials.run(self.field, setting, self.grid, pass_index=pass_index)
         error = self.reference.error_db(trial.image)
         if self.field is not self.scene:
-            trial = run_trial(self.scene, setting, pass_index=pass_index, clock=self.clock)
+            trial = self.trials.run(self.scene, setting, pass_index=pass_index)
         seconds = trial.seconds
         if seconds < STEADY:
             seconds = min(
-                seconds, run_trial(self.scene, setting, pass_index=pass_index, clock=self.clock).seconds
+                seconds, self.trials.run(self.scene, setting, pass_index=pass_index, again=1).seconds
             )
         return ProofRun(error, seconds)

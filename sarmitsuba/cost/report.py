@@ -98,6 +98,9 @@ class CostReport:
     full_seconds : measured seconds of the plain setting for the whole scene
     reference : description of the sweeps' reference
     estimated_against : description of the reference of the combinations
+    budget : s, of the study
+    skipped : sweeps that the budget left no time for, or cut short
+    reused : trials of an earlier study that were not repeated
     seconds : of the whole study
     """
 
@@ -111,6 +114,9 @@ class CostReport:
     full_seconds: float
     reference: str
     estimated_against: str
+    budget: float
+    skipped: tuple[str, ...]
+    reused: int
     seconds: float
 
     def recommend(self, target_error_db: float) -> Recommendation:

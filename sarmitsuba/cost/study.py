@@ -2,15 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from sarmitsuba.cost.clock import StudyClock, WallClock
 from sarmitsuba.cost.front import measure_front
 from sarmitsuba.cost.model import CostModel
 from sarmitsuba.cost.proof import Proof, Reference
 from sarmitsuba.cost.report import CHECK_PASS, Candidate, CostReport, pareto, recommend, reference_text
-from sarmitsuba.cost.sweeps import REFERENCE_DEPTH, Sweeps, sweep_all, whole_stages
+from sarmitsuba.cost.sweeps import REFERENCE_DEPTH, Sweeps, held, sweep_all, whole_stages
 from sarmitsuba.cost.swept_piece import SWEEP_SHARE, field_of_proof, piece_to_sweep
-from sarmitsuba.cost.trial import TrialSetting, run_trial
+from sarmitsuba.cost.trial import Trial, TrialSetting
+from sarmitsuba.cost.trials import Trials
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid
@@ -19,6 +21,8 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
+# budget where none is given, in runs of the whole scene
+BUDGET_RUNS = 15.0
 # share of the budget after which only the recommendation is checked
 LAST_SHARE = 0.85
 # ray spacing of the sweeps' reference, relative to the automatic one
@@ -35,23 +39,26 @@ class _Task:
     base: TrialSetting
     target_error_db: float
     budget: float
-    clock: StudyClock
+    trials: Trials
+    whole: Trial
     begin: float
     report: Callable[[], None]
 
     @property
     def spent(self) -> float:
         """Elapsed seconds of the study."""
-        return self.clock.now() - self.begin
+        return self.trials.clock.now() - self.begin
 
 
 def study_cost(
     scene: Scene,
     *,
     target_error_db: float = -20.0,
-    budget: float = 300.0,
+    budget: float = 0.0,
     progress: Progress | None = None,
     clock: StudyClock | None = None,
+    state: Path | None = None,
+    run_hash: str = "",
 ) -> CostReport:
     """Sweep every parameter that trades accuracy for time, within a budget, and recommend a setting.
 
@@ -59,10 +66,13 @@ def study_cost(
     ----------
     scene : as loaded; its settings are the plain setting
     target_error_db : energy of the error over that of the image, dB
-    budget : s; large scenes are swept on a piece from the middle of the image
+    budget : s; scenes are swept on a piece from the middle of the image that fits it; 0: ``BUDGET_RUNS`` times the run
+        of the whole scene
     progress : called after every run
     clock : time source; default: elapsed time. With :class:`sarmitsuba.cost.clock.WorkClock` time is computed from the
         work, and the budget allows the same runs everywhere
+    state : file that keeps every finished trial; those of the same study in it are not repeated. None: none
+    run_hash : of the study, for ``state``
 
     Returns
     -------
@@ -71,7 +81,9 @@ def study_cost(
     Raises
     ------
     DataError
-        The scene has no mesh, so that nothing is traced.
+        The scene has no mesh, so that nothing is traced; a trial in ``state`` is not one of this program.
+    OutputError
+        ``state`` is another file, or cannot be written.
 
     Notes
     -----
@@ -86,14 +98,22 @@ def study_cost(
         raise DataError(
             f"{scene.name}: cost: the scene has no mesh, and the time for ideal points is negligible"
         )
-    task = _task(scene, target_error_db, budget, progress or silent, clock or WallClock())
+    trials = Trials(clock or WallClock(), state, run_hash)
+    try:
+        return _study(_task(scene, target_error_db, budget, progress or silent, trials))
+    finally:
+        trials.close()
+
+
+def _study(task: _Task) -> CostReport:
+    """All steps."""
     spacings = task.sampling.spacings
     sweeps, piece_text, converged = _sweep(task)
     proof = _proof(task, sweeps, piece_text, converged)
     candidates = _candidates(task, sweeps.model, proof)
-    recommendation = recommend(candidates, target_error_db)
+    recommendation = recommend(candidates, task.target_error_db)
     check = None
-    if task.spent + proof.cost(recommendation.setting.seconds) < budget:
+    if task.spent + proof.cost(recommendation.setting.seconds) < task.budget:
         check = proof.measure(recommendation.setting.changes, CHECK_PASS)
     return CostReport(
         rows=tuple(sweeps.rows),
@@ -106,14 +126,15 @@ def study_cost(
         full_seconds=sweeps.whole.seconds,
         reference=reference_text(spacings, SWEEP_FACTOR, REFERENCE_DEPTH),
         estimated_against=reference_text(spacings, proof.factor, REFERENCE_DEPTH),
+        budget=task.budget,
+        skipped=tuple(sweeps.skipped),
+        reused=task.trials.reused,
         seconds=task.spent,
     )
 
 
-def _task(
-    scene: Scene, target_error_db: float, budget: float, progress: Progress, clock: StudyClock
-) -> _Task:
-    begin = clock.now()
+def _task(scene: Scene, target_error_db: float, budget: float, progress: Progress, trials: Trials) -> _Task:
+    begin = trials.clock.now()
     plan = plan_scene(scene)
     sampling = SamplingPlan.of(scene, plan.flags)
     # in metres, so that a piece of the aperture, of coarser resolution, is sampled as the whole scene
@@ -128,10 +149,14 @@ def _task(
         }
     )
 
-    def report() -> None:
-        progress("cost", min(clock.now() - begin, budget), budget, {})
+    whole = trials.run(scene, base)
+    budget = budget or BUDGET_RUNS * whole.seconds
 
-    return _Task(scene, plan, sampling, base, target_error_db, budget, clock, begin, report)
+    def report() -> None:
+        progress("cost", min(trials.clock.now() - begin, budget), budget, {"trials": float(trials.count)})
+
+    trials.done = report
+    return _Task(scene, plan, sampling, base, target_error_db, budget, trials, whole, begin, report)
 
 
 def _dense(task: _Task, sweeps: Sweeps) -> TrialSetting:
@@ -143,15 +168,20 @@ def _dense(task: _Task, sweeps: Sweeps) -> TrialSetting:
 
 def _sweep(task: _Task) -> tuple[Sweeps, str, Reference]:
     """All sweeps, the description of the piece of the scene, and its reference."""
-    scene, base, spacings, clock = task.scene, task.base, task.sampling.spacings, task.clock
-    piece, text, plain = piece_to_sweep(scene, base, task.budget, task.sampling, clock)
-    whole = plain if piece is scene else run_trial(scene, base, clock=clock)
+    scene, base, spacings, trials, whole = (
+        task.scene,
+        task.base,
+        task.sampling.spacings,
+        task.trials,
+        task.whole,
+    )
+    piece, text, plain = piece_to_sweep(scene, base, task.budget, whole.seconds, trials)
     grid = default_grid(piece.radar, piece.image)
     # few rays: the remaining time is that of launches
-    few = run_trial(piece, base.but(**spacings.at(12.0)), grid, clock=clock)
+    few = trials.run(piece, held(base, plain).but(**spacings.at(12.0)), grid)
     model = CostModel(
         spacings,
-        {"hybrid": whole_stages(scene, base, spacings, whole, clock)},
+        {"hybrid": whole_stages(scene, base, spacings, whole, trials)},
         {
             "ray_spacing": spacings.coherent,
             "max_depth": task.plan.max_depth,
@@ -170,11 +200,10 @@ def _sweep(task: _Task) -> tuple[Sweeps, str, Reference]:
         launch_seconds=few.stages.get("trace", 0.0) / max(1, few.statistics.key_pulses),
         deadline=task.begin + SWEEP_SHARE * task.budget,
         model=model,
-        report=task.report,
         target_error_db=task.target_error_db,
-        clock=clock,
+        trials=trials,
     )
-    converged = Reference.of(piece, _dense(task, sweeps).but(**spacings.at(SWEEP_FACTOR)), grid, clock)
+    converged = Reference.of(piece, _dense(task, sweeps).but(**spacings.at(SWEEP_FACTOR)), grid, trials)
     sweep_all(sweeps, scene, task.plan, converged)
     return sweeps, text, converged
 
@@ -189,11 +218,10 @@ def _proof(task: _Task, sweeps: Sweeps, piece_text: str, converged: Reference) -
         grid = sweeps.grid
     else:
         grid = default_grid(field.radar, field.image)
-        against = Reference.of(field, _dense(task, sweeps).but(**spacings.at(factor)), grid, task.clock)
-        task.report()
+        against = Reference.of(field, _dense(task, sweeps).but(**spacings.at(factor)), grid, task.trials)
     # combinations have their own spacings, or none
     bare = TrialSetting({k: v for k, v in task.base.changes.items() if k not in spacings.at(1.0)})
-    return Proof(task.scene, field, grid, bare, against, factor, where, task.clock)
+    return Proof(task.scene, field, grid, bare, against, factor, where, task.trials)
 
 
 def _candidates(task: _Task, model: CostModel, proof: Proof) -> list[Candidate]:

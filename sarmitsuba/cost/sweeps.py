@@ -1,17 +1,19 @@
 """Sweeps of a cost study: one parameter at a time on a piece of the scene, for error and time by stage."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.model import AFFECTS, FLOOR_DB, CostModel
 from sarmitsuba.cost.proof import Reference
 from sarmitsuba.cost.report import SPARE_DB, Row
-from sarmitsuba.cost.trial import Trial, TrialSetting, Value, run_trial
+from sarmitsuba.cost.trial import Trial, TrialSetting, Value
+from sarmitsuba.cost.trials import Trials
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.errors import DataError, SarmitsubaError
+from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing.focuser import FOCUSERS, parse_focuser
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import split_trace
@@ -19,11 +21,26 @@ from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 # highest bounce order of the reference; later bounces are below -40 dB in every shipped scene
 REFERENCE_DEPTH = 6
-# ray spacings relative to the automatic one, finer for method image because its runs are short; coarser ones follow
-# while they are better than wanted
-SPACINGS = (0.71, 1.0, 1.41, 2.0, 2.83)
+# ray spacings relative to the automatic one, which is always measured; finer steps for method image because its runs
+# are short; coarser ones follow while they are better than wanted
+SPACINGS = (1.0, 0.71, 1.41, 2.0, 2.83)
 IMAGE_SPACINGS = (1.0, 1.19, 1.41, 1.68, 2.0, 2.38, 2.83, 3.36, 4.0, 4.76, 5.66)
 COARSEST = 16.0
+# error of a number of bounces below which more are not run, dB
+NO_MORE_DB = -60.0
+# wanted errors of factorised backprojection beside its own
+_FACTORISED = ("factorised,error=-35", "factorised,error=-65")
+# effects that a scene has only with certain contents, and that take time
+_COSTLY = (
+    "diffuse_pairs",
+    "slabs",
+    "transmission",
+    "edge_diffraction",
+    "line_scatterers",
+    "vegetation",
+    "water_motion",
+    "wideband",
+)
 
 
 @dataclass
@@ -40,11 +57,11 @@ class Sweeps:
     launch_seconds : of one launch, independent of its rays
     deadline : of the sweeps, on the clock
     model : to which the trials are added
-    report : called after every trial
     target_error_db : wanted error
-    clock : time source
+    trials : of the study
     rows : of the table
     now : latest run of the plain setting, reference of the ratios
+    skipped : sweeps without time, or cut short
     """
 
     scene: Scene
@@ -56,24 +73,31 @@ class Sweeps:
     launch_seconds: float
     deadline: float
     model: CostModel
-    report: Callable[[], None]
     target_error_db: float
-    clock: StudyClock
+    trials: Trials
     rows: list[Row] = field(default_factory=list)
     now: Trial | None = None
+    skipped: list[str] = field(default_factory=list)
 
     def left(self) -> float:
         """Seconds until the deadline."""
-        return self.deadline - self.clock.now()
+        return self.deadline - self.trials.clock.now()
+
+    def late(self, name: str) -> bool:
+        """Whether the deadline is over; the sweep is then noted as left out, or as cut short."""
+        if self.left() >= 0.0:
+            return False
+        if name not in self.skipped:
+            self.skipped.append(name)
+        return True
 
     def run(self, **changes: Value) -> Trial:
         """Run the plain setting with changes, on the piece."""
-        trial = run_trial(self.scene, self.base.but(**changes), self.grid, clock=self.clock)
-        self.report()
-        return trial
+        same = {k: v for k, v in changes.items() if self.base.changes.get(k, self.model.plain.get(k)) != v}
+        return self.trials.run(self.scene, self.base.but(**same), self.grid)
 
     def refresh(self, **changes: Value) -> None:
-        """Run the plain setting again, so that ratios refer to a run under the present load of the machine."""
+        """Setting to which ratios refer from here on."""
         self.now = self.run(**changes)
 
     def extend(self, factors: list[float], factor: float, error_db: float) -> None:
@@ -94,10 +118,19 @@ class Sweeps:
             out["launches"] = out["rays"] = launches
         return out
 
-    def note(self, parameter: str, value: Value, trial: Trial, error_db: float, remark: str = "") -> None:
-        """Add a trial to the table and the model."""
+    def note(
+        self,
+        parameter: str,
+        value: Value,
+        trial: Trial,
+        error_db: float,
+        remark: str = "",
+        on_whole: Mapping[str, float] | None = None,
+    ) -> None:
+        """Add a trial to the table and the model; ``on_whole``: factors of the ratios by stage on the whole scene."""
         error_db = max(error_db, FLOOR_DB)
         ratios = self.ratios(trial, parameter, value)
+        ratios |= {stage: ratios.get(stage, 1.0) * factor for stage, factor in (on_whole or {}).items()}
         self.model.errors[parameter, value] = error_db
         self.model.ratios[parameter, value] = ratios
         kept = AFFECTS.get(parameter, tuple(ratios))
@@ -116,48 +149,66 @@ class Sweeps:
 
     def paired(self, parameter: str, values: Iterable[Value], best: Value) -> None:
         """Sweep a parameter with the same rays; errors are against its best value."""
-        if self.left() < 0.0:
+        if self.late(parameter):
             return
         self.refresh()
         reference = self.run(**{parameter: best})
         self.note(parameter, best, reference, FLOOR_DB, "reference of its sweep")
         for value in values:
-            if self.left() < 0.0:
+            if self.late(parameter):
                 break
             trial = self.run(**{parameter: value})
-            self.note(parameter, value, trial, trial.error_db(reference.image))
+            error = trial.error_db(reference.image)
+            self.note(parameter, value, trial, error)
+            if parameter == "max_depth" and error < NO_MORE_DB:
+                break
 
 
 def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Reference) -> None:
-    """Sweep all parameters."""
+    """Sweep all parameters until the deadline, those that decide most first."""
+    _spacings(study, converged)
+    _focusers(study, scene)
     study.paired("max_depth", [d for d in (1, 2, 3, 4) if d < REFERENCE_DEPTH], REFERENCE_DEPTH)
+    _intervals(study)
     study.paired("gridding_width", [2, 3, 4], 6)
-    study.paired("phase_precision", ["single"], "double")
     _methods(study, scene, converged)
-    study.refresh(max_depth=REFERENCE_DEPTH)
+    _effects(study, plan)
+    _cells(study, plan)
+    study.paired("phase_precision", ["single"], "double")
+    _raw_row(study)
+
+
+def _spacings(study: Sweeps, converged: Reference) -> None:
+    """Sweep ray spacings with the blocks of the plain setting."""
+    interval = study.plain.key_pulse_interval
+    blocks = {"key_pulse_interval": interval} if interval > 1 else {}
+    study.refresh(max_depth=REFERENCE_DEPTH, **blocks)
     factors = list(SPACINGS)
     for factor in factors:
+        if factor != factors[0] and study.late("ray_spacing"):
+            return
         spacing = factor * study.model.spacings.coherent
-        trial = study.run(**study.model.spacings.at(factor), max_depth=REFERENCE_DEPTH)
+        trial = study.run(**study.model.spacings.at(factor), max_depth=REFERENCE_DEPTH, **blocks)
         error = converged.error_db(trial.image)
         study.note("ray_spacing", spacing, trial, error)
-        if "image" not in study.model.full:  # else method image covers coarse rays
-            study.extend(factors, factor, error)
-    _focusers(study)
-    _cells(study, plan)
-    _raw_row(study)
-    interval = study.plain.key_pulse_interval
-    n = study.scene.radar.track.n_pulses
-    # against four times the launches; twice as many again cost as much as everything else here
+        study.extend(factors, factor, error)
+
+
+def _intervals(study: Sweeps) -> None:
+    """Sweep key-pulse intervals against four times the launches; more of them would cost as much as everything else."""
+    interval, n = study.plain.key_pulse_interval, study.scene.radar.track.n_pulses
     best = max(8, interval // 4)
     if interval > 1 and n >= 16:
         others = [k for k in (256, 128, 64, 32, 16) if best < k <= n and k != interval]
         study.paired("key_pulse_interval", [interval, *others] if interval > best else others, best)
 
 
-def _focusers(study: Sweeps) -> None:
-    """Sweep the interpolations of backprojection, and omega-K where track and grid allow it."""
-    if study.left() < 0.0:
+def _focusers(study: Sweeps, scene: Scene) -> None:
+    """Sweep interpolations of backprojection, all other focusers, and the wanted error of factorised backprojection.
+
+    All focus the same echoes. Times and errors are carried to the whole scene by each focuser's own model of them.
+    """
+    if study.late("focuser"):
         return
     study.refresh()
     exact = study.run(interpolation="kernel:8")
@@ -165,24 +216,48 @@ def _focusers(study: Sweeps) -> None:
     for name in ("kernel", "kernel:4", "linear"):
         trial = study.run(interpolation=name)
         study.note("interpolation", name, trial, trial.error_db(exact.image))
-    study.note("focuser", "backprojection", study.run(focuser="backprojection"), FLOOR_DB)
-    try:
-        trial = study.run(focuser="omega_k")
-    except DataError:
-        return  # omega-K does not support the grid or the track
-    study.note("focuser", "omega_k", trial, trial.error_db(exact.image))
+    plain = study.run()
+    study.note("focuser", "backprojection", plain, max(FLOOR_DB, plain.error_db(exact.image)))
+    parts = [(s.radar.start_stop(), default_grid(s.radar, s.image)) for s in (study.scene, scene)]
+    exact_seconds = [FOCUSERS["backprojection"].cpu_seconds(*part) for part in parts]
+    for name in (*(f.name for f in FOCUSERS if f.name != "backprojection"), *_FACTORISED):
+        if study.late("focuser"):
+            return
+        focuser = parse_focuser(name)
+        if any(focuser.objection(*part) for part in parts):
+            continue  # the focuser does not support the grid or the track
+        trial = study.run(focuser=name)
+        stated = [focuser.error_db(*part) for part in parts]
+        remark = f"states at most {stated[1]:.1f} dB for the whole" if np.isfinite(stated[1]) else ""
+        grows = stated[1] - stated[0] if np.isfinite(stated).all() else 0.0
+        slower = [
+            focuser.cpu_seconds(*part) / exact for part, exact in zip(parts, exact_seconds, strict=True)
+        ]
+        error = trial.error_db(exact.image) + max(0.0, grows)
+        study.note("focuser", name, trial, error, remark, {"focus": slower[1] / slower[0]})
+
+
+def _effects(study: Sweeps, plan: EffectsPlan) -> None:
+    """Switch off, in turn, the effects whose cost a scene with panes, pairs, edges, water or volumes decides on."""
+    for name in _COSTLY:
+        decision = next((d for d in plan.decisions if d.name == name), None)
+        if decision is None or not decision.on or study.late(name):
+            continue
+        study.refresh()
+        trial = study.run(**{name: "off"})
+        study.note(name, "off", trial, trial.error_db(study.run().image), "against the effect on")
 
 
 def _cells(study: Sweeps, plan: EffectsPlan) -> None:
     """Sweep the scatterer cell: other cells are other random surfaces, so that levels are compared, not pixels."""
-    if not plan.flags.diffuse:
+    if not plan.flags.diffuse or study.late("scatterer_cell"):
         return
     cell = float(study.base.changes["scatterer_cell"])
     study.refresh()
     reference = study.run(scatterer_cell=cell)
     level = float(np.mean(np.abs(reference.image) ** 2))
     for factor in (0.5, 1.0, 2.0):
-        if study.left() < 0.0:
+        if study.late("scatterer_cell"):
             return
         trial = reference if factor == 1.0 else study.run(scatterer_cell=factor * cell)
         change = 10.0 * np.log10(float(np.mean(np.abs(trial.image) ** 2)) / level)
@@ -193,23 +268,21 @@ def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
     """Measure the two image-domain methods, timed on the whole scene since they are fast; spacings of ``image``."""
     model = study.model
     for name in ("raster", "image"):
+        if study.late(f"method {name}"):
+            return
         try:
             study.now = trial = study.run(method=name)
-            whole = (
-                trial
-                if study.scene is scene
-                else run_trial(scene, study.base.but(method=name), clock=study.clock)
-            )
+            whole = trial if study.scene is scene else study.trials.run(scene, study.base.but(method=name))
         except SarmitsubaError:
             continue  # ideal points only, or a scene that the method does not support
         if name == "raster":
             study.row("method", name, trial, converged.error_db(trial.image), whole.seconds)
             continue
         method = study.base.but(method=name)
-        model.full = {**model.full, name: whole_stages(scene, method, model.spacings, whole, study.clock)}
+        model.full = {**model.full, name: whole_stages(scene, method, model.spacings, whole, study.trials)}
         factors = list(IMAGE_SPACINGS)
         for factor in factors:
-            if study.left() < 0.0:
+            if study.late("method image"):
                 return
             spacing = factor * model.spacings.coherent
             trial = study.run(method=name, **model.spacings.at(factor))
@@ -236,19 +309,25 @@ def _raw_row(study: Sweeps) -> None:
 
 
 def whole_stages(
-    scene: Scene, setting: TrialSetting, spacings: RaySpacings, full: Trial, clock: StudyClock
+    scene: Scene, setting: TrialSetting, spacings: RaySpacings, full: Trial, trials: Trials
 ) -> dict[str, float]:
     """Seconds by stage of a setting on the whole scene: fixed, proportional to launches and proportional to rays.
 
     They are separated by a second run with an eighth of the rays; of the common time the smaller one counts.
     """
-    sparse = run_trial(scene, setting.but(**spacings.at(8.0**0.5)), clock=clock)
+    sparse = trials.run(scene, held(setting, full).but(**spacings.at(8.0**0.5)))
     same = {
         k: min(v, sparse.stages.get(k, v))
         for k, v in full.stages.items()
         if k not in ("trace", "launch grid")
     }
     return split_trace({**full.stages, **same}, sparse.stages, 8.0)
+
+
+def held(setting: TrialSetting, trial: Trial) -> TrialSetting:
+    """Setting with the blocks of a trial: automatic ones are shorter for wider rays."""
+    interval = trial.key_pulse_interval
+    return setting.but(key_pulse_interval=interval) if interval > 1 else setting
 
 
 def _stages_of(trial: Trial, launch_seconds: float) -> dict[str, float]:

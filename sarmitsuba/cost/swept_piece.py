@@ -2,19 +2,19 @@
 
 from collections.abc import Mapping
 
-from sarmitsuba.cost.clock import StudyClock
-from sarmitsuba.cost.trial import Trial, TrialSetting, run_trial
+from sarmitsuba.cost.trial import Trial, TrialSetting
+from sarmitsuba.cost.trials import Trials
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.prediction.speed import run_seconds
-from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop
 
 # shares of the budget: for the sweeps, and largest share for the reference
-SWEEP_SHARE, PROOF_SHARE = 0.4, 0.3
-# cost of all sweeps and of the reference, in runs of the plain setting
-SWEEP_RUNS = 60.0
-# factor of the first estimate of a run's seconds: slow machines, many bounces
-CAUTION = 4.0
+SWEEP_SHARE, PROOF_SHARE = 0.55, 0.25
+# cost of all sweeps and of the reference, in runs of the plain setting: each setting runs once, on shared geometry
+SWEEP_RUNS = 36.0
+# seconds of a run of the whole scene below which smaller pieces are hardly faster: launches and planning remain
+SHORT = 10.0
+# budget, in runs of the whole scene, below which sweeps and combinations have the same reference
+SHORT_STUDY = 40.0
 # candidate pieces of a scene: share of the image's extents, share of the pulses
 _PIECES = (
     (1.0, 1.0),
@@ -32,19 +32,25 @@ REFERENCES = ((1.0, 0.5), (1.0, 0.6), (0.7, 0.5), (0.7, 0.6), (0.5, 0.5), (0.5, 
 
 
 def piece_to_sweep(
-    scene: Scene, base: TrialSetting, budget: float, sampling: SamplingPlan, clock: StudyClock
+    scene: Scene, base: TrialSetting, budget: float, whole_seconds: float, trials: Trials
 ) -> tuple[Scene, str, Trial]:
-    """Largest piece of the scene whose sweeps fit the budget, its description, and a timed run of it."""
+    """Largest piece of the scene whose sweeps fit the budget, its description, and a timed run of it.
+
+    Parameters
+    ----------
+    whole_seconds : s, estimate for the whole scene
+    """
     allowed = SWEEP_SHARE * budget / SWEEP_RUNS
-    guess = CAUTION * run_seconds(sampling)
+    guess = whole_seconds
     n = scene.radar.track.n_pulses
     steps = [(s, p) for s, p in _PIECES if p == 1.0 or n * p >= 64]
+    if whole_seconds < SHORT:
+        steps = [(s, p) for s, p in steps if p == 1.0]
     index = next((i for i, (s, p) in enumerate(steps) if guess * s * s * p <= allowed), len(steps) - 1)
-    run_trial(crop(scene, *steps[-1]), base, clock=clock)  # compiles
     while True:
         share, pulses = steps[index]
         piece = scene if share >= 1.0 else crop(scene, share, pulses)
-        plain = run_trial(piece, base, clock=clock)
+        plain = trials.run(piece, base)
         if plain.seconds <= 1.5 * allowed or index == len(steps) - 1:
             break
         fall = plain.seconds / allowed / (share**2 * pulses)
@@ -70,13 +76,16 @@ def field_of_proof(
 ) -> tuple[Scene | None, float, str]:
     """Part of the scene for measuring the estimates, and the relative ray spacing of its reference.
 
-    As large and as densely sampled as a third of the budget allows; None if less than a third of the image's extents.
+    As large and as densely sampled as a quarter of the budget allows; None if less than a third of the image's extents,
+    and for small budgets: the swept piece and its reference serve.
 
     Parameters
     ----------
     full : seconds by stage of the plain setting on the whole scene
     budget, left : s, of the whole study, and its remainder
     """
+    if budget < SHORT_STUDY * sum(full.values()):  # a second reference would take what the combinations need
+        return None, 0.0, ""
     allowed = min(PROOF_SHARE * budget, 0.6 * left)
     fixed = full.get("build", 0.0) + full.get("plan", 0.0)
     for share, factor in REFERENCES:

@@ -12,6 +12,7 @@ import numpy as np
 from sarmitsuba.arrays import C64
 from sarmitsuba.backend import dr
 from sarmitsuba.cost.clock import StudyClock, WallClock
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
@@ -22,8 +23,8 @@ from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.prediction.speed import Work
 from sarmitsuba.simulation.raw import echoes
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
-from sarmitsuba.timing import StageTimer
+from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.timing import Clock, StageTimer
 
 # value of a setting: number, switch, name
 Value = float | str
@@ -39,16 +40,34 @@ class TrialSetting:
 
     Parameters
     ----------
-    changes : values by fields of ``TraceSettings``; also ``focuser`` (its name) and ``interpolation`` (an option of
-        backprojection)
+    changes : values by fields of ``TraceSettings``; also ``focuser`` (with its options), ``interpolation`` (an option
+        of backprojection), and names of effects (``on``, ``off``)
     """
 
     changes: Changes = field(default_factory=dict)
 
     def apply(self, scene: Scene) -> Scene:
         """The scene with these settings."""
+        settings = scene.settings
         own = {k: v for k, v in self.changes.items() if k in _TRACE_FIELDS}
-        return replace(scene, settings=replace(scene.settings, **own))  # type: ignore[arg-type]
+        effects = {name: self.changes.get(name, switch) for name, switch in settings.effects.items()}
+        changed = replace(settings, **own, effects=effects)  # type: ignore[arg-type]
+        return replace(scene, settings=changed)
+
+    @property
+    def focuser(self) -> str:
+        """As ``render`` takes it."""
+        text = str(self.changes.get("focuser", "backprojection"))
+        return (
+            f"{text},interpolation={self.changes['interpolation']}"
+            if "interpolation" in self.changes
+            else text
+        )
+
+    @property
+    def traced(self) -> "TrialSetting":
+        """The settings without the focuser: those of the echoes."""
+        return TrialSetting({k: v for k, v in self.changes.items() if k not in ("focuser", "interpolation")})
 
     def but(self, **changes: Value) -> "TrialSetting":
         """A copy with some values replaced."""
@@ -67,7 +86,8 @@ class Trial:
     compile_seconds : spent on compiling kernels
     peak_bytes : largest growth of the resident memory; -1: unknown
     statistics : of the tracing
-    sampling : rays of the raw data; None for methods without raw data
+    key_pulse_interval : pulses per tracing; 1 for methods without raw data
+    raw : echoes; None: not kept, or a method without
     """
 
     setting: TrialSetting
@@ -76,21 +96,44 @@ class Trial:
     compile_seconds: float
     peak_bytes: int
     statistics: TraceStatistics
-    sampling: SamplingReport | None
+    key_pulse_interval: int
+    raw: RawData | None = None
 
     @property
     def seconds(self) -> float:
         """Total seconds of all stages."""
         return float(sum(self.stages.values()))
 
-    @property
-    def key_pulse_interval(self) -> int:
-        """Pulses per tracing; 1 for methods without raw data."""
-        return self.sampling.key_pulse_interval if self.sampling else 1
-
     def error_db(self, reference: C64) -> float:
         """Energy of the difference from a reference, relative to the reference, dB."""
         return image_error_db(self.image, reference)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Geometry and pilot of a scene, shared by its trials.
+
+    Parameters
+    ----------
+    run : of the scene's own settings, not traced
+    seconds : of preparing it, by stage
+    """
+
+    run: Run
+    seconds: Mapping[str, float]
+
+    @staticmethod
+    def of(scene: Scene, clock: Clock) -> "Prepared":
+        """Build and plan."""
+        run = Run(scene, clock=clock)
+        return Prepared(run, dict(run.timer.seconds))
+
+    def trial(self, scene: Scene) -> Run:
+        """Run with other settings, whose stages include the preparation."""
+        run = self.run.otherwise(scene)
+        for stage in ("build", "plan"):
+            run.timer.seconds[stage] = run.timer.seconds.get(stage, 0.0) + self.seconds.get(stage, 0.0)
+        return run
 
 
 @exclusive
@@ -101,43 +144,56 @@ def run_trial(
     *,
     pass_index: int = 0,
     clock: StudyClock = WALL_CLOCK,
+    prepared: Prepared | None = None,
+    echoes_of: Trial | None = None,
 ) -> Trial:
-    """Run a setting; Dr.Jit's compile time is counted separately."""
+    """Run a setting; Dr.Jit's compile time is counted separately.
+
+    Parameters
+    ----------
+    scene, setting : to run
+    grid : of the image; None: the default
+    pass_index : other values shift the lattices
+    clock : time source
+    prepared : geometry and pilot of the scene; None: made here
+    echoes_of : earlier trial with the same settings but the focuser, whose echoes are focused and whose seconds count
+    """
     changed = setting.apply(scene)
     method = changed.settings.method
     grid = grid or default_grid(scene.radar, scene.image)
-    compiled, samples = 0.0, 0
+    compiled, raw = 0.0, None
     with memory() as peak:
-        with compiling() as spent:
-            run = Run(changed)
-            if method in ("image", "raster"):
-                imager = Imager(run, grid)
-                image = imager.image(pass_index) if method == "image" else imager.raster()
-                stages = dict(image.metadata["seconds"])
-            else:
-                raw = echoes(run, pass_index=pass_index)
-                stages, samples = dict(raw.metadata["seconds"]), raw.data.size
-        compiled += _take(stages, spent[0], ("trace", "raster", "plan", "points"))
-        if samples:
-            focuser = str(setting.changes.get("focuser", "backprojection"))
-            if "interpolation" in setting.changes:
-                focuser += f",interpolation={setting.changes['interpolation']}"
-            timer = StageTimer()
+        if echoes_of is not None and echoes_of.raw is not None:
+            raw, statistics, interval = echoes_of.raw, echoes_of.statistics, echoes_of.key_pulse_interval
+            stages = {k: v for k, v in echoes_of.stages.items() if k != "focus"}
+        else:
             with compiling() as spent:
-                image = focus(raw, grid, focuser=focuser)
+                run = Run(changed, clock=clock.source) if prepared is None else prepared.trial(changed)
+                if method in ("image", "raster"):
+                    imager = Imager(run, grid)
+                    image = imager.image(pass_index) if method == "image" else imager.raster()
+                    stages = dict(image.metadata["seconds"])
+                else:
+                    raw = echoes(run, pass_index=pass_index)
+                    stages = dict(raw.metadata["seconds"])
+            compiled += _take(stages, spent[0], ("trace", "raster", "plan", "points"))
+            statistics, interval = run.statistics, run.report.key_pulse_interval if run.report else 1
+        if raw is not None:
+            timer = StageTimer(clock.source)
+            with compiling() as spent:
+                image = focus(raw, grid, focuser=setting.focuser)
             timer.lap("focus")
             stages |= timer.seconds
             compiled += _take(stages, spent[0], ("focus",))
-    statistics = run.statistics
     work = Work(
         rays=statistics.rays,
         launches=statistics.key_pulses,
         path_pulses=statistics.path_pulses,
-        samples=samples,
+        samples=raw.data.size if raw is not None else 0,
         pixel_pulses=image.data.size * changed.radar.track.n_pulses,
     )
     stages = clock.stages(stages, work)
-    return Trial(setting, image.total(), stages, compiled, peak[0], statistics, run.report)
+    return Trial(setting, image.total(), stages, compiled, peak[0], statistics, interval, raw)
 
 
 @contextmanager

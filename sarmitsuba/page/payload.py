@@ -92,6 +92,7 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         "radar": None,
         "echo": None,
         "paths": None,
+        "account": account_payload(run.account),
     }
     if run.raw is not None and run.raw.radar.start_stop().receiver is not None:
         say(f"{run.path}: bistatic data are not focused in the page")
@@ -115,6 +116,41 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         paths = page_paths(run.scene, grid.in_frame(run.scene.offset), cell, name, seed=run.seed)
         look["paths"] = _paths(paths, run.scene, center, name)
     return look
+
+
+def account_payload(account: Mapping[str, object]) -> Value:
+    """Error by cause and time by stage from a record, which may be anybody's: numbers and names only; None: none.
+
+    Parameters
+    ----------
+    account : ``errors`` and ``account`` of parameters.json
+    """
+    errors, found = account.get("errors"), account.get("account")
+    if not isinstance(errors, Mapping) or not isinstance(found, Mapping):
+        return None
+    stages, advice = found.get("stages"), found.get("advice")
+    return {
+        "total_db": _finite(found.get("total_db")),
+        "errors": [
+            {"name": str(name), "error_db": _finite(part.get("error_db")), "known": str(part.get("known"))}
+            for name, part in errors.items()
+            if isinstance(part, Mapping)
+        ],
+        "stages": [
+            {
+                "name": str(name),
+                "seconds": _finite(time.get("seconds")),
+                "processor": _finite(time.get("processor_seconds")),
+            }
+            for name, time in (stages.items() if isinstance(stages, Mapping) else ())
+            if isinstance(time, Mapping)
+        ],
+        "advice": [str(text) for text in advice] if isinstance(advice, list) else [],
+    }
+
+
+def _finite(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and np.isfinite(value) else None
 
 
 def grid_payload(grid: ImageGrid, center: F64) -> dict[str, Value]:

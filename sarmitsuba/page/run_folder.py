@@ -1,7 +1,8 @@
 """Reading of a run folder of ``render`` or ``focus``: image, raw data and scene."""
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ class RunFolder:
     raw : range compressed; None: the run made no raw data (methods ``image`` and ``raster``)
     scene : None: the data do not belong to a scene file
     record : contents of parameters.json
+    account : error by cause, and time by stage, of the image; empty where the record has none
     notes : missing parts and their reasons, one line each
     """
 
@@ -38,6 +40,7 @@ class RunFolder:
     scene: Scene | None
     record: dict[str, Json]
     notes: tuple[str, ...] = ()
+    account: Mapping[str, Json] = field(default_factory=dict)
 
     @property
     def seed(self) -> int | None:
@@ -85,7 +88,8 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
         notes.append(f"{path}: the scene file is not known; the page shows the track and the image alone")
     elif raw is not None:
         _check_same(path, scene, raw)
-    return RunFolder(path, image, raw, scene, scene_record or record, tuple(notes))
+    account = {name: record.get(name) for name in ("errors", "account")}
+    return RunFolder(path, image, raw, scene, scene_record or record, tuple(notes), account)
 
 
 def _record(folder: Path) -> dict[str, Json]:

@@ -358,7 +358,7 @@ class Imager:
             **flight_facts(radar),
             **signal_facts(radar),
         }
-        metadata = image_metadata(run, method, focus)
+        metadata = image_metadata(run, method, focus, self.sampling)
         run.timer = StageTimer(run.timer.clock)  # for the next image
         if self._tracer is not None:
             self._tracer.timed(run.timer)

@@ -3,7 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.simulation.prediction.speed import ray_share
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
 # largest number of ideal points listed in the metadata, for measurements of image quality
 _MOST_POINTS = 256
@@ -13,23 +15,27 @@ def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str,
     """Metadata of raw data."""
     scene = run.scene
     return {
-        **_common(run, plan, notes),
+        **_common(run, plan, notes, run.sampling),
         "scene_path": str(scene.path) if scene.path else None,
         "sampling": run.report.as_dict() if run.report else {},
     }
 
 
-def image_metadata(run: Run, method: str, focus: Mapping[str, object]) -> dict[str, object]:
+def image_metadata(
+    run: Run, method: str, focus: Mapping[str, object], sampling: SamplingPlan | None
+) -> dict[str, object]:
     """Metadata of an image made without raw data; ``focus``: description of its impulse response and grid."""
     return {
-        **_common(run, run.plan, run.notes),
+        **_common(run, run.plan, run.notes, sampling),
         "method": method,
         "image_request": dict(vars(run.scene.image.moved(run.scene.offset))),
         "focus": dict(focus),
     }
 
 
-def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, object]:
+def _common(
+    run: Run, plan: EffectsPlan, notes: Sequence[str], sampling: SamplingPlan | None
+) -> dict[str, object]:
     return {
         "scene": run.scene.name,
         "settings": {k: v for k, v in vars(run.scene.settings).items() if k != "effects"},
@@ -37,6 +43,9 @@ def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, obje
         "plan": plan.summary(),
         "statistics": dict(vars(run.statistics)),
         "seconds": dict(run.timer.seconds),
+        "processor_seconds": dict(run.timer.processor),
+        "ray_spacing_settings": sampling.spacings.at(1.0) if sampling else {},
+        "ray_share_of_tracing": ray_share(run.statistics, len(run.layers.subsets)),
         "notes": list(notes),
         "points": [
             {

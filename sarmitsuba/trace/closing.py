@@ -24,6 +24,9 @@ from sarmitsuba.trace.state import (
     TubeFootprint,
 )
 
+# amplitude of a tube's return relative to that of the whole tube in phase, down to which it is added
+NEGLIGIBLE = 1e-10
+
 # a receiving vector: real, or complex behind slabs and volumes
 Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
 
@@ -67,33 +70,46 @@ def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Com
     return value(q[0]) + mi.Complex2f(0.0, 1.0) * value(q[1])
 
 
-def close_coherent(
-    kernel: Kernel,
-    lane: Lane,
-    ray: RayState,
-    hit: Hit,
-    tube_here: TubeFootprint,
-    reflection: Reflection,
-    receive: Receiver,
-) -> Contribution:
-    r"""Coherent return of a ray tube by physical optics: electric and magnetic currents, phase integral over the patch.
+@dataclass  # not frozen: result of a branch, which Dr.Jit writes to
+class TubeReturn:
+    """Coherent return of a tube at a hit, before polarisation.
 
-    A chain over A that closes at B and the reversed one, over B to A, have equal length, and reciprocity demands
-    ``S_HV(AB) = S_VH(BA)``. Both chains are traced, so that the mean of the two estimates,
-
-    .. math:: \tfrac12 (S_{HV}(AB) + S_{VH}(BA)) + \tfrac12 (S_{HV}(BA) + S_{VH}(AB)),
-
-    is the symmetric part of the scattering matrix at every closing: HV = VH in any basis. Co-polar channels hold both
-    estimates already and are unchanged. Of the two chains of a corner the one whose last facet limits the beam is
-    weighted higher, see :func:`sarmitsuba.trace.corners.corner_share`.
+    Parameters
+    ----------
+    counts : lanes in which it is not negligible
+    weight : 1/m^2 times the lit area and the radar's amplitude constant, with the integral of the phase
+    slant_range, range_rate : float64, m and m/s, of the echo
+    point : float64, m, scene frame, phase centre
     """
-    flags, constants = kernel.flags, kernel.constants
-    factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
-    turned = None
+
+    counts: mi.Bool
+    weight: mi.Complex2f
+    slant_range: mi.Float64
+    range_rate: mi.Float64
+    point: mi.Vector3d
+
+    @staticmethod
+    def none() -> TubeReturn:
+        """No return."""
+        # opaque: Dr.Jit merges equal literals of two branches, and then finds none of them in scope
+        zero, weight = mi.Float64(0.0), dr.opaque(mi.Float, 0.0)
+        return TubeReturn(mi.Bool(False), mi.Complex2f(weight, weight), zero, zero, mi.Vector3d(0.0))
+
+
+def tube_return(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, receive: Receiver
+) -> TubeReturn:
+    """Coherent return of a ray tube before polarisation: weights of both chains of a corner, stages, phase integral.
+
+    Negligible are returns below ``NEGLIGIBLE`` times that of the whole tube in phase: the sum of all of a launch is
+    then less than that of one tube.
+    """
+    factor = kernel.constants.po_gain * tube_here.area * tube_here.loss * receive.gain
+    whole, turned = factor, None
     if ray.mirror is not None:
         share, corner = corner_share(kernel, ray.mirror, hit)
         if ray.virtual_receiver is None:
-            factor *= share
+            factor = factor * share
         else:
             turned = both_chains(kernel, lane, ray, hit, share, corner)
     # velocities of antenna and virtual antenna relative to the lit patch
@@ -122,7 +138,36 @@ def close_coherent(
             virtual_velocity=virtual_velocity,
         ),
     )
-    integral = tube_here.bounds.area() if found.integral is None else found.integral
+    weight = mi.Complex2f(tube_here.bounds.area() if found.integral is None else found.integral)
+    weight *= found.factor
+    if turned is not None:
+        weight *= turned
+    # a value that is not a number counts, so that it is found
+    counts = ~(dr.abs(weight) <= NEGLIGIBLE * dr.abs(whole))
+    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point)
+
+
+def close_coherent(
+    kernel: Kernel,
+    lane: Lane,
+    ray: RayState,
+    hit: Hit,
+    reflection: Reflection,
+    receive: Receiver,
+    returned: TubeReturn,
+) -> Contribution:
+    r"""Coherent return of a ray tube by physical optics: electric and magnetic currents, phase integral over the patch.
+
+    A chain over A that closes at B and the reversed one, over B to A, have equal length, and reciprocity demands
+    ``S_HV(AB) = S_VH(BA)``. Both chains are traced, so that the mean of the two estimates,
+
+    .. math:: \tfrac12 (S_{HV}(AB) + S_{VH}(BA)) + \tfrac12 (S_{HV}(BA) + S_{VH}(AB)),
+
+    is the symmetric part of the scattering matrix at every closing: HV = VH in any basis. Co-polar channels hold both
+    estimates already and are unchanged. Of the two chains of a corner the one whose last facet limits the beam is
+    weighted higher, see :func:`sarmitsuba.trace.corners.corner_share`.
+    """
+    flags = kernel.flags
     closed = {}
     for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
         i = flags.tracked.index(channel[0])
@@ -134,17 +179,16 @@ def close_coherent(
     for channel in flags.closed:
         a, b = flags.reciprocal(channel)
         c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
-        value = c * found.factor * integral
-        amplitudes.append(value if turned is None else value * turned)
+        amplitudes.append(c * returned.weight)
     return Contribution(
         kind=mi.UInt32(COHERENT),
         order=hit.order,
         pulse=lane.pulse,
-        slant_range=found.slant_range,
-        range_rate=found.range_rate,
+        slant_range=returned.slant_range,
+        range_rate=returned.range_rate,
         amplitudes=tuple(field.recorded(flags.closed, amplitudes, flags.channels)),
-        active=hit.sees,
-        point=found.point,
+        active=returned.counts,
+        point=returned.point,
     )
 
 

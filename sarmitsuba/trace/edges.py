@@ -19,7 +19,8 @@ from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.state import Kernel
 
-# longest piece of an edge, wavelengths, unless the resolution cell is smaller: visibility is decided piece by piece
+# longest piece of an edge, wavelengths, unless the rays of surfaces are farther apart, or the resolution cell is
+# smaller: visibility is decided piece by piece
 LONGEST = 2.0
 # distance from an edge (wavelengths, share of its piece) within which another object counts as touching it
 REACH, REACH_SHARE = 0.02, 0.25
@@ -38,7 +39,11 @@ SERIES = 0.2
 
 
 def edges_of(
-    geometry: Geometry, materials: tuple[Material, ...], wavelength: float, cell: float = np.inf
+    geometry: Geometry,
+    materials: tuple[Material, ...],
+    wavelength: float,
+    cell: float = np.inf,
+    spacing: float = 0.0,
 ) -> SharpEdges:
     """Sharp metal edges of a scene, cut into pieces, without edges that touch another object and edges that move.
 
@@ -46,7 +51,8 @@ def edges_of(
     ----------
     geometry, materials : of the scene
     wavelength : m
-    cell : m, longest piece beside ``LONGEST`` wavelengths
+    cell : m, bound on the length of a piece
+    spacing : m between the rays of surfaces: pieces are as long, or ``LONGEST`` wavelengths where that is more
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     moving = np.zeros(geometry.n_faces, dtype=bool)
@@ -57,7 +63,7 @@ def edges_of(
     metal &= ~moving[visible]
     if not metal.any():
         return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
-    edges, longest = sharp_edges(corners, metal), min(LONGEST * wavelength, cell)
+    edges, longest = sharp_edges(corners, metal), min(max(LONGEST * wavelength, spacing), cell)
     scene = intersector(corners.astype(np.float32))
     edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))
     edges = replace(edges, span=spans(edges, scene, geometry.diameter)).cut(longest)

@@ -11,24 +11,27 @@ launched by :mod:`sarmitsuba.trace.source`, and diffraction other than by edges 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from functools import partial
+from typing import TYPE_CHECKING, Protocol, TypeVar, runtime_checkable
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.closing import close_coherent, receiver, selected
+from sarmitsuba.trace.closing import TubeReturn, close_coherent, receiver, selected, tube_return
 from sarmitsuba.trace.diffuse_return import DiffuseReturns, Slot, close_diffuse
 from sarmitsuba.trace.propagation import (
+    arrive,
     footprint,
-    intersect,
     launch,
     mirror,
+    next_facet,
     past_foci,
     reflect,
     through_passages,
 )
 from sarmitsuba.trace.slab_passage import Waiting, branched
 from sarmitsuba.trace.stage import arrived as by_stages
-from sarmitsuba.trace.stage import launched
+from sarmitsuba.trace.stage import launched, vanishing
 from sarmitsuba.trace.state import (
     NO_HIT,
     Contribution,
@@ -41,8 +44,12 @@ from sarmitsuba.trace.state import (
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.trace.propagation import Found
 
     LaneArrays = tuple[mi.UInt32, ...]  # state of an accumulator per lane: Dr.Jit arrays, often none
+
+
+Value = TypeVar("Value")
 
 
 class Accumulator(Protocol):
@@ -101,8 +108,22 @@ def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[T
         return ray.active
 
     def bounce(ray: RayState, added: LaneArrays) -> tuple[RayState, LaneArrays]:
-        _, _, ray, added = _bounce(kernel, lane, ray, accumulator, added)
-        return ray, added
+        found = next_facet(kernel.scene, lane, ray)
+
+        def hit(ray: RayState, added: LaneArrays) -> tuple[RayState, LaneArrays]:
+            _, _, ray, added = _bounce(kernel, lane, ray, found, accumulator, added)
+            return ray, added
+
+        def miss(ray: RayState, added: LaneArrays) -> tuple[RayState, LaneArrays]:
+            return replace(
+                ray, active=found[2]
+            ), added  # false here; a literal may be merged with that of a hit
+
+        # neighbouring rays leave the scene together: whole packets of lanes skip the rest
+        left: tuple[RayState, LaneArrays] = dr.if_stmt(
+            (ray, added), found[2], hit, miss, rv_labels=("ray", "added"), label="hit", mode="symbolic"
+        )
+        return left
 
     ray, added = dr.while_loop(
         (ray, accumulator.begin()), alive, bounce, labels=("ray", "added"), label="bounces", mode="symbolic"
@@ -119,7 +140,8 @@ def _through_slabs(
         return ray.active
 
     def bounce(ray: RayState, waiting: Waiting, added: LaneArrays) -> tuple[RayState, Waiting, LaneArrays]:
-        arrived, hit, mirrored, added = _bounce(kernel, lane, ray, accumulator, added)
+        found = next_facet(kernel.scene, lane, ray)
+        arrived, hit, mirrored, added = _bounce(kernel, lane, ray, found, accumulator, added)
         ray, waiting = branched(kernel, arrived, hit, mirrored, waiting)
         return ray, waiting, added
 
@@ -135,14 +157,14 @@ def _through_slabs(
 
 
 def _bounce(
-    kernel: Kernel, lane: Lane, ray: RayState, accumulator: Accumulator, added: LaneArrays
+    kernel: Kernel, lane: Lane, ray: RayState, found: Found, accumulator: Accumulator, added: LaneArrays
 ) -> tuple[RayState, Hit, RayState, LaneArrays]:
-    """One bounce of every ray: intersect, close, add, reflect.
+    """One bounce of every ray at the facet that it hits: close, add, reflect.
 
     Returns the incident ray, its hit, the reflected ray, and the accumulator's state.
     """
     flags = kernel.flags
-    hit = intersect(kernel, lane, ray)
+    hit = arrive(kernel, lane, ray, found)
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
     ray = past_foci(there, hit)
     tube_here = footprint(kernel, lane, ray, hit)
@@ -150,15 +172,32 @@ def _bounce(
         hit = hit.without(tube_here.lost)
     reflection = mirror(kernel, ray, hit, hit.normal)
     receive, lane, hit = receiver(kernel, lane, ray, hit)
-    coherent = diffuse = None
-    if flags.coherent:
-        coherent = close_coherent(kernel, lane, ray, hit, tube_here, reflection, receive)
-    if flags.diffuse:
-        diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
     trail = ray.trail
     if isinstance(accumulator, Follower):
         added, trail = accumulator.visit(added, ray, hit)
-    added, count = _add(accumulator, added, coherent, diffuse)
+
+    count = mi.UInt32(0)
+    if flags.coherent:
+        returned = _only_where(
+            hit.sees & ~vanishing(kernel, hit, tube_here),
+            lambda: tube_return(kernel, lane, ray, hit, tube_here, receive),
+            TubeReturn.none,
+        )
+    coherent = partial(close_coherent, kernel, lane, ray, hit, reflection, receive)
+    if flags.diffuse:
+        first = None
+        if flags.coherent:
+            zeros = tuple(mi.Complex2f(0.0) for _ in flags.channels)
+            amplitudes = _only_where(returned.counts, lambda: coherent(returned).amplitudes, lambda: zeros)
+            first = replace(coherent(returned), amplitudes=amplitudes)
+        diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
+        added, count = _add_all(accumulator, added, first, diffuse)
+    elif flags.coherent:
+        added, count = _only_where(
+            returned.counts,
+            lambda: (accumulator.add(added, coherent(returned)), mi.UInt32(1)),
+            lambda: (added, mi.UInt32(0)),
+        )
     count = ray.contributions + count
     if not flags.multi_bounce:
         last = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
@@ -167,21 +206,23 @@ def _bounce(
     return there, hit, mirrored, added
 
 
-def _add(
-    accumulator: Accumulator,
-    added: LaneArrays,
-    coherent: Contribution | None,
-    diffuse: DiffuseReturns | None,
+def _only_where(lanes: mi.Bool, then: Callable[[], Value], otherwise: Callable[[], Value]) -> Value:
+    """Value that is computed in some lanes only.
+
+    Neighbouring lanes are neighbouring rays: whole packets of lanes skip the computation.
+    """
+    value: Value = dr.if_stmt((), lanes, then, otherwise, label="some lanes", mode="symbolic")
+    return value
+
+
+def _add_all(
+    accumulator: Accumulator, added: LaneArrays, coherent: Contribution | None, diffuse: DiffuseReturns
 ) -> tuple[LaneArrays, mi.UInt32]:
-    """Pass the contributions of a hit to the accumulator; returns their number.
+    """Pass all contributions of a hit to the accumulator; returns their number.
 
     Each lane loops over its own contributions, so that the accumulator's code, long with a gridding kernel, is in the
     kernel once, and lanes with one contribution do not wait for unused slots.
     """
-    if diffuse is None:
-        if coherent is None:
-            return added, mi.UInt32(0)
-        return accumulator.add(added, coherent), dr.select(coherent.active, mi.UInt32(1), 0)
     # the coherent return comes before all others
     waiting = mi.Bool(False) if coherent is None else coherent.active
 

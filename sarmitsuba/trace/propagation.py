@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, Purpose
     from sarmitsuba.trace.scene_tables import TraceScene
 
+    # face, barycentric coordinates, and the lanes that hit something
+    Found = tuple[mi.UInt32, mi.Vector2f, mi.Bool]
+
 
 def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     """Start every ray of the grid from every pulse: lane = pulse * n_rays + ray."""
@@ -159,11 +162,11 @@ def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.
     return dr.select(entry < leaving, 0.01 * extent - entry, 4.0 * extent + dr.norm(start))
 
 
-def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
-    """Next hit of a ray, with the direction, distance and visibility of the antenna from it."""
+def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
+    """Hit of a ray on the facet found, with the direction, distance and visibility of the antenna from it."""
     scene, clearance = kernel.scene, kernel.constants.clearance
     first = ray.hits == 0
-    face, uv, active = _next_facet(scene, lane, ray, first)
+    face, uv, active = found
     landed, n64, vertex0, centroid = hit_point(scene, face, uv, active)
     info = FaceRow.of(scene.face_info, face, active)
     met = active
@@ -233,14 +236,12 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     )
 
 
-def _next_facet(
-    scene: TraceScene, lane: Lane, ray: RayState, first: mi.Bool
-) -> tuple[mi.UInt32, mi.Vector2f, mi.Bool]:
+def next_facet(scene: TraceScene, lane: Lane, ray: RayState) -> Found:
     """Face and barycentric coordinates of the nearest hit, and the lanes that hit something.
 
     Neighbouring lanes are neighbouring rays, so that Embree traverses them in packets (``coherent``).
     """
-    d = mi.Vector3f(ray.direction)
+    d, first = mi.Vector3f(ray.direction), ray.hits == 0
     query = mi.Ray3f(ray.origin, d)
     found = scene.mi_scene.ray_intersect_preliminary(query, coherent=True, active=ray.active)
     # rays aimed exactly at a vertex or a T-junction may miss: they are traced again, slightly displaced

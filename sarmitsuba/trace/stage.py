@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
+from sarmitsuba.backend import mi
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.errors import ExtensionError, SarmitsubaError
 from sarmitsuba.registry import Calling, Registry, checked_type, is_built_in
@@ -18,7 +19,6 @@ from sarmitsuba.trace.returned import as_wide, like, lost_where_not_finite
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from sarmitsuba.backend import mi
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.state import Closing, Contribution, Hit, Kernel, Lane, RayState, TubeFootprint
@@ -62,6 +62,10 @@ class Stage:
     ) -> Closing:
         """Coherent return of the tube at a hit, before polarisation."""
         return closing
+
+    def at_vanishing(self, kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool | None:
+        """Lanes whose coherent return :meth:`at_closing` makes zero, so that it is not computed; None: none."""
+        return None
 
     def at_echo(self, wavenumber: mi.Float, echo: Contribution) -> Contribution:
         """Echo of any source (ideal points included), before it is summed.
@@ -186,6 +190,19 @@ def closed(
             found = stage.at_closing(kernel, lane, ray, hit, tube, closing)
             closing = _checked(stage, found, closing, ("integral",))
     return closing
+
+
+def vanishing(kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool:
+    """Lanes whose coherent return is zero; none where an extension changes closings, which may replace the integral."""
+    stages, none = stages_of(kernel.flags), mi.Bool(False)
+    if any(type(s).at_closing is not Stage.at_closing and not is_built_in(s) for s in stages):
+        return none
+    for stage in stages:
+        with Calling(_KIND, stage, "at_vanishing"):
+            found = stage.at_vanishing(kernel, hit, tube)
+            if found is not None:
+                none |= checked_type(found, mi.Bool, bool)
+    return none
 
 
 def echoed(flags: KernelFlags, wavenumber: mi.Float, echo: Contribution) -> Contribution:

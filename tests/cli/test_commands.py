@@ -18,7 +18,16 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.errors import BackendError, RadarError, SceneError
 
 LIST = ".sarmitsuba.json"
-RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "quicklook_order.png", "parameters.json", LIST}
+RESULTS = {
+    "accuracy.png",
+    "raw.h5",
+    "image.h5",
+    "image.exr",
+    "quicklook.png",
+    "quicklook_order.png",
+    "parameters.json",
+    LIST,
+}
 
 
 def test_render_writes_everything(fake_stages: dict[str, Any], tmp_path: Path, capsys: Any) -> None:

@@ -21,7 +21,7 @@ def test_recommendation_is_checked_and_can_be_rendered(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "cost"
-    assert main(["cost", "dihedral", "--target-error", "-25", "--budget", "15", "-o", str(out)]) == 0
+    assert main(["cost", "dihedral", "--target-error", "-25", "--budget", "30", "-o", str(out)]) == 0
     text = capsys.readouterr().out
     for name in (
         "max_depth",

@@ -283,7 +283,10 @@ def test_formats_of_extensions_are_written(simulations: list[Scene], tmp_path: P
     FORMATS.register(FileFormat("test_pixels", "pixels only", (".testnpz",), write_image=pixels))
     FORMATS.register(FileFormat("test_echoes", "echoes only", (".echo",), write_raw=echoes))
     FORMATS.register(FileFormat("test_read_only", "nothing", (".ro",), read_image=read_image))
-    out, pictures = tmp_path / "a", {"quicklook.png", "quicklook_order.png", "parameters.json", MANIFEST}
+    out, pictures = (
+        tmp_path / "a",
+        {"accuracy.png", "quicklook.png", "quicklook_order.png", "parameters.json", MANIFEST},
+    )
     assert render(out, "--format", "test_pixels", "--quiet") == 0
     assert names(out) == {"raw.h5", "image.testnpz", *pictures}
     written = (out / "raw.h5").stat().st_mtime_ns

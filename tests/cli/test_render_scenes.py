@@ -17,7 +17,15 @@ from sarmitsuba.loader.library import scenes_dir
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.fingerprint import fingerprint
 
-RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "parameters.json", ".sarmitsuba.json"}
+RESULTS = {
+    "accuracy.png",
+    "raw.h5",
+    "image.h5",
+    "image.exr",
+    "quicklook.png",
+    "parameters.json",
+    ".sarmitsuba.json",
+}
 
 
 def render(scene: str, out: Path, *options: str) -> Path:

@@ -224,7 +224,7 @@ def test_passes_go_on_within_a_pass(box: Scene, tmp_path: Path, monkeypatch: pyt
 # ------------------------------------------------------------ from the command line
 
 OPTIONS = ("-D", "sar_path.key_pulse_interval=8", "--format", "hdf5")
-RESULTS = {"raw.h5", "image.h5", "quicklook.png", "parameters.json", MANIFEST}
+RESULTS = {"accuracy.png", "raw.h5", "image.h5", "quicklook.png", "parameters.json", MANIFEST}
 
 
 def render(scene: Path, out: Path, *options: str) -> int:

@@ -159,6 +159,37 @@ def test_finite_on_every_boundary() -> None:
 # ---- edges of a mesh
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_longer_pieces_return_the_same(seed: int) -> None:
+    """Edges of a drawn box far away, in pieces of two wavelengths and of up to eleven; shadows left out."""
+    ensure_backend()
+    rng = np.random.default_rng(seed)
+    body = trimesh.creation.box(extents=rng.uniform(0.5, 2.0, 3))
+    body.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
+    geometry = targets.geometry([(body.vertices, body.faces)])
+    spacing = float(rng.uniform(3.0, 11.0)) * WAVELENGTH
+    few, many = (edges_of(geometry, 2 * targets.PEC, WAVELENGTH, spacing=apart) for apart in (spacing, 0.0))
+    assert few.length.max() <= spacing + 1e-12
+    assert few.n < 0.8 * many.n
+    looks = rng.normal(size=(20, 3))
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    got, want = (np.array([from_afar(edges, look) for look in looks]) for edges in (few, many))
+    # tol: float32 phases within pieces up to 0.33 m long
+    assert np.abs(got - want).max() < 1e-4 * np.abs(want).max()
+
+
+def from_afar(edges: SharpEdges, look: F64) -> complex:
+    """Sum over all pieces of edges, with the electric field across the line of sight."""
+    field = np.cross(look, [0.3, 0.5, 0.7])
+    constants = SimpleNamespace(wavenumber=mi.Float(2.0 * np.pi / WAVELENGTH))
+    leg = SimpleNamespace(to_antenna=vector(look[None]))
+    e = (vector(field[None]), vector(0.0 * field[None]))
+    number = dr.arange(mi.UInt32, edges.n)
+    got = FringeCurrents(edges).amplitude(SimpleNamespace(constants=constants), number, leg, leg, e, e)
+    phase = np.exp(4j * np.pi / WAVELENGTH * (edges.middle @ look))
+    return complex(np.sum((np.asarray(got.real) + 1j * np.asarray(got.imag)) * phase))
+
+
 def test_edges_of_bodies() -> None:
     plate, box = targets.plate(0.3, 0.2, triangles=40), BOX
     rims = edges_in(plate)

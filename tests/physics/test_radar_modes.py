@@ -200,8 +200,9 @@ def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
             ),
         )
         error = float(np.sum(np.abs(rows[pulse] - simulate(alone).total()[0]) ** 2))
-        # tol: shadow edges between rays of a fifth of a wavelength, -18 to -35 dB of the mean pulse
-        assert error < 10.0**-1.5 * energy, pulse
+        # tol: shadow edges between rays of a fifth of a wavelength, -26 to -40 dB of the mean pulse; the next pulse is
+        # off by -9 to -17 dB
+        assert error < 10.0**-2.2 * energy, pulse
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])

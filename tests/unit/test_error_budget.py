@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import sarmitsuba
+from sarmitsuba.analysis.quality.account import Account, StageTime, account
 from sarmitsuba.analysis.quality.error_budget import AT_MOST, MEASURED, UNKNOWN, error_budget
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.image.sar_image import SarImage
@@ -97,3 +98,40 @@ def test_metadata_of_other_kinds_are_taken_as_missing(image: SarImage, junk: obj
     names = ("sampling_error", "effects", "sampling", "settings", "focus", "method")
     parts = with_metadata(image, **dict.fromkeys(names, junk))
     assert all(part.as_dict()["known"] in (UNKNOWN, "none") for part in parts.values())
+
+
+def test_advice_is_for_the_largest_error_and_the_largest_saving(image: SarImage) -> None:
+    facts = {
+        "processor_seconds": {"trace": 10.0, "plan": 1.0},
+        "ray_share_of_tracing": 0.9,
+        "ray_spacing_settings": {"ray_spacing": 0.2, "diffuse_ray_spacing": 0.3},
+        "statistics": {"rays": 100, "hits": 95},
+        "sampling": {"key_pulse_interval": 64, "block_error_db": -50.0},
+        "settings": {"gridding_width": 4, "key_pulse_interval": 64},
+        "effects": {"max_depth": 2, "pilot": {"energy_from_order_upper_db": [0.0, -12.0, -55.0, None]}},
+        "refinement": {},
+    }
+    stages = {"trace": StageTime(6.0, 10.0), "plan": StageTime(1.0, 1.0)}
+
+    def advised(error_db: float, **more: Any) -> Account:
+        bars = {"VV": {"error_db": error_db, "source": "two sets"}}
+        metadata = {**image.metadata, **facts, "sampling_error": bars, **more}
+        return account(replace(image, metadata=metadata), stages)
+
+    found = advised(
+        -25.0
+    )  # the rays decide: four times of them; blocks twice as long save half of the tracing
+    assert found.finer is not None and found.coarser is not None
+    assert found.finer.options == "-D sar_path.ray_spacing=0.1 -D sar_path.diffuse_ray_spacing=0.15"
+    assert found.finer.error_db == pytest.approx((-25.0, -25.0 - 16.6 * math.log10(2.0)))
+    assert found.finer.seconds == pytest.approx(27.0)
+    assert found.coarser.options == "-D sar_path.key_pulse_interval=128"
+    assert found.coarser.seconds == pytest.approx(-5.0)
+    # the sum is that of energies, and rises by less than half a dB
+    parts = [-25.0, -50.0, -55.0, *(p.error_db for p in found.parts[3:5])]
+    assert found.total_db == pytest.approx(10 * math.log10(sum(10 ** (x / 10) for x in parts)), abs=1e-9)
+    assert found.coarser.total_db[1] - found.coarser.total_db[0] < 0.5
+    found = advised(-60.5, settings={"gridding_width": 2, "key_pulse_interval": 0})  # a narrow kernel decides
+    assert found.finer is not None and "gridding_width" in found.finer.options
+    found = advised(-25.0, sampling_error={})
+    assert "not measured" in found.advice[0]

@@ -84,3 +84,27 @@ def test_cell_has_the_closed_form() -> None:
     # tol: float32 terms of 1 / |Q|^2 up to 1000 that cancel
     np.testing.assert_allclose(got, expected, atol=1e-3)
     assert dr.width(value) == n
+
+
+def test_cancelled_tubes_return_nothing() -> None:
+    """Where the sides of a tube are said to cancel its integral is zero; so it is inside a facet of any size."""
+    ensure_backend()
+    rng = np.random.default_rng(7)
+    n = 20000
+    # up to some two thousand tubes wide: edges too far away to be represented as lines
+    half = SPACING * 10.0 ** rng.uniform(0.0, 3.3, (2, n))
+    turn = rng.uniform(0.0, 2.0 * np.pi, n)
+    middle = 0.5 * rng.uniform(-1.0, 1.0, (2, n)) * half.min(axis=0)
+    bounds = bounds_of(middle, half, turn)
+    q = mi.Vector3f(*(mi.Float(x) for x in rng.uniform(-15.0, 15.0, (2, n)).astype(np.float32)), 0.0)
+    u, v = mi.Vector3f(SPACING, 0.0, 0.0), mi.Vector3f(0.0, SPACING, 0.0)
+    value, *_ = polygon.part_integral(q, u, v, bounds.part(), mi.Float(0.35))
+    size = np.hypot(value.real.numpy(), value.imag.numpy())
+    for kept_up_to, phase in ((None, polygon.INNER_UP_TO), (mi.Float(0.5), 0.5)):
+        cancelled = bounds.cancelled(q, u, v, kept_up_to).numpy()
+        fast = SPACING * np.hypot(*(x.numpy() for x in (q.x, q.y))) > phase + 1e-3  # tol: float32 rounding
+        assert (cancelled == (fast & bounds.apart().numpy())).mean() > 0.999  # but for phases near the limit
+        assert 0.2 < cancelled.mean() < 0.95
+        if kept_up_to is None:
+            assert (size[cancelled] == 0.0).all()
+            assert (size[~cancelled] > 0.0).mean() > 0.5

@@ -64,7 +64,7 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
     Effects left out are summed as independent energies; those without a bound are named. The error of physical optics
     is unknown without another solver, see docs/accuracy.md.
     """
-    data = _Read(image.metadata)
+    data = BudgetFacts(image.metadata)
     return (
         _rays(data),
         _bounces(data),
@@ -77,99 +77,101 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
 
 
 @dataclass(frozen=True)
-class _Read:
+class BudgetFacts:
     """Metadata, possibly from a file: values of unexpected types count as missing."""
 
     metadata: Mapping[str, object]
 
     def part(self, *names: str) -> Mapping[str, object]:
+        """Nested mapping of these names; empty where there is none."""
         found: object = self.metadata
         for name in names:
             found = found.get(name) if isinstance(found, Mapping) else None
         return found if isinstance(found, Mapping) else {}
 
 
-def _number(value: object) -> float:
+def number(value: object) -> float:
+    """A number from a file; NaN for anything else."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 
-def _rays(data: _Read) -> ErrorPart:
+def _rays(data: BudgetFacts) -> ErrorPart:
     bars = [bar for bar in data.part("sampling_error").values() if isinstance(bar, Mapping)]
-    errors = [_number(bar.get("error_db")) for bar in bars]
+    errors = [number(bar.get("error_db")) for bar in bars]
     if not errors or any(math.isnan(x) for x in errors):
-        if _number(data.part("statistics").get("rays")) == 0.0 and data.metadata.get("method") != "raster":
+        if number(data.part("statistics").get("rays")) == 0.0 and data.metadata.get("method") != "raster":
             return ErrorPart("rays", -math.inf, MEASURED, "nothing is traced")
         return ErrorPart("rays", math.nan, UNKNOWN, "one set of rays")
     return ErrorPart("rays", max(errors), MEASURED, str(bars[0].get("source", "")))
 
 
-def _bounces(data: _Read) -> ErrorPart:
+def _bounces(data: BudgetFacts) -> ErrorPart:
     name = "bounces left out"
     decision, pilot = data.part("effects", "effects", "max_depth"), data.part("effects", "pilot")
-    depth = _number(data.part("effects").get("max_depth"))
+    depth = number(data.part("effects").get("max_depth"))
     if decision.get("on") is False and decision.get("error_is") == "none":
         return ErrorPart(name, -math.inf, MEASURED, str(decision.get("why", "")))
     upper = pilot.get("energy_from_order_upper_db")
     if not isinstance(upper, list) or math.isnan(depth) or not 1 <= depth < len(upper):
         return ErrorPart(name, math.nan, UNKNOWN, str(decision.get("why", "")))
     left = upper[int(depth)]
-    error = -math.inf if left is None else _number(left)  # no energy has no level
+    error = -math.inf if left is None else number(left)  # no energy has no level
     return ErrorPart(name, error, AT_MOST, "pilot trace, two standard errors included")
 
 
-def _blocks(data: _Read) -> ErrorPart:
+def _blocks(data: BudgetFacts) -> ErrorPart:
     name, sampling = "blocks of pulses", data.part("sampling")
     if data.metadata.get("method") in ("image", "raster"):
         return ErrorPart(name, math.nan, UNKNOWN, "one look stands for all pulses")
-    if _number(sampling.get("key_pulse_interval")) <= 1.0 or not sampling:
+    if number(sampling.get("key_pulse_interval")) <= 1.0 or not sampling:
         return ErrorPart(name, -math.inf, MEASURED, "every pulse is traced")
-    error = _number(sampling.get("block_error_db"))
+    error = number(sampling.get("block_error_db"))
     if math.isnan(error):
         return ErrorPart(name, error, UNKNOWN, "where blocks meet, in the middle of the track")
     return _of_image(data, ErrorPart(name, error, MEASURED, "where blocks meet, in the middle of the track"))
 
 
-def _of_image(data: _Read, part: ErrorPart) -> ErrorPart:
+def _of_image(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
     """Error relative to the echoes' energy, converted to the image's energy as if all of it were within the image."""
-    shown = _number(data.part("focus").get("shown_energy_db"))
+    shown = number(data.part("focus").get("shown_energy_db"))
     if not shown < -SHOWN_DB:
         return part
     why = f"{part.why}; the image shows {shown:.1f} dB of the energy of the echoes"
     return ErrorPart(part.name, part.error_db - shown, AT_MOST, why)
 
 
-def _gridding(data: _Read) -> ErrorPart:
-    width = _number(data.part("settings").get("gridding_width"))
+def _gridding(data: BudgetFacts) -> ErrorPart:
+    width = number(data.part("settings").get("gridding_width"))
     if not 1.0 <= width <= 8.0:
         return ErrorPart("gridding", math.nan, UNKNOWN)
-    # range, and range rate or azimuth
-    kernel = 2.0 * 10.0 ** (0.1 * gridding_kernel(int(width)).error_db)
-    error = 10.0 * math.log10(kernel + 10.0 ** (0.1 * _ROUNDING_DB))
     why = f"kernel of {width:g} cells, echoes at all frequencies used"
-    return _of_image(data, ErrorPart("gridding", error, AT_MOST, why))
+    return _of_image(data, ErrorPart("gridding", gridding_error_db(int(width)), AT_MOST, why))
 
 
-def _focuser(data: _Read) -> ErrorPart:
+def gridding_error_db(width: int) -> float:
+    """Bound of the aliasing and rounding of gridding kernels of so many cells, relative to the echoes, dB."""
+    # range, and range rate or azimuth
+    kernel = 2.0 * 10.0 ** (0.1 * gridding_kernel(width).error_db)
+    return 10.0 * math.log10(kernel + 10.0 ** (0.1 * _ROUNDING_DB))
+
+
+def _focuser(data: BudgetFacts) -> ErrorPart:
     focus = data.part("focus")
     method = str(focus.get("method", ""))
-    error = _number(focus.get("stated_error_db"))
+    error = number(focus.get("stated_error_db"))
     if math.isnan(error):
         return ErrorPart("focuser", math.nan, UNKNOWN, f"{method} states none" if method else "")
     return ErrorPart("focuser", error, AT_MOST, f"{method} against exact backprojection")
 
 
-def _effects(data: _Read) -> ErrorPart:
+def _effects(data: BudgetFacts) -> ErrorPart:
     """Error of effects that are off and would change the image."""
     if data.metadata.get("method") == "raster":
         why = "method raster has one bounce, no coherent return, no wires and no volumes"
         return ErrorPart("effects left out", math.nan, UNKNOWN, why)
     energy, unknown, named, measured = 0.0, [], [], True
-    for name, decision in data.part("effects", "effects").items():
-        if not isinstance(decision, Mapping) or decision.get("on") is not False or name == "max_depth":
-            continue
-        if decision.get("error_is") == "none" or name == "key_pulse_interval":
-            continue
-        error = _number(decision.get("error_db"))
+    for name, decision in effects_by_name(data).items():
+        error = number(decision.get("error_db"))
         if math.isnan(error):
             unknown.append(name)
             continue
@@ -180,3 +182,15 @@ def _effects(data: _Read) -> ErrorPart:
         return ErrorPart("effects left out", math.nan, UNKNOWN, f"no bound of {', '.join(unknown)}")
     error = 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
     return ErrorPart("effects left out", error, MEASURED if measured else AT_MOST, ", ".join(named))
+
+
+def effects_by_name(data: BudgetFacts) -> dict[str, Mapping[str, object]]:
+    """Decisions on the effects that are off and would change the image."""
+    return {
+        name: decision
+        for name, decision in data.part("effects", "effects").items()
+        if isinstance(decision, Mapping)
+        and decision.get("on") is False
+        and decision.get("error_is") != "none"
+        and name not in ("max_depth", "key_pulse_interval")
+    }

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
+from sarmitsuba.effects.edge_bound import Aperture, edge_bounds
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.materials.wedge import fringe_backscatter
+from sarmitsuba.materials.map_materials import with_parts
+from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
 
 # antenna positions and edges used in the estimate, distributed over all
@@ -28,16 +30,13 @@ LEVEL = 0.98
 class EdgeDiffraction(Effect):
     r"""Edge diffraction; on where the strongest sharp metal edge is above the tolerance.
 
-    A straight edge of length l (no longer than a resolution cell) along t, seen from the direction u, adds about
-
-    .. math:: \sigma = \tfrac1\pi \max(D_s, D_h)^2 \min(l, \frac1{k |\hat t \cdot \hat u|})^2
-
-    to physical optics, with the fringe coefficients of a wedge seen across its edge. For paths with one leg over level
-    ground, u is replaced by the mean of u and its mirror image, so that a vertical edge contributes over its whole
-    length; both paths are added, times the reflection coefficient of the ground. The strongest edge is compared with
-    the clutter or the strongest cell found by a pilot; without a pilot, with a cell of the roughest material, or,
-    where nothing is rough, with the strongest single-bounce return of a metal plane to any antenna position (multiple
-    bounces are unknown without a pilot, and count as none). Edges of moving shapes are left out, as the reason says.
+    What an edge adds to physical optics in a resolution cell is at most the bound of
+    :func:`sarmitsuba.effects.edge_bound.edge_bounds`: by the fringe coefficients of its wedge and its least lean out of
+    the plane across the line of sight over the whole aperture, straight, and with one or both legs mirrored in level
+    ground, times the reflection coefficient of the ground for each. The strongest edge is compared with the clutter or
+    the strongest cell found by a pilot; without a pilot, with a cell of the roughest material, or, where nothing is
+    rough, with the strongest single-bounce return of a metal plane to any antenna position (multiple bounces are
+    unknown without a pilot, and count as none). Edges of moving shapes are left out, as the reason says.
 
     Of paths between edges and mirrors only those over the ground below an edge are simulated; here any level face below
     it counts as its ground.
@@ -114,50 +113,56 @@ def _edges(found: _Metal) -> SharpEdges:
 
 
 def _strongest(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> float:
-    """Largest RCS added by an edge at any antenna position, m^2; with paths over the ground."""
-    cell = context.sampling.cell if context.sampling is not None else np.inf
-    longest = np.minimum(edges.length, cell)
-    lowest = _ground_height(context) if bounces else np.inf
-    over_ground = edges.middle[:, 2] > lowest + 1e-3
-    best = 0.0
-    for place in _places(context):
-        look = place - edges.middle
-        look /= np.linalg.norm(look, axis=1, keepdims=True)
-        lean = context.wavenumber * np.abs(np.einsum("ni,ni->n", look, edges.along))
-        across, off = (np.einsum("ni,ni->n", look, x[:, 0]) for x in (edges.inward, edges.normal))
-        phi = np.arctan2(off, across) % (2.0 * np.pi)
-        seen = phi <= np.pi * edges.angle
-        strength = np.abs(fringe_backscatter(edges.angle, phi)).max(axis=0)
-        size = np.where(seen, strength * np.minimum(longest, 1.0 / np.maximum(lean, 1e-300)), 0.0)
-        best = max(best, float(np.square(size).max()))
-        if over_ground.any():
-            # the mean of the direction and of its mirror image is level
-            lean = context.wavenumber * np.abs(np.einsum("ni,ni->n", look[:, :2], edges.along[:, :2]))
-            mirrored = 2.0 * _mirror(context, float(np.abs(look[:, 2]).mean())) * strength
-            size = np.where(
-                seen & over_ground, mirrored * np.minimum(edges.length, 1.0 / np.maximum(lean, 1e-300)), 0.0
-            )
-            best = max(best, float(np.square(size).max()))
-    return best / np.pi
+    """Upper bound of the RCS added by an edge in a resolution cell, m^2; with paths over the ground."""
+    aperture = _aperture(context)
+    best = float(edge_bounds(edges, aperture).max(initial=0.0))
+    ground, lowest = _ground(context) if bounces else ((), np.inf)
+    raised = edges.of(edges.middle[:, 2] + 0.5 * edges.length * np.abs(edges.along[:, 2]) > lowest + 1e-3)
+    if not raised.n:
+        return best
+    look = aperture.places - raised.middle.mean(axis=0)
+    mirror = _mirror(context, ground, float((np.abs(look[:, 2]) / np.linalg.norm(look, axis=1)).mean()))
+    # one antenna: the path over the ground and its reverse add up
+    ways = [((True, False), 2.0 * mirror), ((True, True), mirror**2)]
+    if context.scene.radar.receiver is not None:
+        ways.append(((False, True), 2.0 * mirror))
+    for mirrors, factor in ways:
+        best = max(best, factor**2 * float(edge_bounds(raised, aperture, mirrors).max()))
+    return best
 
 
-def _ground_height(context: SceneContext) -> float:
-    """Height of the lowest visible level face, m; infinite where there is none."""
-    geometry = context.scene.geometry
-    visible = ~np.array([m.invisible for m in context.scene.materials], dtype=bool)[geometry.face_material]
+def _aperture(context: SceneContext) -> Aperture:
+    """Antenna positions distributed over the aperture, and the resolution cell."""
+    tracks, facts = context.scene.radar.tracks, context.sampling
+    pulses = tracks[0].n_pulses
+    pick = np.unique(np.linspace(0, pulses - 1, min(pulses, POSITIONS)).astype(int))
+    places = tracks[0].position[pick]
+    flown = tracks[0].position[np.minimum(pick + 1, pulses - 1)] - tracks[0].position[np.maximum(pick - 1, 0)]
+    flown = flown / np.maximum(np.linalg.norm(flown, axis=1, keepdims=True), 1e-300)
+    receivers = places if len(tracks) == 1 else tracks[-1].position[pick]
+    cells = (np.inf, np.inf) if facts is None else (facts.azimuth_cell, facts.range_cell)
+    return Aperture(places, receivers, flown, context.wavenumber, *cells)
+
+
+def _ground(context: SceneContext) -> tuple[tuple[Material, ...], float]:
+    """Materials of visible level faces and the height of the lowest, m; none and infinite where there is none."""
+    geometry, materials = context.scene.geometry, context.scene.materials
+    visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     corners = geometry.vertices[geometry.faces[visible]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     level = np.abs(normal[:, 2]) > LEVEL * np.linalg.norm(normal, axis=1)
-    return float(corners[level, :, 2].max(axis=1).min()) if level.any() else np.inf
+    if not level.any():
+        return (), np.inf
+    found = with_parts([materials[i] for i in np.unique(geometry.face_material[visible][level])])
+    return tuple(found), float(corners[level, :, 2].max(axis=1).min())
 
 
-def _mirror(context: SceneContext, cosine: float) -> float:
-    """Largest reflection coefficient of any material of the scene at an incidence, roughness included."""
+def _mirror(context: SceneContext, ground: tuple[Material, ...], cosine: float) -> float:
+    """Largest reflection coefficient of the ground's materials at an incidence, roughness included."""
     found = 0.0
-    for material in context.unlike_materials:
-        reflected = (
-            1.0 if material.pec else max(float(np.abs(r)) for r in fresnel(cosine, material.permittivity))
-        )
+    for material in ground:
+        known = not material.pec and material.thickness == 0.0
+        reflected = max(float(np.abs(r)) for r in fresnel(cosine, material.permittivity)) if known else 1.0
         loss = np.exp(-2.0 * np.square(context.wavenumber * material.rms_height * cosine))
         found = max(found, reflected * float(loss))
     return found

@@ -1,5 +1,6 @@
 // The page: state, time line, switches, keys, help. Drawing is in world.js, profile.js and the image's modules.
 
+import { accountView } from "sarmitsuba/account.js";
 import { plainSettings } from "sarmitsuba/aperture.js";
 import { boot } from "sarmitsuba/boot.js";
 import { createComparison } from "sarmitsuba/compare.js";
@@ -214,6 +215,7 @@ class Page {
       });
     }
     world.setImage(this.view.canvas);
+    fill($("account"), accountView(look.account));
     this.refocus?.remove();
     this.refocus = null;
     $("refocus").replaceChildren();

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.backend import dr
+from sarmitsuba.exclusive import threads
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.statistics import TraceStatistics
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,7 @@ class Machine:
         """Speed of this machine, timed by a NumPy job (sorting, phase factors); the least time so far counts."""
         if not _glanced:
             glance()
-        return Machine(min(_glanced) / JOB_SECONDS, max(1, int(dr.thread_count())))
+        return Machine(min(_glanced) / JOB_SECONDS, threads())
 
     def processor(self, seconds: Mapping[str, float]) -> dict[str, float]:
         """Processor seconds on this machine, of all threads, from seconds of the reference core."""
@@ -184,7 +185,7 @@ def glance() -> None:
             taken.append(time.thread_time() - before)
         return min(taken)
 
-    cores = min(CORES, max(1, int(dr.thread_count())))
+    cores = min(CORES, threads())
     with ThreadPoolExecutor(cores) as pool:
         _glanced.append(min(pool.map(least, range(cores))))
 
@@ -227,6 +228,16 @@ def scatterers_met(sampling: SamplingPlan) -> float:
 def run_seconds(sampling: SamplingPlan) -> float:
     """Estimated seconds of the reference core for simulating and focusing; basis of decisions on any machine."""
     return USUAL_CORE.seconds(expected_work(sampling))
+
+
+def ray_share(statistics: TraceStatistics, subsets: int) -> float:
+    """Share of the time of tracing that is proportional to the number of rays, on the reference core.
+
+    The rest belongs to launches: one per key pulse and ray subset.
+    """
+    rays = USUAL_CORE.stages(Work(rays=statistics.rays))["trace"]
+    launches = USUAL_CORE.stages(Work(launches=max(1, statistics.key_pulses) * subsets))["trace"]
+    return rays / (rays + launches)
 
 
 def split_trace(full: Mapping[str, float], sparse: Mapping[str, float], fewer: float) -> dict[str, float]:

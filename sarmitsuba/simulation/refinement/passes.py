@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.arrays import C64
+from sarmitsuba.constants import RAY_ERROR_ORDER
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw_data import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError
@@ -33,8 +34,6 @@ from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 
 STATE_FILE = "passes.npz"
-# error energy falls with this power of the number of rays: 2.5 dB per doubling (benchmarks/suite/error_bars.py)
-ORDER = 0.83
 # most rays of one lattice; denser passes are repeated instead
 MAX_RAYS = 16_000_000
 
@@ -206,7 +205,7 @@ class _Goal:
 
     def share(self, error: float, elapsed: float) -> tuple[float, float]:
         """Progress in per cent: by the passes still needed for the target, or by the time, whichever is larger."""
-        by_error = 10.0 ** ((self.target - error) / (10.0 * ORDER)) if self.target < 0.0 else 0.0
+        by_error = 10.0 ** ((self.target - error) / (10.0 * RAY_ERROR_ORDER)) if self.target < 0.0 else 0.0
         by_time = elapsed / self.limit if self.limit > 0.0 else 0.0
         return 100.0 * min(1.0, max(by_error, by_time)), 100.0
 

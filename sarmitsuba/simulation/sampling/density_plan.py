@@ -237,9 +237,10 @@ class SamplingPlan:
 
     @cached_property
     def sharp_edges(self) -> SharpEdges:
-        """Sharp metal edges of the scene, in pieces of half a resolution cell."""
-        scene = self.scene
-        return edges_of(scene.geometry, scene.materials, scene.radar.waveform.wavelength, self.half_cell)
+        """Sharp metal edges of the scene, in pieces as long as the spacing of the coherent rays."""
+        scene, spacing = self.scene, self.spacings.coherent
+        wavelength = scene.radar.waveform.wavelength
+        return edges_of(scene.geometry, scene.materials, wavelength, self.half_cell, spacing)
 
     @cached_property
     def phase_box(self) -> F64:

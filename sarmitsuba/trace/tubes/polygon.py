@@ -158,7 +158,15 @@ class Bounds:
 
     def bounded(self) -> mi.Bool:
         """Whether there are at least three lines, so that the facet has corners."""
-        return sum((dr.select(line.h < NOWHERE, 1.0, 0.0) for line in self.lines), mi.Float(0.0)) > 2.5
+        near = sum((dr.select(line.h < NOWHERE, 1.0, 0.0) for line in self.lines), mi.Float(0.0))
+        return self.exact | (near > 2.5)  # lines of a large facet may lie too far away to count
+
+    def cancelled(
+        self, q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, kept_up_to: mi.Float | None = None
+    ) -> mi.Bool:
+        """Whether :func:`phase_integral` is zero, as all sides of the part are common ones and left out."""
+        phase = dr.sqrt(dr.square(dr.dot(q, u)) + dr.square(dr.dot(q, v)))
+        return self.exact & (_kept(phase, kept_up_to) == 0.0) & self.apart()
 
     def cell(self) -> Polygon:
         """The ray's own cell."""
@@ -169,7 +177,7 @@ class Bounds:
             (high, low, high, high),
             (low, high, low, low),
         )
-        return Polygon(sides, (), self.rim, mi.Float(1.0), self.exact & self.bounded())
+        return Polygon(sides, (), self.rim, mi.Float(1.0), self.exact)
 
     def part(self) -> Polygon:
         """The ray's part; see :func:`clipped`."""
@@ -238,9 +246,7 @@ def clipped(
         sides.append((value, a, value, b) if sign > 0 else (value, b, value, a))
     cut = [_side(k, lines, (left, right, bottom, top)) for k in range(len(lines))]
     weight = dr.rcp(dr.select(wide | ~bounded, 1.0, chance))
-    return Polygon(
-        (*sides, *(ends for ends, _ in cut)), tuple(side for _, side in cut), rim, weight, exact & bounded
-    )
+    return Polygon((*sides, *(ends for ends, _ in cut)), tuple(side for _, side in cut), rim, weight, exact)
 
 
 @dataclass(frozen=True)
@@ -355,6 +361,13 @@ def phase_integral(
     return result
 
 
+def _kept(phase: mi.Float, kept_up_to: mi.Float | None) -> mi.Float:
+    """Weight of the terms of common sides, by the phase difference of neighbouring rays, see `part_integral`."""
+    if kept_up_to is not None:
+        phase = phase * (INNER_UP_TO * dr.rcp(kept_up_to))
+    return dr.clip(INNER_UP_TO - phase, 0.0, 1.0)
+
+
 def part_integral(
     q: mi.Vector3f,
     u: mi.Vector3f,
@@ -397,9 +410,7 @@ def part_integral(
     qu, qv = dr.select(told, qu, 0.0), dr.select(told, qv, 0.0)
 
     def kept(phase: mi.Float) -> mi.Float:
-        if kept_up_to is not None:
-            phase = phase * (INNER_UP_TO * dr.rcp(kept_up_to))
-        return dr.select(piece.exact, dr.clip(INNER_UP_TO - phase, 0.0, 1.0), 1.0)
+        return dr.select(piece.exact, _kept(phase, kept_up_to), 1.0)
 
     inner = kept(dr.sqrt(squared))
     normal = dr.cross(u, v)

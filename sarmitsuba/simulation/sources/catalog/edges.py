@@ -10,7 +10,7 @@ PIECE_TRACED = 5e-6
 
 
 class EdgeKind(SourceKind):
-    """Sharp metal edges in pieces of half a resolution cell."""
+    """Sharp metal edges in pieces as long as the spacing of the coherent rays."""
 
     name, rank = "edges", 30
 

@@ -1,0 +1,332 @@
+"""Account of an image: error by cause, seconds by stage, and the changes of settings that pay most."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from sarmitsuba.analysis.quality.error_budget import (
+    AT_MOST,
+    UNKNOWN,
+    BudgetFacts,
+    ErrorPart,
+    effects_by_name,
+    error_budget,
+    gridding_error_db,
+    number,
+)
+from sarmitsuba.constants import RAY_ERROR_ORDER
+from sarmitsuba.focusing.alternatives import Alternative
+from sarmitsuba.image.sar_image import SarImage
+
+# change of the sum of the known errors, dB, up to which a coarser setting counts as no loss, and least gain of a finer
+# one; energies of errors are themselves known to 1.5 dB (benchmarks/suite/error_bars.py)
+VISIBLE_DB = 0.5
+# share of the run's processor time that a coarser setting must save
+WORTH = 0.1
+# factor of finer and coarser ray spacings: four times and half the rays
+FINER, COARSER = 0.5, math.sqrt(2.0)
+# error energy of blocks is proportional to their length: 3 dB per halving (benchmarks/suite/key_pulse_interval.py)
+BLOCK_ORDER = 1.0
+# share of the tracing of rays, with a gridding kernel of 4 cells, that is proportional to the kernel's area
+# (benchmarks/suite/gridding.py)
+ADDING = 0.28
+# dB by which the next number of bounces must lower their error
+_DEEPER_DB = 3.0
+# below this the errors of rays and blocks are mostly rounding, and their laws do not hold, dB
+_LAWLESS_DB = -60.0
+_WIDTHS = (2, 8)  # of gridding kernels, cells
+
+
+@dataclass(frozen=True)
+class StageTime:
+    """Time of a stage of a run.
+
+    Parameters
+    ----------
+    elapsed : s
+    processor : s, of all threads; NaN: not measured
+    """
+
+    elapsed: float
+    processor: float = math.nan
+
+
+@dataclass(frozen=True)
+class Change:
+    """Change of one setting, and what it does to error and time.
+
+    Parameters
+    ----------
+    cause : of the error it changes
+    options : of ``render`` or ``focus``
+    error_db : of the cause, before and after
+    total_db : of the sum of all known errors, before and after
+    seconds : processor seconds more, below 0 fewer; NaN: not known
+    known : kind of the cause's error, see :class:`ErrorPart`
+    """
+
+    cause: str
+    options: str
+    error_db: tuple[float, float]
+    total_db: tuple[float, float]
+    seconds: float
+    known: str
+
+    def __str__(self) -> str:
+        """Text such as ``max_depth=3 (bounces left out -30 -> -45 dB, all known errors -29 -> -35 dB, 2 s more)``."""
+        bound = "at most " if self.known == AT_MOST else ""
+        time = "time not known"
+        if not math.isnan(self.seconds):
+            time = f"about {abs(self.seconds):.2g} CPU s {'more' if self.seconds >= 0.0 else 'less'}"
+        return (
+            f"{self.options} ({self.cause} {bound}{_level(self.error_db[0])} -> {_level(self.error_db[1])} dB, "
+            f"all known errors {_level(self.total_db[0])} -> {_level(self.total_db[1])} dB, {time})"
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """Values for JSON; None for no error and for an unknown time."""
+        return {
+            "cause": self.cause,
+            "options": self.options,
+            "error_db": [_finite(x) for x in self.error_db],
+            "total_db": [_finite(x) for x in self.total_db],
+            "processor_seconds": _finite(self.seconds),
+            "known": self.known,
+        }
+
+
+@dataclass(frozen=True)
+class Account:
+    """Error by cause, time by stage, and the changes that pay.
+
+    Parameters
+    ----------
+    parts : error by cause
+    stages : time by stage
+    finer : change that lowers the sum of the known errors most; None where none lowers it by ``VISIBLE_DB``
+    coarser : change that saves most time and raises that sum by less than ``VISIBLE_DB``; None where none saves
+        ``WORTH`` of the time
+    changes : all that were considered
+    """
+
+    parts: tuple[ErrorPart, ...]
+    stages: Mapping[str, StageTime]
+    finer: Change | None
+    coarser: Change | None
+    changes: tuple[Change, ...] = ()
+
+    @property
+    def total_db(self) -> float:
+        """Sum of all known error energies relative to that of the image, dB; -inf: none is known."""
+        return total_db(self.parts)
+
+    @property
+    def advice(self) -> tuple[str, str]:
+        """The change that lowers the error most, and the one that saves most, as text."""
+        finer = str(self.finer) if self.finer else "no single setting lowers the known error visibly"
+        if self.parts[0].known == UNKNOWN:
+            finer += "; the error of the rays is not measured"
+        coarser = str(self.coarser) if self.coarser else "no coarser setting saves a tenth of it without loss"
+        return f"to lower the error: {finer}", f"to save time: {coarser}"
+
+    def as_dict(self) -> dict[str, object]:
+        """Values for JSON, without the parts, which have their own entry."""
+        return {
+            "total_db": _finite(self.total_db),
+            "stages": {
+                name: {"seconds": round(t.elapsed, 4), "processor_seconds": _finite(t.processor, 4)}
+                for name, t in self.stages.items()
+            },
+            "advice": list(self.advice),
+            "finer": self.finer.as_dict() if self.finer else None,
+            "coarser": self.coarser.as_dict() if self.coarser else None,
+        }
+
+
+def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[Alternative] = ()) -> Account:
+    """Account of a simulated image.
+
+    Parameters
+    ----------
+    image : of :func:`sarmitsuba.focus` or :func:`sarmitsuba.render`, with its error bars
+    stages : time of the run by stage; those of the simulation may be missing where the data were made before
+    others : focusers in place of the one used
+
+    Notes
+    -----
+    Laws: energy of the error of the rays as their number to the power 0.83, energy of the error of blocks as their
+    length; bounces, effects and gridding from what the run states of them. Time of tracing as the rays or blocks, a
+    bounce more as the mean bounces (at most). Errors of different causes are independent and their energies add.
+    Every law is checked by applying the change (tests/physics/test_account.py).
+    """
+    parts, data = error_budget(image), BudgetFacts(image.metadata)
+    by_name = {part.name: part for part in parts}
+    spent = _Spent.of(data)
+    changes = [
+        *_rays(data, by_name["rays"], spent),
+        *_bounces(data, by_name["bounces left out"], spent),
+        *_blocks(data, by_name["blocks of pulses"], spent),
+        *_gridding(data, by_name["gridding"], spent),
+        *_effects(data, by_name["effects left out"], spent),
+        *_focusers(by_name["focuser"], others, stages),
+    ]
+    weighed = [_with_total(change, parts) for change in changes]
+    finer = [c for c in weighed if c.total_db[1] <= c.total_db[0] - VISIBLE_DB]
+    needed = WORTH * sum(t.processor for t in stages.values() if not math.isnan(t.processor))
+    coarser = [c for c in weighed if c.seconds < -needed and c.total_db[1] < c.total_db[0] + VISIBLE_DB]
+    return Account(
+        parts,
+        dict(stages),
+        min(finer, key=lambda c: c.total_db[1], default=None),
+        min(coarser, key=lambda c: c.seconds, default=None),
+        tuple(weighed),
+    )
+
+
+def total_db(parts: Iterable[ErrorPart]) -> float:
+    """Sum of the known error energies, dB; -inf where none is known."""
+    energy = sum(_energy(part.error_db) for part in parts if part.known != UNKNOWN)
+    return 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
+
+
+@dataclass(frozen=True)
+class _Spent:
+    """Processor seconds of tracing, of its part proportional to the rays, and of simulating; NaN: not measured."""
+
+    tracing: float
+    rays: float
+    simulating: float
+
+    @staticmethod
+    def of(data: BudgetFacts) -> "_Spent":
+        of_simulation = {name: number(s) for name, s in data.part("processor_seconds").items()}
+        tracing = of_simulation.get("trace", math.nan)
+        share = number(data.metadata.get("ray_share_of_tracing"))
+        return _Spent(tracing, tracing * share, sum(of_simulation.values()) if of_simulation else math.nan)
+
+
+def _energy(error_db: float) -> float:
+    return 0.0 if math.isnan(error_db) else 10.0 ** (0.1 * error_db)
+
+
+def _with_total(change: Change, parts: Iterable[ErrorPart]) -> Change:
+    parts = tuple(parts)
+    after = (replace(p, error_db=change.error_db[1]) if p.name == change.cause else p for p in parts)
+    return replace(change, total_db=(total_db(parts), total_db(after)))
+
+
+def _change(part: ErrorPart, options: str, after_db: float, seconds: float, known: str = "") -> Change:
+    return Change(
+        part.name, options, (part.error_db, after_db), (math.nan, math.nan), seconds, known or part.known
+    )
+
+
+def _rays(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
+    if not part.error_db > _LAWLESS_DB:
+        return []
+    if data.part("refinement"):  # passes: their number and density follow from the wanted error
+        after = part.error_db + 20.0 * RAY_ERROR_ORDER * math.log10(FINER)
+        return [_change(part, f"--target-error {math.floor(after)}", float(math.floor(after)), math.nan)]
+    found = []
+    spacings = {k: number(v) for k, v in data.part("ray_spacing_settings").items()}
+    if not spacings or any(math.isnan(v) or v <= 0.0 for v in spacings.values()):
+        return []
+    for factor in (FINER, COARSER):
+        options = " ".join(f"-D sar_path.{k}={factor * v:.4g}" for k, v in spacings.items())
+        after = part.error_db + 20.0 * RAY_ERROR_ORDER * math.log10(factor)
+        found.append(_change(part, options, after, spent.rays * (factor**-2 - 1.0)))
+    return found
+
+
+def _bounces(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
+    """Bounces more until they lower the error, and fewer where rays have them; each costs a mean bounce at most."""
+    upper = data.part("effects", "pilot").get("energy_from_order_upper_db")
+    depth = number(data.part("effects").get("max_depth"))
+    if part.known == UNKNOWN or not isinstance(upper, list) or math.isnan(depth):
+        return []
+    errors = [-math.inf if x is None else number(x) for x in upper]
+    statistics = data.part("statistics")
+    bounces = number(statistics.get("hits")) / max(number(statistics.get("rays")), 1.0)
+    found = []
+    for other in range(1, len(errors)):
+        if other > depth and errors[other] <= part.error_db - _DEEPER_DB:
+            seconds = spent.rays * (other - depth) / depth
+            found.append(_change(part, _path("max_depth", other), errors[other], seconds, AT_MOST))
+            break
+    for other in range(1, int(depth)):
+        if other < bounces:
+            seconds = -spent.rays * (1.0 - other / bounces)
+            found.append(_change(part, _path("max_depth", other), errors[other], seconds, AT_MOST))
+    return found
+
+
+def _blocks(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
+    """Half the interval; twice it only where it was set: automatic blocks are as long as the track allows."""
+    interval = number(data.part("sampling").get("key_pulse_interval"))
+    if not part.error_db > _LAWLESS_DB or not interval >= 2.0:
+        return []
+    half = int(interval) // 2
+    after = part.error_db + 10.0 * BLOCK_ORDER * math.log10(half / interval)
+    found = [_change(part, _path("key_pulse_interval", half), after, spent.tracing * (interval / half - 1.0))]
+    if number(data.part("settings").get("key_pulse_interval")) > 0.0:
+        after = part.error_db + 10.0 * BLOCK_ORDER * math.log10(2.0)
+        found.append(
+            _change(part, _path("key_pulse_interval", 2 * int(interval)), after, -0.5 * spent.tracing)
+        )
+    return found
+
+
+def _gridding(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
+    width = number(data.part("settings").get("gridding_width"))
+    if part.known == UNKNOWN or not _WIDTHS[0] <= width <= _WIDTHS[1]:
+        return []
+    offset = part.error_db - gridding_error_db(int(width))  # of the share of the echoes that is shown
+    now = 1.0 - ADDING + ADDING * (width / 4.0) ** 2
+    return [
+        _change(
+            part,
+            _path("gridding_width", other),
+            offset + gridding_error_db(other),
+            spent.rays * ADDING * ((other / 4.0) ** 2 - (width / 4.0) ** 2) / now,
+        )
+        for other in range(_WIDTHS[0], _WIDTHS[1] + 1)
+        if other != int(width)
+    ]
+
+
+def _effects(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
+    """Each effect that is off on its own; only ``explain`` measures what share of the time one takes."""
+    if part.known == UNKNOWN:
+        return []
+    found = []
+    by_name = effects_by_name(data)
+    for name, decision in by_name.items():
+        rest = sum(_energy(number(d.get("error_db"))) for other, d in by_name.items() if other != name)
+        after = 10.0 * math.log10(rest) if rest > 0.0 else -math.inf
+        seconds = spent.simulating * number(decision.get("cost"))
+        found.append(_change(part, _path(name, "on"), after, seconds, part.known))
+    return found
+
+
+def _focusers(
+    part: ErrorPart, others: Iterable[Alternative], stages: Mapping[str, StageTime]
+) -> list[Change]:
+    if part.known == UNKNOWN or "focus" not in stages:
+        return []
+    spent = stages["focus"].processor
+    return [
+        _change(part, f"--focuser {other.focuser}", other.error_db, spent * (other.time - 1.0))
+        for other in others
+    ]
+
+
+def _path(name: str, value: object) -> str:
+    return f"-D sar_path.{name}={value}"
+
+
+def _level(error_db: float) -> str:
+    return f"{error_db:.1f}" if math.isfinite(error_db) else "none"
+
+
+def _finite(value: float, digits: int = 2) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None

@@ -1,0 +1,167 @@
+"""Trials of a cost study: each is run once, and kept in a file from which an interrupted study continues."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.cost.clock import StudyClock
+from sarmitsuba.cost.trial import Prepared, Trial, TrialSetting, run_trial
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing import default_grid
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.io.journal import Journal
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.statistics import TraceStatistics
+
+_FIRST = "cost study"
+
+
+class Trials:
+    """Trials of one study.
+
+    Parameters
+    ----------
+    clock : time source
+    state : file that keeps every finished trial; None: none
+    run_hash : of scene, settings and program; trials of another study are dropped
+    done : called after every trial
+
+    Attributes
+    ----------
+    reused : number of trials taken from the file
+    """
+
+    def __init__(
+        self,
+        clock: StudyClock,
+        state: Path | None = None,
+        run_hash: str = "",
+        done: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.clock, self.done, self.reused = clock, done, 0
+        self._made: dict[str, Trial] = {}
+        self._prepared: dict[str, Prepared] = {}
+        self._last: tuple[str, Trial] | None = None
+        self._journal = Journal(state) if state is not None else None
+        if self._journal is None:
+            return
+        first = {"kind": _FIRST, "hash": run_hash}
+        if self._journal.labels[:1] != [first]:
+            self._journal.clear()
+            self._journal.append(first, np.empty(0, np.uint8))
+
+    def run(
+        self,
+        scene: Scene,
+        setting: TrialSetting,
+        grid: ImageGrid | None = None,
+        *,
+        pass_index: int = 0,
+        again: int = 0,
+    ) -> Trial:
+        """The trial of a setting on a part of the scene, run once; ``again``: number of a repetition."""
+        part = _part(scene)
+        key = _key(part, setting, pass_index, again)
+        if key not in self._made:
+            kept = self._kept(key, setting, scene, grid)
+            self._made[key] = kept or self._run(key, part, scene, setting, grid, pass_index, again)
+            self.done()
+        return self._made[key]
+
+    @property
+    def count(self) -> int:
+        """Number of trials so far."""
+        return len(self._made)
+
+    def close(self) -> None:
+        """Close the file; its trials are kept."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def _run(
+        self,
+        key: str,
+        part: str,
+        scene: Scene,
+        setting: TrialSetting,
+        grid: ImageGrid | None,
+        pass_index: int,
+        again: int,
+    ) -> Trial:
+        if part not in self._prepared:
+            self._prepared[part] = Prepared.of(scene, self.clock.source)
+        traced = _key(part, setting.traced, pass_index, again)
+        same = self._last[1] if self._last is not None and self._last[0] == traced else None
+        trial = run_trial(
+            scene,
+            setting,
+            grid,
+            pass_index=pass_index,
+            clock=self.clock,
+            prepared=self._prepared[part],
+            echoes_of=same,
+        )
+        self._last = (traced, trial)
+        trial = replace(trial, raw=None)  # echoes of the latest trial alone are held
+        if self._journal is not None:
+            label = {
+                "kind": "trial",
+                "key": key,
+                "shape": list(trial.image.shape),
+                "stages": dict(trial.stages),
+                "compile_seconds": trial.compile_seconds,
+                "peak_bytes": trial.peak_bytes,
+                "statistics": vars(trial.statistics),
+                "interval": trial.key_pulse_interval,
+            }
+            self._journal.append(label, trial.image.astype(np.complex64))
+        return trial
+
+    def _kept(self, key: str, setting: TrialSetting, scene: Scene, grid: ImageGrid | None) -> Trial | None:
+        """The trial from the file."""
+        if self._journal is None:
+            return None
+        row = next((i for i, x in enumerate(self._journal.labels) if x.get("key") == key), None)
+        if row is None:
+            return None
+        shape = (grid or default_grid(scene.radar, scene.image)).shape
+        label, image = self._journal.labels[row], self._journal.payload(row, np.complex64)
+        try:
+            trial = Trial(
+                setting,
+                image.reshape(shape),
+                {str(k): _seconds(v) for k, v in label["stages"].items()},
+                _seconds(label["compile_seconds"]),
+                int(label["peak_bytes"]),
+                TraceStatistics(**{k: _seconds(v) for k, v in label["statistics"].items()}),  # type: ignore[arg-type]
+                int(label["interval"]),
+            )
+            if not np.isfinite(image).all() or not trial.stages:
+                raise ValueError("not finite")
+        except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
+            raise DataError(
+                f"{self._journal.path}: trial {row} is not one that this program wrote; delete the file, or leave out "
+                "--resume"
+            ) from error
+        self.reused += 1
+        return trial
+
+
+def _seconds(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < float("inf"):
+        raise ValueError("not a time or a count")
+    return value
+
+
+def _part(scene: Scene) -> str:
+    """Which part of the scene it is."""
+    image, track = scene.image, scene.radar.track
+    return f"{image.extent_azimuth:.9g} {image.extent_range:.9g} {track.n_pulses}"
+
+
+def _key(part: str, setting: TrialSetting, pass_index: int, again: int) -> str:
+    return json.dumps([part, dict(sorted(setting.changes.items())), pass_index, again])

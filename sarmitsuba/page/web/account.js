@@ -1,0 +1,38 @@
+// Error by cause and time by stage of a run, as tables with bars.
+
+import { html } from "sarmitsuba/markup.js";
+
+/** Share of every cause in the sum of the known error energies, 0 where it is not known. */
+export function shares(errors) {
+  const energy = errors.map((part) => (part.error_db === null ? 0 : 10 ** (part.error_db / 10)));
+  const sum = energy.reduce((a, b) => a + b, 0);
+  return energy.map((x) => (sum > 0 ? x / sum : 0));
+}
+
+const seconds = (value) => (value === null ? "-" : `${value.toFixed(2)} s`);
+const level = (part) => {
+  if (part.error_db === null) return part.known;
+  return `${part.known === "at most" ? "at most " : ""}${part.error_db.toFixed(1)} dB`;
+};
+
+/** Bar of a share, light where it is a bound. */
+function bar(share, bound) {
+  return html`<td class="share"><div class="${bound ? "bound" : "known"}" style="width: ${(100 * share).toFixed(1)}%"></div></td>`;
+}
+
+/** Both tables and the advice; `account` of a look, or null. */
+export function accountView(account) {
+  if (!account) return html`<p class="quiet">The record of this run holds no account of error and time.</p>`;
+  const parts = shares(account.errors);
+  const longest = Math.max(...account.stages.map((stage) => stage.seconds ?? 0), 1e-9);
+  const total = account.total_db === null ? "" : ` The sum is ${account.total_db.toFixed(1)} dB of the image's energy.`;
+  return html`<h2>What the error is made of</h2>
+    <p class="quiet">Bars: share of the sum of the known errors, light where they are bounds.${total}</p>
+    <table>${account.errors.map((part, i) => html`<tr><th scope="row">${part.name}</th>${bar(parts[i], part.known === "at most")}
+      <td class="number">${level(part)}</td></tr>`)}</table>
+    <h2>Where the time went</h2>
+    <table><tr><th></th><td></td><td class="number quiet">elapsed</td><td class="number quiet">processor</td></tr>
+    ${account.stages.map((stage) => html`<tr><th scope="row">${stage.name}</th>${bar((stage.seconds ?? 0) / longest, false)}
+      <td class="number">${seconds(stage.seconds)}</td><td class="number">${seconds(stage.processor)}</td></tr>`)}</table>
+    ${account.advice.map((text) => html`<p>${text}</p>`)}`;
+}

@@ -1,0 +1,105 @@
+"""Bound of an edge's return in a resolution cell against the sum over its pieces at all pulses."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sarmitsuba.arrays import F64
+from sarmitsuba.backend import device_array, dr, ensure_backend, mi
+from sarmitsuba.effects.edge_bound import Aperture, edge_bounds
+from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges
+from sarmitsuba.trace.edges import FringeCurrents
+
+WAVELENGTH = 0.03
+PULSES, EXAMINED = 129, 9
+
+
+def drawn(rng: np.random.Generator) -> tuple[SharpEdges, Aperture, F64]:
+    """One edge at any heading, half of them nearly across the line of sight; all pulses of the track."""
+    reach, height = rng.uniform(300.0, 5000.0), rng.uniform(0.4, 1.2)
+    heading = rng.uniform(0.0, 2.0 * np.pi)
+    forward = np.array([np.cos(heading), np.sin(heading), 0.0])
+    right = np.array([forward[1], -forward[0], 0.0])
+    opening = rng.uniform(0.5, 20.0) * np.pi / 180.0
+    middle = reach * (np.sin(height) * np.array([0.0, 0.0, 1.0]) - np.cos(height) * right)
+    track = middle + np.linspace(-0.5, 0.5, PULSES)[:, None] * opening * reach * forward
+    along = rng.normal(size=3)
+    if rng.random() < 0.5:  # across the line of sight somewhere in the aperture, or beside it
+        look = track[rng.integers(PULSES)] / np.linalg.norm(track[0])
+        along -= look * (along @ look) / (look @ look)
+        along += rng.choice([0.0, 0.01, 0.05]) * rng.normal(size=3)
+    along /= np.linalg.norm(along)
+    inward = np.cross(along, rng.normal(size=3))
+    inward /= np.linalg.norm(inward)
+    normal = np.cross(along, inward)
+    angle = 2.0 if rng.random() < 0.3 else rng.uniform(1.1, 1.9)
+    turn = (2.0 - angle) * np.pi  # of the other face, through the metal
+    other = np.cos(turn) * inward - np.sin(turn) * normal
+    away = -np.cos(turn) * normal - np.sin(turn) * inward
+    edges = SharpEdges(
+        np.zeros((1, 3)),
+        np.array([10.0 ** rng.uniform(-1.0, 1.5)]),
+        np.array([angle]),
+        np.stack([inward, other])[None],
+        np.stack([normal, away])[None],
+        np.ones(1),
+        np.full((1, DIRECTIONS), np.inf),
+    )
+    pick = np.linspace(0, PULSES - 1, EXAMINED).round().astype(int)
+    cells = rng.uniform(0.15, 1.0, 2)
+    seen = track[pick]
+    flown = np.broadcast_to(forward, seen.shape)
+    return edges, Aperture(seen, seen, flown, 2.0 * np.pi / WAVELENGTH, cells[0], cells[1]), track
+
+
+def strongest(edges: SharpEdges, aperture: Aperture, track: F64) -> float:
+    """Largest RCS of a cell at any pulse, HH, HV or VV: pieces of two wavelengths, exact ranges."""
+    pieces = edges.cut(2.0 * WAVELENGTH)
+    forward, best = aperture.azimuth[0], 0.0
+    constants = SimpleNamespace(constants=SimpleNamespace(wavenumber=mi.Float(aperture.wavenumber)))
+    currents, number = FringeCurrents(pieces), dr.arange(mi.UInt32, pieces.n)
+    for place in track[:: PULSES // 16]:
+        ray = place - pieces.middle
+        distance = np.linalg.norm(ray, axis=1)
+        look = ray / distance[:, None]
+        leg = SimpleNamespace(to_antenna=vector(look))
+        h = np.cross(look, [0.0, 0.0, 1.0])
+        h /= np.linalg.norm(h, axis=1, keepdims=True)
+        fields = [(vector(x), vector(0.0 * x)) for x in (h, np.cross(h, look))]
+        phase = np.exp(-2j * aperture.wavenumber * distance)
+        side = forward - look[pieces.n // 2] * (look[pieces.n // 2] @ forward)
+        across = pieces.middle @ side
+        for i, j in ((0, 0), (0, 1), (1, 1)):
+            got = currents.amplitude(constants, number, leg, leg, fields[i], fields[j])
+            echo = (np.asarray(got.real) + 1j * np.asarray(got.imag)) * phase
+            sums = np.concatenate([[0.0], np.cumsum(echo)])
+            for start in range(0, pieces.n, max(1, pieces.n // 40)):
+                within = np.abs(distance[start:] - distance[start]) <= aperture.range_cell
+                within &= np.abs(across[start:] - across[start]) <= aperture.azimuth_cell
+                stop = start + (int(np.argmin(within)) if not within.all() else within.size)
+                best = max(best, float(np.abs(sums[start + 1 : stop + 1] - sums[start]).max() ** 2))
+    return best
+
+
+def vector(rows: F64) -> mi.Vector3f:
+    return mi.Vector3f(*(device_array(mi.Float, column) for column in rows.T.astype(np.float32)))
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"), [(1, 6), *(pytest.param(seed, 40, marks=pytest.mark.slow) for seed in range(2, 7))]
+)
+def test_bound_of_drawn_edges(seed: int, count: int) -> None:
+    ensure_backend()
+    rng = np.random.default_rng(seed)
+    over = []
+    for _ in range(count):
+        edges, aperture, track = drawn(rng)
+        got, bound = strongest(edges, aperture, track), float(edge_bounds(edges, aperture)[0])
+        if bound == 0.0:
+            assert got == 0.0
+            continue
+        over.append(10.0 * np.log10(bound / max(got, 1e-30)))
+    print(f"bound over return, dB: {np.round(np.sort(over), 1)}")
+    assert min(over) > 0.0
+    assert np.median(over) < 10.0
