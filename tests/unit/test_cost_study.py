@@ -172,7 +172,7 @@ def test_the_reference_does_not_obey_the_scenes_own_limit() -> None:
 def test_the_recommendation_for_a_groove_has_its_bounces() -> None:
     """Errors stated are those against a run with more bounces and denser rays than any of the study."""
     scene = v_groove(18.0)
-    found = study_cost(scene, budget=3.0, clock=WorkClock())
+    found = study_cost(scene, budget=4.5, clock=WorkClock())
     best = found.recommendation
     assert best.met and best.setting.changes["max_depth"] == 10 and "10 bounces" in found.reference
     assert any(row.parameter == "max_depth" and row.value == "10" for row in found.rows)
