@@ -20,6 +20,10 @@ CELL_BELOW_CLUTTER_DB = -20.0
 # approximate cost of proving a closed body convex
 PROOF_SECONDS_PER_FACE = 2.5e-6
 
+# patches that may have been missed, of a rare return: the upper 97.5 % limit of a Poisson count m is about
+# m + 2 sqrt(m) + 3
+_UNMET = 3.0
+
 KINDS = ("coherent", "diffuse", "reciprocal")
 
 
@@ -148,7 +152,9 @@ class PilotResult:
         """Upper bound of the energy of bounces after ``depth`` over that of the image, dB; at most 0.
 
         As :meth:`energy_db` with two standard errors, and with coherent returns in phase over resolution cells where
-        that is more. Of the image's energy, only the part that patches see is assumed beside the bounces left out.
+        that is more. Three patches as bright as the brightest count beside those found: where few have a return,
+        their standard error is no bound. Of the image's energy, only the part that patches see is assumed beside the
+        bounces left out. Returns that no patch meets are not in it.
         """
         above = slice(depth, None)
         left = float(self.mean[3, above].sum() + 2.0 * np.sqrt(np.square(self.deviation[3, above]).sum()))
@@ -156,6 +162,7 @@ class PilotResult:
             more = float(np.maximum(self.in_phase[above], 0.0).sum()) - float(self.mean[0, above].sum())
             more += 2.0 * float(np.sqrt(np.square(self.in_phase_deviation[above]).sum()))
             left += max(more, 0.0)
+        left += _UNMET * float(self.peak[3, above].max(initial=0.0)) / max(self.n_patches, 1)
         return _ratio_db(left, float(self.mean[3, :depth].sum()) + left)
 
     def cell_db(self, rows: slice | int, first_order: int) -> float:

@@ -312,10 +312,10 @@ def _depth_note(context: SceneContext, depth: int) -> str:
         remedy = f"about max_depth = {likely} is needed" if likely <= DEEPEST else "they hardly decay"
     order = min(depth + 1, pilot.n_orders)
     over = "clutter" if pilot.clutter > 0 else "peak"
+    left, cell = pilot.left_out_db(order - 1), pilot.cell_db(3, order)
     return (
         f"{context.scene.name}: max_depth = {depth} leaves out returns: those of bounce {order} and later hold "
-        f"at most {pilot.left_out_db(order - 1):.0f} dB of the image's energy, strongest cell {pilot.cell_db(3, order):.0f} dB "
-        f"over the {over}; {remedy}"
+        f"at most {left:.0f} dB of the image's energy, strongest cell {cell:.0f} dB over the {over}; {remedy}"
     )
 
 

@@ -55,10 +55,11 @@ def in_phase_power(returns: PatchReturns) -> tuple[F64, F64]:
 
     Notes
     -----
-    The variance is that of the projection of the pairs on single patches, with pairs drawn independently on top of it.
-    Returns of unlike orders in phase are not counted, nor two ranges of one order within a patch.
+    The variance is that of the projection of the pairs on single patches, without regard to signs where that is more:
+    few pairs may cancel by chance. Ignores pulses between those traced, unlike orders in phase, and patches with
+    returns of one order at two ranges.
     """
-    n, n_orders, n_channels = returns.field.shape
+    n, n_orders = returns.field.shape[:2]
     mean, variance = np.zeros(n_orders), np.zeros(n_orders)
     if n < 2:
         return mean, variance
@@ -69,24 +70,29 @@ def in_phase_power(returns: PatchReturns) -> tuple[F64, F64]:
         if picked.size < 2:
             continue
         field = returns.field[picked, order]
-        partners = np.zeros(picked.size)
+        scale = returns.scale / (n - 1)
+        signed, unsigned = np.zeros(picked.size), np.zeros(picked.size)
         for shift in _SHIFTS:
             bins = _bins(returns, picked, order, shift)
-            sums = np.empty((bins.max() + 1, n_channels), dtype=np.complex128)
-            for channel in range(n_channels):
-                real, imaginary = field[:, channel].real, field[:, channel].imag
-                sums[:, channel] = np.bincount(bins, real) + 1j * np.bincount(bins, imaginary)
-            partners += ((sums[bins] - field) * field.conj()).real.mean(axis=1) / len(_SHIFTS)
-        partners *= returns.scale / (n - 1)
-        mean[order] = partners.sum() / n
-        spread = max(float(np.square(partners).sum()) / n - float(mean[order]) ** 2, 0.0)
-        variance[order] = 4.0 * spread / n
+            signed += scale / len(_SHIFTS) * _partners(field, bins)
+            unsigned += scale / len(_SHIFTS) * _partners(np.abs(field).astype(np.complex128), bins)
+        mean[order] = signed.sum() / n
+        for partners in (signed, unsigned):
+            spread = float(np.square(partners).sum()) / n - (float(partners.sum()) / n) ** 2
+            variance[order] = max(variance[order], 4.0 * spread / n)
     return mean, variance
 
 
-def _bins(
-    returns: PatchReturns, picked: I64, order: int, shift: tuple[float, float]
-) -> I64:
+def _partners(field: C128, bins: I64) -> F64:
+    """Product of each field (n, n_channels) with the sum of the others of its bin, mean over the channels, (n,)."""
+    sums = np.empty((bins.max() + 1, field.shape[1]), dtype=np.complex128)
+    for channel, column in enumerate(field.T):
+        sums[:, channel] = np.bincount(bins, column.real) + 1j * np.bincount(bins, column.imag)
+    products: F64 = ((sums[bins] - field) * field.conj()).real.mean(axis=1)
+    return products
+
+
+def _bins(returns: PatchReturns, picked: I64, order: int, shift: tuple[float, float]) -> I64:
     """Number of the bin of each picked return, from zero, in a grid at one of the places."""
     row = np.floor(returns.slant_range[picked, order] / returns.range_bin + shift[0])
     column = np.floor(returns.range_rate[picked, order] / returns.rate_bin + shift[1])

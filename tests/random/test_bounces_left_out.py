@@ -79,7 +79,7 @@ def image(scene: Scene, depth: int) -> C64:
 
 
 def over_truth(folder: Path, seed: int) -> list[float]:
-    """Stated minus true level of the bounces after the first and after the second, dB; where they return anything."""
+    """Stated minus true level of the bounces after the first and after the second, dB; where above the tolerance."""
     scene, about = drawn(folder, seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SarmitsubaWarning)
@@ -91,12 +91,12 @@ def over_truth(folder: Path, seed: int) -> list[float]:
             left = np.square(np.abs(image(scene, depth) - deep)).sum() / np.square(np.abs(deep)).sum()
             true, stated = 10.0 * np.log10(max(float(left), 1e-30)), pilot.left_out_db(depth)
             print(f"seed {seed} ({about}), depth {depth}: stated {stated:.1f}, true {true:.1f} dB")
-            if true > -60.0:
+            if true > scene.settings.tolerance_db:
                 found.append(stated - true)
     return found
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [24])
 def test_no_more_than_stated(tmp_path: Path, seed: int) -> None:
     over = over_truth(tmp_path, seed)
     assert over
@@ -105,7 +105,7 @@ def test_no_more_than_stated(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.slow
 def test_stated_levels_of_drawn_buildings(tmp_path: Path) -> None:
-    over = np.array([x for seed in range(2, 34) for x in over_truth(tmp_path, seed)])
+    over = np.array([x for seed in range(34) for x in over_truth(tmp_path, seed)])
     print(f"stated over true, dB: {np.round(np.sort(over), 1)}")
     assert over.min() > -1.0  # tol: two standard errors, and the pulses between the pilot's five
     assert np.median(over) < 6.0

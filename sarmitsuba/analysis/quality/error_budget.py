@@ -114,7 +114,9 @@ def _bounces(data: BudgetFacts) -> ErrorPart:
     left = bounces_left_out(data)
     if math.isnan(depth) or not 1 <= depth < len(left):
         return ErrorPart(name, math.nan, UNKNOWN, str(decision.get("why", "")))
-    return _with_shown(data, ErrorPart(name, left[int(depth)], AT_MOST, "pilot trace, two standard errors included"))
+    return _with_shown(
+        data, ErrorPart(name, left[int(depth)], AT_MOST, "pilot trace, two standard errors included")
+    )
 
 
 def bounces_left_out(data: BudgetFacts) -> list[float]:
@@ -148,7 +150,9 @@ def _with_shown(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
     shown = _shown_db(data)
     if shown == 0.0:
         return part
-    return replace(part, known=AT_MOST, why=f"{part.why}; the image shows {shown:.1f} dB of the energy of the echoes")
+    return replace(
+        part, known=AT_MOST, why=f"{part.why}; the image shows {shown:.1f} dB of the energy of the echoes"
+    )
 
 
 def _shown_db(data: BudgetFacts) -> float:

@@ -67,8 +67,7 @@ def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:
     elif depth == 1:
         seen = pilot.n_patches + pilot.n_features
         why = (
-            f"pilot, {seen} patches: further bounces have at most {_text(pilot.left_out_db(1))} of the "
-            f"energy"
+            f"pilot, {seen} patches: further bounces have at most {_text(pilot.left_out_db(1))} of the energy"
         )
     else:
         why = (
