@@ -7,6 +7,9 @@ JOBS ?= auto
 BIN = $(VENV)/bin
 PIP = $(BIN)/pip --disable-pip-version-check --quiet
 
+# the modules that a process has compiled serve the next one: tests start many
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-slow test-lowest benchmarks validation docs clean
 
 demo: $(VENV)/.run

@@ -12,6 +12,8 @@ T = TypeVar("T")
 
 _lock = threading.RLock()
 _depth = 0  # depth of nested calls in the thread that holds the lock
+_holder = 0  # identity of that thread
+_threads = 0  # threads of Dr.Jit to return to when the outermost call ends; 0: they were not changed
 
 
 @contextmanager
@@ -23,9 +25,10 @@ def backend_lock() -> Iterator[None]:
     Dr.Jit records per thread but shares variables, and a thread does not wait for kernels launched by another: the
     outermost call therefore ends after all launched work is complete. Processes share nothing and need no lock.
     """
-    global _depth
+    global _depth, _holder, _threads
     with _lock:
         _depth += 1
+        _holder = threading.get_ident()
         try:
             yield
         finally:
@@ -34,6 +37,36 @@ def backend_lock() -> Iterator[None]:
                 drjit = sys.modules.get("drjit")
                 if drjit is not None and hasattr(drjit, "sync_thread"):
                     drjit.sync_thread()
+                    if _threads:
+                        drjit.set_thread_count(_threads)
+                _holder = _threads = 0
+
+
+def threads() -> int:
+    """Number of threads that the back end may use, as it was set outside of locked calls."""
+    drjit = sys.modules.get("drjit")
+    return _threads or (max(1, int(drjit.thread_count())) if drjit is not None else 1)
+
+
+def take_threads(one: bool) -> None:
+    """Let the back end compute in the calling thread alone, or in all threads again.
+
+    Lasts until the outermost locked call of the calling thread ends; does nothing in a thread that has not locked the
+    back end.
+
+    Notes
+    -----
+    One thread is for short work: after every launch the waiting threads of Dr.Jit's pool keep their processors busy for
+    milliseconds, and each has its own copy of the grid that echoes are added to.
+    """
+    global _threads
+    drjit = sys.modules.get("drjit")
+    if drjit is None or _holder != threading.get_ident() or one == (drjit.thread_count() <= 1):
+        return
+    if one or _threads:
+        drjit.sync_thread()
+        wanted, _threads = (1, threads()) if one else (_threads, 0)
+        drjit.set_thread_count(wanted)
 
 
 def exclusive(function: Callable[P, T]) -> Callable[P, T]:

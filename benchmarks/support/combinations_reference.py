@@ -91,12 +91,17 @@ class Numbers:
         speed = np.linalg.norm(self.velocity, axis=1)
         forward = self.velocity / speed[:, None]
         line = place[:, None] - self.sent
-        distance = np.linalg.norm(line, axis=2)
+        distance = lengths(line)
         sine = np.einsum("mni,ni->mn", line, forward) / distance
         off = sine - np.einsum("ni,ni->n", self.boresight, forward)
         step = np.abs(np.gradient(off, axis=1))
         inside = np.clip((self.half_aperture - np.abs(off)) / step + 0.5, 0.0, 1.0)
         return law(np.clip(off / (2.0 * self.half_aperture), -0.5, 0.5)) * inside
+
+
+def lengths(vectors: F64) -> F64:
+    """Of vectors (..., 3)."""
+    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
 
 
 def profile(window: str) -> Callable[[F64], F64]:
@@ -139,8 +144,9 @@ def exact_image(
     shape = profile(range_window)
 
     def ways(place: F64) -> tuple[F64, F64, F64]:
-        first, second = place - radar.sent, place - radar.received
-        one, two = np.linalg.norm(first, axis=-1), np.linalg.norm(second, axis=-1)
+        first = place - radar.sent
+        one = lengths(first)
+        two = one if radar.received is radar.sent else lengths(place - radar.received)
         return 0.5 * (one + two), one * two, radar.gain(first / one[..., None])
 
     echoes = []

@@ -148,18 +148,24 @@ def _hidden(point: F64, of: NDArray[np.intp], antenna: F64, triangles: F64) -> N
     return hidden
 
 
+def _cross(a: F64, b: F64) -> F64:
+    """Vector products (..., 3); for small arrays in a fifth of the time of ``np.cross``."""
+    (ax, ay, az), (bx, by, bz) = (np.moveaxis(v, -1, 0) for v in (a, b))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
 def _blocked(
     point: F64, of: NDArray[np.intp], antenna: F64, triangles: F64, number: NDArray[np.intp], slack: float
 ) -> NDArray[np.bool_]:
     """Segments from points to the antenna against triangles (Moeller and Trumbore 1997), all pairs."""
     direction = antenna - point
     e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    p = np.cross(direction[:, None], e2[None])
+    p = _cross(direction[:, None], e2[None])
     det = np.einsum("pti,ti->pt", p, e1)
     safe = np.where(np.abs(det) > 1e-300, det, 1.0)
     s = point[:, None] - triangles[None, :, 0]
     u = np.einsum("pti,pti->pt", s, p) / safe
-    q = np.cross(s, e1[None])
+    q = _cross(s, e1[None])
     v = np.einsum("pi,pti->pt", direction, q) / safe
     t = np.einsum("pti,ti->pt", q, e2) / safe
     far = t * np.linalg.norm(direction, axis=1)[:, None] > slack

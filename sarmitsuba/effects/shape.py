@@ -3,10 +3,8 @@
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError
 
 from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.mesh.closed import enclosed_volume, is_closed
@@ -112,8 +110,8 @@ class ShapeAnalysis:
         """Vertices of the convex hull (all vertices where there are few, or they are coplanar)."""
         if len(self.points) > 500:
             try:
-                return np.asarray(self.points[ConvexHull(self.points).vertices])
-            except QhullError:
+                return np.asarray(self.points[scipy.spatial.ConvexHull(self.points).vertices])
+            except scipy.spatial.QhullError:
                 pass
         return self.points
 
@@ -321,8 +319,8 @@ class ShapeAnalysis:
         n = int(f.max()) + 1
         rows = np.concatenate([f[:, 0], f[:, 1]])
         columns = np.concatenate([f[:, 1], f[:, 2]])
-        _, label = connected_components(
-            coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n)), directed=False
+        _, label = scipy.sparse.csgraph.connected_components(
+            scipy.sparse.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n)), directed=False
         )
         _, number = np.unique(label[f[:, 0]], return_inverse=True)
         return np.asarray(number.reshape(-1), dtype=np.int32)

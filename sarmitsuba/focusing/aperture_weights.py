@@ -1,7 +1,8 @@
 """Synthetic aperture of one point: antenna weights, and area and shape of the impulse response."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +11,7 @@ from sarmitsuba.arrays import F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.narrow_beam import beam_over_cell
-from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.focusing.windows import WINDOWS, Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
@@ -115,13 +116,19 @@ def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Windo
     """Azimuth weight w of every pulse at points (..., 3), (..., n_pulses): over pulse index or the pixel's own band."""
     window = parse_window(azimuth_window)
     if np.isinf(radar.half_aperture):
-        return window.aperture(radar.track.n_pulses)
+        return _whole_aperture(radar.track.n_pulses, window, WINDOWS[window.name].function).copy()
     forward, center, gap = flight(radar)
     line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position
     distance = np.linalg.norm(line, axis=-1)
     sine = np.sum(line * forward, axis=-1) / distance
     step = np.maximum(np.abs(gap * (1.0 - sine**2) / distance + beam_turn(radar)), 1e-30)
     return band_weights(sine - center, step, radar.half_aperture, window)
+
+
+@lru_cache(maxsize=8)
+def _whole_aperture(n_pulses: int, window: Window, _function: Callable[..., F64]) -> F64:
+    """Weights (n_pulses,) over all pulses; the function is that of the window's name, for the cache."""
+    return window.aperture(n_pulses)
 
 
 def matched_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window = "rectangular") -> F64:
@@ -257,13 +264,19 @@ def ground_cell_area(
             "focus: the line of sight to the image's centre does not change its direction, or no pulse illuminates it; "
             "move the image into the beam and away from the flight line"
         )
-    wave = radar.waveform
-    v = (np.arange(1024) + 0.5) / 1024 - 0.5
-    f = wave.center_frequency + wave.bandwidth * v
-    V = parse_window(range_window)(v)
-    band = float(np.mean(V**2 / f) / (np.mean(V) ** 2 * wave.bandwidth))
+    wave, window = radar.waveform, parse_window(range_window)
+    band = _over_band(wave.center_frequency, wave.bandwidth, window, WINDOWS[window.name].function)
     aperture = float(np.sum(weights[seen] ** 2 / turn[seen]) / weights.sum() ** 2)
     return aperture * band * (SPEED_OF_LIGHT / 2.0) ** 2 * narrow
+
+
+@lru_cache(maxsize=64)
+def _over_band(center: float, bandwidth: float, window: Window, _function: Callable[..., F64]) -> float:
+    r""":math:`\int V^2 / f \, df / (\int V df)^2`, s^2; the function is that of the window's name, for the cache."""
+    v = (np.arange(1024) + 0.5) / 1024 - 0.5
+    f = center + bandwidth * v
+    V = window(v)
+    return float(np.mean(V**2 / f) / (np.mean(V) ** 2 * bandwidth))
 
 
 def _by_direction(u: F64, weights: F64) -> tuple[F64, F64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -156,28 +157,40 @@ class LanePixels:
         return self.n_nodes >= self.n_pixels
 
     @property
-    def nodes(self) -> list[float]:
+    def nodes(self) -> tuple[float, ...]:
         """Places where the profiles are interpolated: Chebyshev's points."""
         if self.direct:
-            return [float(place) for place in self.places]
-        x = np.cos(np.pi * (np.arange(self.n_nodes) + 0.5) / self.n_nodes)
-        return [float(v) for v in 0.5 * self.n_pixels * x]
+            return tuple(float(place) for place in self.places)
+        return _chebyshev_points(self.n_pixels, self.n_nodes)
 
-    def mix(self, place: int) -> tuple[list[float], list[float]]:
+    def mix(self, place: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Weights of the sums and of the differences of opposite nodes in the polynomial's value at a place.
 
         Nodes j and k - 1 - j are opposite; a middle one counts as a sum. Places m and -m take the same weights, the
         differences' with the other sign.
         """
-        nodes, k = np.array(self.nodes), self.n_nodes
-        lagrange = [
-            float(np.prod((place - np.delete(nodes, j)) / (nodes[j] - np.delete(nodes, j)))) for j in range(k)
-        ]
-        even = [0.5 * (lagrange[j] + lagrange[k - 1 - j]) for j in range((k + 1) // 2)]
-        odd = [0.5 * (lagrange[j] - lagrange[k - 1 - j]) for j in range(k // 2)]
-        if k % 2:
-            even[-1] = lagrange[k // 2]
-        return even, odd
+        return _polynomial_weights(self.nodes, place)
+
+
+@lru_cache(maxsize=64)
+def _chebyshev_points(n_pixels: int, n_nodes: int) -> tuple[float, ...]:
+    """Chebyshev's points over a line of pixels, in steps from its middle."""
+    x = np.cos(np.pi * (np.arange(n_nodes) + 0.5) / n_nodes)
+    return tuple(float(v) for v in 0.5 * n_pixels * x)
+
+
+@lru_cache(maxsize=1024)
+def _polynomial_weights(places: tuple[float, ...], place: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Weights of :meth:`LanePixels.mix` of the polynomial through values at ``places``."""
+    nodes, k = np.array(places), len(places)
+    lagrange = [
+        float(np.prod((place - np.delete(nodes, j)) / (nodes[j] - np.delete(nodes, j)))) for j in range(k)
+    ]
+    even = [0.5 * (lagrange[j] + lagrange[k - 1 - j]) for j in range((k + 1) // 2)]
+    odd = [0.5 * (lagrange[j] - lagrange[k - 1 - j]) for j in range(k // 2)]
+    if k % 2:
+        even[-1] = lagrange[k // 2]
+    return tuple(even), tuple(odd)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -29,7 +30,7 @@ def scaled(factor: dr.ArrayBase, a: Complex) -> Complex:
     return factor * a[0], factor * a[1]
 
 
-def weighted_sum(weights: list[float], values: list[Complex]) -> Complex:
+def weighted_sum(weights: Sequence[float], values: list[Complex]) -> Complex:
     """Sum of complex numbers, weighted with literals; zero where there are none."""
     re, im = 0.0, 0.0
     for weight, value in zip(weights, values, strict=True):

@@ -46,19 +46,7 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
         return np.stack([np.interp(at, index, column) for column in rows.T], axis=1)
 
     antennas = [between(track.position) for track in radar.tracks]
-    pointing = radar.pointing
-    boresight, azimuth, elevation = (
-        between(axis) for axis in (pointing.boresight, pointing.azimuth_axis, pointing.elevation_axis)
-    )
-
-    def seen(where: F64) -> tuple[F64, F64]:
-        """Slant ranges and two-way amplitudes of places (..., 1, 3)."""
-        legs = [where - antenna for antenna in antennas]
-        distances = [np.linalg.norm(leg, axis=-1) for leg in legs]
-        sines = [np.sum(legs[0] * axis, axis=-1) / distances[0] for axis in (azimuth, elevation, boresight)]
-        gain = np.asarray(radar.antenna.two_way_amplitude(sines[0], sines[1]))
-        return 0.5 * (distances[0] + distances[-1]), np.where(sines[2] > 0.0, gain, 0.0)
-
+    azimuth = between(radar.pointing.azimuth_axis)
     wavenumber = 4.0 * np.pi / radar.waveform.wavelength
     middle = share @ antennas[0] / share.sum()
     out = place - middle
@@ -66,7 +54,6 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
     if reach == 0.0:
         return 1.0
     sideways = np.array([-out[1], out[0], 0.0]) / reach
-    range_here, gain_here = seen(place)
     wavenumbers = wavenumber * np.mean(
         [(place - a) @ sideways / np.linalg.norm(place - a, axis=1) for a in antennas], axis=0
     )
@@ -79,6 +66,17 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
     if null > WIDE_BEAM * cell or not step.all():
         return 1.0
 
+    boresight, elevation = between(radar.pointing.boresight), between(radar.pointing.elevation_axis)
+
+    def seen(where: F64) -> tuple[F64, F64]:
+        """Slant ranges and two-way amplitudes of places (..., 1, 3)."""
+        legs = [where - antenna for antenna in antennas]
+        distances = [np.linalg.norm(leg, axis=-1) for leg in legs]
+        sines = [np.sum(legs[0] * axis, axis=-1) / distances[0] for axis in (azimuth, elevation, boresight)]
+        gain = np.asarray(radar.antenna.two_way_amplitude(sines[0], sines[1]))
+        return 0.5 * (distances[0] + distances[-1]), np.where(sines[2] > 0.0, gain, 0.0)
+
+    range_here, gain_here = seen(place)
     # up to the pulses' ambiguities
     farthest = min(_NULLS * null, np.pi / float(step.max()))
     # centres of whole steps: a shortened last step would vary abruptly from column to column of an image

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import comb, factorial
+from functools import cache
+from math import comb
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -97,18 +98,30 @@ def nodes_needed(kappa: float, bend: float, tolerance: float) -> int | None:
     -------
     None where more than ``_MOST_NODES`` were needed
     """
-    series = [
-        sum(kappa ** (n - 2 * q) * bend**q / (factorial(n - 2 * q) * factorial(q)) for q in range(n // 2 + 1))
-        for n in range(_SERIES)
-    ]
+    if max(kappa, bend) > _SERIES:  # any term of the series is then larger than any tolerance
+        return None
+    order = np.arange(_SERIES)
+    bends = np.zeros(_SERIES)
+    bends[::2] = _power_terms(bend)[: bends[::2].size]
+    series = np.convolve(_power_terms(kappa), bends)[order]
+    enough = np.flatnonzero(_missed() @ series <= tolerance)
+    return int(enough[0]) + 1 if enough.size else None
+
+
+def _power_terms(x: float) -> F64:
+    """Terms (``_SERIES``,) of the exponential's power series, :math:`x^n / n!`."""
+    return np.cumprod(np.concatenate([[1.0], x / np.arange(1, _SERIES)]))
+
+
+@cache
+def _missed() -> F64:
+    """Share (``_MOST_NODES``, ``_SERIES``) of the n-th power that a polynomial through k = 1, 2, ... points misses."""
+    share = np.zeros((_MOST_NODES, _SERIES))
     for k in range(1, _MOST_NODES + 1):
-        error = 0.0
         for n in range(k, _SERIES):
-            missed = sum(comb(n, (n - m) // 2) * (1 if m == k else 2) for m in range(n, k - 1, -2))
-            error += series[n] * 2.0 ** (1 - n) * missed
-        if error <= tolerance:
-            return k
-    return None
+            terms = (comb(n, (n - m) // 2) * (1 if m == k else 2) for m in range(n, k - 1, -2))
+            share[k - 1, n] = 2.0 ** (1 - n) * sum(terms)
+    return share
 
 
 def plan_line(radar: Radar, plan: ProfilePlan, grid: ImageGrid, checked: bool = False) -> tuple[int, int]:

@@ -3,8 +3,8 @@
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d
 
 from sarmitsuba.arrays import F64
 
@@ -48,5 +48,5 @@ def sliding_means(
             continue
         weights = np.ones(2 * reach + 1)
         weights[[0, -1]] = 0.5 * (width - (2 * reach - 1))
-        means = correlate1d(means, weights / width, axis=axis, mode=rim)
+        means = scipy.ndimage.correlate1d(means, weights / width, axis=axis, mode=rim)
     return means

@@ -1,9 +1,8 @@
 """Smooth pieces of surface without a crease, and their sizes."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from sarmitsuba.arrays import F64, I64
 
@@ -37,8 +36,10 @@ def piece_of(corners: F64, vertex: I64) -> I64:
     alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)
     bend = alike * np.einsum("ei,ei->e", normal[a // 3], normal[b // 3])
     joined = bend > np.cos(SMOOTH_BEND)
-    links = coo_matrix((np.ones(int(joined.sum())), (a[joined] // 3, b[joined] // 3)), shape=(n, n))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+    links = scipy.sparse.coo_matrix(
+        (np.ones(int(joined.sum())), (a[joined] // 3, b[joined] // 3)), shape=(n, n)
+    )
+    return np.asarray(scipy.sparse.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def piece_sizes(corners: F64, piece: I64) -> tuple[F64, F64]:

@@ -1,9 +1,8 @@
 """Smooth groups: sets of faces that represent one curved or flat surface."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.mesh.welding import weld
@@ -77,8 +76,8 @@ def smooth_groups(
         cols.append(b[smooth])
     row = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
     col = np.concatenate(cols) if cols else np.zeros(0, dtype=np.int64)
-    graph = coo_matrix((np.ones(row.size, dtype=np.int8), (row, col)), shape=(n_f, n_f))
-    _, label = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_matrix((np.ones(row.size, dtype=np.int8), (row, col)), shape=(n_f, n_f))
+    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
     return np.asarray(label, dtype=np.int32)
 
 

@@ -22,6 +22,9 @@ from sarmitsuba.radar.waveform import Waveform
 PRF_MARGIN = 1.25  # automatic prf over the Doppler bandwidth
 MAX_PULSES = 10_000_000
 MAX_APERTURE = 4.0  # largest length over slant range: the line of sight turns by 127 degrees
+# a note says so where a track has this many times the pulses that the image needs, and at least this many: fewer are
+# simulated in a second
+SPARE_FACTOR, SPARE_FROM = 10, 1000
 # deviation from 1 of the footprint's speed over the antenna's up to which a beam counts as fixed to a straight track:
 # rounding
 _FIXED = 1e-9
@@ -294,6 +297,46 @@ def automatic_track(
             f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
         )
     return pulse_intervals(given).track(path, prf, n), half
+
+
+def spare_pulses(
+    given: RadarInput,
+    geometry: AimGeometry,
+    boxes: tuple[Box, Box],
+    waveform: Waveform,
+    antenna: Antenna,
+    path: FlightPath,
+    n_pulses: int,
+    extent: float,
+) -> tuple[str, ...]:
+    """Note where the track has far more pulses than a spotlight of the image's extent and resolution needs.
+
+    A mode in which the beam passes over the pixels samples the Doppler bandwidth of the whole beam for any image;
+    pulses cost time in proportion. The ``prf`` of a spotlight is that of the radar it stands for: no note.
+
+    Parameters
+    ----------
+    boxes : of the image, without and with the fade-out zone
+    n_pulses : of the track
+    extent : of the image in azimuth, m
+    (the others as for :func:`automatic_track`)
+    """
+    s, mode = given.sensor, MODES[given.sensor.mode]
+    settings = [f"mode = {s.mode}"] + [f"prf = {s.prf:g} Hz"] * (s.prf > 0.0)
+    within_beam = extent <= antenna.nulls[0] * geometry.slant_range
+    if s.n_pulses or not mode.own_apertures or mode.all_round or not within_beam:
+        return ()
+    spotlight = replace(given, sensor=replace(s, mode="spotlight", prf=0.0))
+    wanted = _Wanted(spotlight, geometry, *boxes, waveform, antenna, path)
+    length = wanted.length()
+    enough = max(2, round(length * max(wanted.prf(length), path.speed / length) / path.speed))
+    if n_pulses < max(SPARE_FACTOR * enough, SPARE_FROM):
+        return ()
+    return (
+        f"{given.where}: {' and '.join(settings)} gives {n_pulses} pulses, where an image of "
+        f"{extent:.3g} m in azimuth needs {enough} at the same resolution; for so "
+        "small an image mode = spotlight without prf is faster",
+    )
 
 
 def _whole_path(

@@ -16,6 +16,7 @@ from sarmitsuba.radar.aperture import (
     geometry_of_track,
     given_track,
     known_azimuth_cell,
+    spare_pulses,
 )
 from sarmitsuba.radar.attitude import pointing_error
 from sarmitsuba.radar.beam import antenna_of
@@ -105,6 +106,8 @@ def build_radar(
         faded = faded_box(box, scene, width, cells[0], all_round=all_round)
         path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
         track, half_aperture = automatic_track(given, geometry, box, faded, waveform, antenna, path)
+        boxes, pulses = (box, faded), track.n_pulses
+        notes += spare_pulses(given, geometry, boxes, waveform, antenna, path, pulses, image.extent_azimuth)
     track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
     receiver = receiver_track(given, track, aim, shift)

@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 import numpy as np
-from scipy.interpolate import KroghInterpolator
-from scipy.optimize import brentq
+import scipy
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_RADIUS
@@ -162,7 +161,7 @@ class StateVectors:
             part = slice(begin, begin + count)
             known = np.stack([self.position[part], self.velocity[part]], axis=1).reshape(-1, 3)
             middle = float(self.time[part].mean())
-            curve = KroghInterpolator(np.repeat(self.time[part] - middle, 2), known)
+            curve = scipy.interpolate.KroghInterpolator(np.repeat(self.time[part] - middle, 2), known)
             here = first == begin
             position[here], velocity[here] = curve.derivatives(time[here] - middle, 2)
         return position, velocity
@@ -199,7 +198,7 @@ class StateVectors:
         found: list[tuple[float, float]] = []
         for i in np.flatnonzero((value[:-1] > 0.0) & (value[1:] <= 0.0)):
             zero = float(
-                brentq(
+                scipy.optimize.brentq(
                     lambda t: float(miss(path.states(np.array([t])))[0]),
                     self.time[i],
                     self.time[i + 1],

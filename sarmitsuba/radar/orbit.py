@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_GRAVITY, EARTH_RADIUS, EARTH_ROTATION
@@ -273,7 +273,7 @@ def _moved_orbit(given: RadarInput, anchor: Anchor, aim: F64, offset: F64, squin
 
 def _root(law: Callable[[F64], F64], low: float, high: float) -> float:
     """Root of a vectorised function."""
-    return float(brentq(lambda x: float(law(np.array([x]))[0]), low, high, xtol=1e-14))
+    return float(scipy.optimize.brentq(lambda x: float(law(np.array([x]))[0]), low, high, xtol=1e-14))
 
 
 def _brackets(x: F64, y: F64) -> list[tuple[float, float]]:

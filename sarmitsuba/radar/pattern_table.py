@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
@@ -90,7 +90,7 @@ class PatternCut:
 
     def __init__(self, rows: F64) -> None:
         self.angle, self.gain = rows[:, 0], rows[:, 1]
-        self._between = PchipInterpolator(self.angle, self.gain)
+        self._between = scipy.interpolate.PchipInterpolator(self.angle, self.gain)
         ends = np.sin(self.angle[[0, -1]])
         self.half_power = self._half_power()
         width = float(np.diff(np.sin(self.half_power))[0]) / 2.0

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
@@ -164,7 +164,11 @@ class Track:
         t = np.asarray(time, dtype=np.float64)
         p = np.asarray(position, dtype=np.float64)
         if t.size > 1 and (np.diff(t) > 0).all() and np.isfinite(p).all():
-            v = np.asarray(CubicSpline(t, p, axis=0)(t, 1)) if t.size > 2 else np.gradient(p, t, axis=0)
+            v = (
+                np.asarray(scipy.interpolate.CubicSpline(t, p, axis=0)(t, 1))
+                if t.size > 2
+                else np.gradient(p, t, axis=0)
+            )
         else:
             v = np.zeros_like(p)
         return Track(t, p, v)

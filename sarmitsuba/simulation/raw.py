@@ -89,7 +89,7 @@ def simulate(
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
     run = Run(scene, plan=plan, clock=clock, workers=workers)
-    run.needs().check()
+    run.admit()
     if state is not None:
         run.finished = FinishedBlocks(state, run_hash or fingerprint(scene), run.plan, f"pass {pass_index}")
     try:

@@ -80,7 +80,7 @@ def render(
     one_look = name in ("image", "raster")
     # refusals of the method come before those for memory
     imager = Imager(run, grid, range_window=range_window, azimuth_window=azimuth_window) if one_look else None
-    run.needs(grid).check()
+    run.admit(grid)
     if ready:
         ready(run)
     report = progress or silent

@@ -9,6 +9,7 @@ from sarmitsuba.backend import ensure_backend
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
+from sarmitsuba.exclusive import take_threads
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import TraceJob, Workers, built
@@ -17,7 +18,7 @@ from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import examine, plan_in
 from sarmitsuba.simulation.prediction.counting import needs_of
 from sarmitsuba.simulation.prediction.needs import Needs
-from sarmitsuba.simulation.prediction.speed import glance
+from sarmitsuba.simulation.prediction.speed import SHARED, glance, run_seconds
 from sarmitsuba.simulation.sampling.cropping import lit_points
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import ground_outside, mirrors_outside
@@ -30,6 +31,11 @@ from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import check_stages
 
+# processor seconds of a reference core, in stages that use all threads, below which a run is computed by one: more
+# threads would not be done sooner, and would take up to twice the processor time
+ONE_THREAD = 0.5
+# share of it that the first estimate, of rays and pixels alone, may take
+SURELY_SHORT = 0.2
 # callback for a prepared run before it is traced, e.g. to show its plan, time and memory
 Ready = Callable[["Run"], None]
 
@@ -86,6 +92,7 @@ class Run:
             self.timer.lap("build")
             glance()
             self.sampling = SamplingPlan.of(scene)
+            take_threads(one=run_seconds(self.sampling) < SURELY_SHORT * ONE_THREAD)
             self.timer.lap("launch grid")
         self.context: SceneContext | None = None
         if plan is None:
@@ -151,6 +158,22 @@ class Run:
             )
             self._needs = (key, needs)
         return self._needs[1]
+
+    def admit(self, grid: ImageGrid | None = None) -> None:
+        """Refuse a run that does not fit into memory; a short one is computed by one thread.
+
+        Raises
+        ------
+        ResourceError
+            The run does not fit into memory.
+        """
+        self.needs(grid).check()
+        self.choose_threads(grid)
+
+    def choose_threads(self, grid: ImageGrid | None = None) -> None:
+        """Let one thread compute a short run, and all threads a longer one; see :mod:`sarmitsuba.exclusive`."""
+        seconds = self.needs(grid).seconds
+        take_threads(one=sum(seconds.get(stage, 0.0) for stage in SHARED) < ONE_THREAD)
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
         """Tracer of this scene; ``antenna_pattern`` off leaves out the weight of the beam."""

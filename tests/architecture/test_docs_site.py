@@ -29,14 +29,33 @@ def test_every_page_is_on_the_site_and_on_its_map() -> None:
     assert set(re.findall(r"\]\(([\w/]+)\.md(?:#[\w-]+)?\)", index)) == pages
 
 
-def test_site_builds_without_a_warning(tmp_path: Path) -> None:
+# everything is read and every link resolved in both; themes and listings of the sources take as long again
+READ = ("-b", "xml", "-D", "extensions=myst_nb,sphinx.ext.autodoc,sphinx.ext.mathjax,sphinx.ext.napoleon")
+WHOLE = ("-b", "html")
+
+
+@pytest.mark.parametrize(
+    ("options", "page", "described"),
+    [
+        pytest.param(
+            READ, "api.xml", r"<literal_strong>range_window</literal_strong> \S <literal", id="read"
+        ),
+        pytest.param(
+            *(WHOLE, "api.html", r"<strong>range_window</strong> \S <code"),
+            id="whole",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_site_builds_without_a_warning(
+    tmp_path: Path, options: tuple[str, ...], page: str, described: str
+) -> None:
     pytest.importorskip("sphinx", reason="builds the site; in the docs extra")
     command = [
         sys.executable,
         "-m",
         "sphinx",
-        "-b",
-        "html",
+        *options,
         "-W",
         "--keep-going",
         "-q",
@@ -52,6 +71,5 @@ def test_site_builds_without_a_warning(tmp_path: Path) -> None:
     }
     run = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment)
     assert run.returncode == 0, run.stderr
-    text = (tmp_path / "api.html").read_text()
     # a parameter's text stands beside its name, not in the place of its type
-    assert re.search(r"<strong>range_window</strong> \S <code", text)
+    assert re.search(described, (tmp_path / page).read_text(encoding="utf-8"))

@@ -39,8 +39,11 @@ class Look:
     grid: ImageGrid
 
 
-def drawn(seed: int, **changes: Any) -> Look:
-    """Points seen by a radar of drawn heading, look, squint, side, band; ``changes`` replace what is drawn."""
+def drawn(seed: int, cells: float = 90.0, **changes: Any) -> Look:
+    """Points seen by a radar of drawn heading, look, squint, side, band; ``changes`` replace what is drawn.
+
+    The image is ``cells`` azimuth cells wide.
+    """
     rng = np.random.default_rng(seed)
     frequency = rng.choice([1.3e9, 5.4e9, 9.65e9, 16.7e9])
     resolution = rng.uniform(0.5, 1.2) if frequency > 2e9 else 2.5
@@ -56,7 +59,7 @@ def drawn(seed: int, **changes: Any) -> Look:
         "azimuth_resolution": resolution,
         **changes,
     }
-    extent = 90.0 * values["azimuth_resolution"]
+    extent = cells * values["azimuth_resolution"]
     film = FilmDescription(
         image_grid=rng.choice(["slant", "ground"]), image_extent_azimuth=extent, image_extent_range=extent
     )
@@ -151,7 +154,7 @@ CASES = {
     "from 700 km": (14, SPACE),
     "stripmap from 700 km": (
         15,
-        {**STRIPMAP, **SPACE, "azimuth_beamwidth_deg": 0.3, "azimuth_resolution": 6.0},
+        {**STRIPMAP, **SPACE, "azimuth_beamwidth_deg": 0.3, "azimuth_resolution": 6.0, "cells": 40.0},
     ),
 }
 

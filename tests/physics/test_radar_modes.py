@@ -1,6 +1,7 @@
 """Points and bodies at drawn places in the modes that move the beam, from automatic settings."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.loader.build import SceneMesh, build_scene
@@ -175,11 +177,17 @@ def boxes(seed: int, frequency: float, **radar: object) -> Scene:
     return build_scene(meshes, radar=description, film=film)
 
 
+@cache
+def every_pulse(seed: int) -> tuple[Scene, RawData]:
+    """The boxes from a circle of two hundred pulses, each of them traced."""
+    scene = boxes(seed, 0.2e9)
+    return scene, simulate(replace(scene, settings=replace(scene.settings, method="raw")))
+
+
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
     # a launch plane of its own every 20 degrees: no pulse knows that it is one of a circle
-    scene = boxes(seed, 0.4e9)
-    raw = simulate(replace(scene, settings=replace(scene.settings, method="raw")))
+    scene, raw = every_pulse(seed)
     rows = raw.total()
     energy = float(np.mean(np.sum(np.abs(rows) ** 2, axis=1)))
     n = scene.radar.track.n_pulses
@@ -192,16 +200,17 @@ def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
             ),
         )
         error = float(np.sum(np.abs(rows[pulse] - simulate(alone).total()[0]) ** 2))
-        # tol: shadow edges between rays of a fifth of a wavelength, -18 to -35 dB of the mean pulse
-        assert error < 10.0**-1.5 * energy, pulse
+        # tol: shadow edges between rays of a fifth of a wavelength, -26 to -40 dB of the mean pulse; the next pulse is
+        # off by -9 to -17 dB
+        assert error < 10.0**-2.2 * energy, pulse
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_blocks_of_a_circle_are_as_wrong_as_they_say(seed: int) -> None:
-    scene = boxes(seed, 0.4e9)
+    scene, raw = every_pulse(seed)
     grid = default_grid(scene.radar, scene.image)
-    exact = focus(simulate(replace(scene, settings=replace(scene.settings, method="raw"))), grid).total()
-    shared = simulate(replace(scene, settings=replace(scene.settings, key_pulse_interval=4)))
+    exact = focus(raw, grid).total()
+    shared = simulate(replace(scene, settings=replace(scene.settings, key_pulse_interval=8)))
     stated = shared.metadata["sampling"]["block_error_db"]
     true = image_error_db(focus(shared, grid).total(), exact)
     # tol: as in tests/random/test_block_error.py; a circle has no end, where block boundaries would say less

@@ -38,7 +38,8 @@ def test_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_json(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain", "plate", "--json", "-D", "polarisation=HH"]) == 0
+    # of a scene with few effects to try both ways
+    assert main(["explain", "point", "--json", "-D", "polarisation=HH"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["plan"]["channels"] == ["HH"]
     assert record["prediction"]["total_seconds"] > 0.0 and record["prediction"]["memory_bytes"] > 1e7

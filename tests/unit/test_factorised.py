@@ -138,7 +138,7 @@ def stripmap() -> Radar:
 def test_pixels_with_their_own_apertures() -> None:
     radar = stripmap()
     raw = band_noise(radar, 6)
-    grid = default_grid(radar, ImageRequest(grid="ground", extent_azimuth=200.0, extent_range=60.0))
+    grid = default_grid(radar, ImageRequest(grid="ground", extent_azimuth=200.0, extent_range=25.0))
     focuser = Factorised(error=-36.0)
     plan = focuser.plan(radar, grid)
     assert isinstance(plan, Plan) and len(plan.sections) > 1 and plan.merges == 0

@@ -8,12 +8,14 @@ import pytest
 from sarmitsuba.analysis.quality import image_quality
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.focusing import focus
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.footprint import lit, outline
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
 from sarmitsuba.validation.chain import make_scene
@@ -244,3 +246,26 @@ def test_plans_show_the_beam() -> None:
     assert beam.get_xlim() == bare.get_xlim()
     edge = outline(with_beam.radar, 0)
     assert whole.get_xlim()[0] < edge[:, 0].min() and whole.get_ylim()[0] < edge[:, 1].min()
+
+
+@pytest.mark.parametrize("radar", ["spaceborne_x", "drone_ku", "sentinel1_stripmap"])
+def test_spare_pulses_of_small_images_are_said(radar: str) -> None:
+    """The note's number is what a spotlight without prf has, and larger images have no note."""
+
+    def loaded(**other: str) -> Scene:
+        size = dict.fromkeys(["range_film.image_extent_azimuth", "range_film.image_extent_range"], "20")
+        return load_scene("trihedral", radar=radar, parameters={**size, **other})
+
+    small = loaded()
+    (note,) = (note for note in small.notes if "pulses, where an image" in note)
+    assert f"gives {small.radar.track.n_pulses} pulses" in note
+    spotlight = loaded(**{"sar_antenna.mode": "spotlight", "sar_antenna.prf": "0"})
+    assert f"20 m in azimuth needs {spotlight.radar.track.n_pulses} at" in note
+    assert small.radar.track.n_pulses >= 10 * spotlight.radar.track.n_pulses
+    wide = (
+        {"range_film.image_extent_azimuth": "3000"}
+        if radar != "drone_ku"
+        else {"sar_antenna.n_pulses": "900"}
+    )
+    for other in (spotlight, loaded(**wide, **({"sar_antenna.prf": "0"} if radar == "drone_ku" else {}))):
+        assert not any("pulses, where an image" in note for note in other.notes)

@@ -23,6 +23,7 @@ def scene() -> sarmitsuba.Scene:
 def results(scene: sarmitsuba.Scene) -> dict[str, object]:
     raw = sarmitsuba.simulate(scene)
     image = sarmitsuba.focus(raw)
+    built = sarmitsuba.build_scene(points=[sarmitsuba.PointTarget("p", np.zeros(3))])
     refined = sarmitsuba.refine(scene, target_error_db=-10.0, max_passes=1)
     return {
         "scene": scene,
@@ -30,9 +31,9 @@ def results(scene: sarmitsuba.Scene) -> dict[str, object]:
         "image": image,
         "multilook": image.multilook(2, 2),
         "paths": sarmitsuba.trace_paths(scene, strongest=0.5),
-        "explanation": sarmitsuba.explain(scene),
+        "explanation": sarmitsuba.explain(built),  # of a scene with few effects to try both ways
         "refined": refined,
-        "built": sarmitsuba.build_scene(points=[sarmitsuba.PointTarget("p", np.zeros(3))]),
+        "built": built,
     }
 
 

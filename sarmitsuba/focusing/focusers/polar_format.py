@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import scipy
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import RectBivariateSpline
 
 from sarmitsuba.arrays import C64, C128, F64, I64
 from sarmitsuba.echo.gridding import gridding_kernel
@@ -189,7 +189,7 @@ def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window:
     )
     if rows.size > 1 and columns.size > 1:
         # cubic: at the edge of a beam the sum falls steeply
-        spline = RectBivariateSpline(
+        spline = scipy.interpolate.RectBivariateSpline(
             rows, columns, total, kx=min(3, rows.size - 1), ky=min(3, columns.size - 1)
         )
         total = spline(np.arange(grid.shape[0]), np.arange(grid.shape[1]))

@@ -1,5 +1,7 @@
 """Taylor window: nearly equal side lobes of a given level next to the main lobe."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from sarmitsuba.arrays import F64
@@ -14,7 +16,8 @@ def taylor(u: F64, n_bar: float, level_db: float) -> F64:
     return out
 
 
-def taylor_coefficients(n_bar: int, level_db: float) -> F64:
+@lru_cache(maxsize=64)
+def taylor_coefficients(n_bar: int, level_db: float) -> tuple[float, ...]:
     """Coefficients F_m, m = 1 ... n_bar - 1.
 
     References
@@ -29,7 +32,7 @@ def taylor_coefficients(n_bar: int, level_db: float) -> F64:
         top = np.prod(1.0 - mi**2 / s2 / (a**2 + (m - 0.5) ** 2))
         bottom = np.prod(1.0 - mi**2 / m[m != mi] ** 2)
         out[i] = 0.5 * (-1.0) ** (mi + 1) * top / bottom
-    return out
+    return tuple(float(f) for f in out)
 
 
 WINDOWS.register(

@@ -1,7 +1,7 @@
 """Energy-conserving diffuse law: Lambert-like scattering of the power lost by the coherent reflection."""
 
 import numpy as np
-from scipy.integrate import simpson
+import scipy
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
@@ -27,7 +27,7 @@ def shared_energy_sigma0(theta: F64, reflectivity: F64, rms_phase: float) -> F64
     """
     c = np.cos(theta)
     albedo = reflectivity * -np.expm1(-4.0 * (rms_phase * c) ** 2)
-    mean = float(simpson(2.0 * albedo * c * np.sin(theta), x=theta))
+    mean = float(scipy.integrate.simpson(2.0 * albedo * c * np.sin(theta), x=theta))
     return 4.0 * c**2 * albedo**2 / mean if mean > 0.0 else np.zeros_like(theta)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 from scipy.special import hankel1, j1, jv
 
 from sarmitsuba.arrays import C128, F64
@@ -434,8 +434,13 @@ def _series(angle: F64, size: float, permittivity: complex, turn: float | F64) -
 
 
 @lru_cache(maxsize=16)
-def _splines(size: float, permittivity: complex) -> tuple[CubicSpline, CubicSpline]:
+def _splines(
+    size: float, permittivity: complex
+) -> tuple[scipy.interpolate.CubicSpline, scipy.interpolate.CubicSpline]:
     """Spline coefficients of the series, cached for all angles of a piece."""
     nodes = np.linspace(0.0, 0.5 * np.pi, _NODES)
-    first, second = (CubicSpline(nodes, table) for table in cylinder_coefficients(nodes, size, permittivity))
+    first, second = (
+        scipy.interpolate.CubicSpline(nodes, table)
+        for table in cylinder_coefficients(nodes, size, permittivity)
+    )
     return first, second

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.ndimage import map_coordinates, spline_filter
+import scipy
 from scipy.special import hankel2, jv, spherical_jn
 
 from sarmitsuba.arrays import C128, F64
@@ -53,8 +53,8 @@ class ThinRod:
         )
         along, across = (
             (
-                map_coordinates(table.real, places, mode="nearest", prefilter=False)
-                + 1j * map_coordinates(table.imag, places, mode="nearest", prefilter=False)
+                scipy.ndimage.map_coordinates(table.real, places, mode="nearest", prefilter=False)
+                + 1j * scipy.ndimage.map_coordinates(table.imag, places, mode="nearest", prefilter=False)
             ).reshape(incident.shape)
             for table in self._tables
         )
@@ -85,7 +85,7 @@ class ThinRod:
             np.asarray(self._step * np.arange(-self._side, self._side + 1), dtype=np.float64)
         )
         first, second = (
-            spline_filter(
+            scipy.ndimage.spline_filter(
                 0.5 * (moments @ solved.T @ np.conj(moments.T)), mode="nearest", output=np.complex128
             )
             for solved in (self.along, self.across)

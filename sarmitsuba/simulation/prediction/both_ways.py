@@ -13,7 +13,7 @@ from math import prod
 from typing import Literal
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SUBSET_SHARES
@@ -37,11 +37,15 @@ PLACES, MOST_PLACES, LONGEST = 5, 48, 256
 MOST_RAYS = 100_000_000
 # bound on pixels times pulses of one image; above it the grid is made coarser
 MOST_PIXEL_PULSES = 5e8
-# rounds of the timing with an effect and without it, in turn; the least of each counts. More where they are short:
-# until so many seconds were timed
-ROUNDS, MOST_ROUNDS, LONG_ENOUGH = 2, 3, 0.4
+# largest number of rounds of the timing with an effect and without it, in turn, besides the tracing of the echoes and
+# the round of the effect before; the least of each counts. Only one without it where so many seconds are timed then
+MOST_ROUNDS, LONG_ENOUGH = 2, 0.4
+# rounds of the timing of a whole short run
+BESIDES_ROUNDS = 2
 # blocks in the middle that are timed
 TIMED = 2
+# number of blocks from which on the median of their seconds does not include the compilation of kernels
+UNCOMPILED = 5
 # a change of larger uncertainty than this is stated as a bound, dB
 WELL_KNOWN_DB = 2.0
 # relative energy of a change that is rounding
@@ -60,13 +64,24 @@ class _BlockPulses:
     blocks : first pulse of each, and the one after its last
     together : whether the pulses of a block share one tracing
 
+    clock : measure of time; None: nothing is timed
+
     Attributes
     ----------
     rays : of one block
+    least : seconds of the whole run, least of the last rounds; infinite before the first
     """
 
-    def __init__(self, run: Run, loaded: Scene, blocks: Sequence[tuple[int, int]], together: bool) -> None:
+    def __init__(
+        self,
+        run: Run,
+        loaded: Scene,
+        blocks: Sequence[tuple[int, int]],
+        together: bool,
+        clock: Clock | None = None,
+    ) -> None:
         self.run, self.loaded, self.blocks, self.together = run, loaded, tuple(blocks), together
+        self.clock, self.least = clock, np.inf
         self.batches, self.subsets = _batches(run)
         self.rays = self._rays()
 
@@ -81,14 +96,25 @@ class _BlockPulses:
         run, n = self.run, self.run.scene.radar.track.n_pulses
         channels, radar = run.layers.channels, run.scene.radar
         out = np.zeros((len(channels), n, radar.window.n_samples), dtype=np.complex64)
+        taken = []  # seconds of every block
         for place in places:
             start, stop = self.blocks[place]
+            before = self.clock() if self.clock else 0.0
             for subset, share in enumerate(self.subsets):
                 found = _traced(self.batches, subset, start, stop, n, self.together)
                 parts = found.reshape(-1, len(channels), *found.shape[1:]).sum(axis=0)
                 out[:, start:stop] += np.float32(share) * parts[:, : stop - start]
+            taken.append(self.clock() - before if self.clock else 0.0)
+        if self.clock and len(taken) >= UNCOMPILED:
+            self.least = self._setup(self.clock) + float(np.median(taken)) * len(self.blocks)
         self._points(out)
         return out
+
+    def _setup(self, clock: Clock) -> float:
+        """Seconds for planning and laying out the lattices of the run."""
+        start = clock()
+        _batches(Run(self.loaded, plan=self.run.plan, clock=clock, geometry=self.run.trace_scene))
+        return clock() - start
 
     def _points(self, out: C64) -> None:
         """Add ideal points at the traced pulses."""
@@ -182,7 +208,7 @@ def measured_both_ways(
     together = interval > 1
     blocks = partition(n, interval if together else min(LONGEST, run.sampling.block_length(LONGEST)))
     together = together or blocks[0][1] > 1
-    base = _BlockPulses(run, loaded, blocks, together)
+    base = _BlockPulses(run, loaded, blocks, together, clock)
     number = int(MOST_RAYS / max(1, base.rays * (len(tried) + 1)))
     places = _spread(len(blocks), min(most_places, max(PLACES, number)))
     whole = len(places) == len(blocks)
@@ -239,7 +265,7 @@ def _other_way(
         other = run.otherwise(scene)
         if other.sampling is None or other.layers.channels != run.layers.channels:
             return None
-        way = _BlockPulses(other, scene, base.blocks, base.together)
+        way = _BlockPulses(other, scene, base.blocks, base.together, base.clock)
         echoes = way.echoes(places)
     except SarmitsubaError:
         return None
@@ -276,7 +302,7 @@ def _besides(base: _BlockPulses, clock: Clock) -> float:
     length = 0 if settings.method == "raw" else max(stop - start for start, stop in base.blocks)
     scene = replace(base.loaded, settings=replace(settings, key_pulse_interval=length))
     whole, parts = np.inf, np.inf
-    for _ in range(ROUNDS):
+    for _ in range(BESIDES_ROUNDS):
         start = clock()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SarmitsubaWarning)
@@ -286,13 +312,20 @@ def _besides(base: _BlockPulses, clock: Clock) -> float:
 
 
 def _least(base: _BlockPulses, way: _BlockPulses, clock: Clock) -> tuple[float, float]:
-    """Seconds of both runs: the least of a few alternating rounds, since disturbances only lengthen them."""
-    here, there, total = np.inf, np.inf, 0.0
+    """Seconds of both runs: the least of a few alternating rounds, since disturbances only lengthen them.
+
+    Both runs bring a round with them: ``way`` from the tracing of its echoes, ``base`` from the effect before.
+    """
+    here, there = base.least, way.least
+    base.least = base.seconds(clock)
+    here, total = min(here, base.least), base.least
     for i in range(MOST_ROUNDS):
-        if i >= ROUNDS and total >= LONG_ENOUGH:
+        if np.isfinite(there) and total >= LONG_ENOUGH:
             break
-        one = base.seconds(clock)
-        here, there, total = min(here, one), min(there, way.seconds(clock)), total + one
+        if i:
+            one = base.seconds(clock)
+            here, total = min(here, one), total + one
+        there = min(there, way.seconds(clock))
     return here, there
 
 
@@ -380,7 +413,7 @@ def ratio_margin(above: F64, below: F64, n: int) -> float:
         return np.inf
     left = above - above.sum() / below.sum() * below
     error = np.sqrt((1.0 - k / n) * k / (k - 1.0) * np.sum(left**2)) / above.sum()
-    return float(student.ppf(CONFIDENCE, k - 1) * error)
+    return float(stdtrit(k - 1, CONFIDENCE) * error)
 
 
 def _stated(ratio: float, margin: float | None) -> tuple[float, bool]:

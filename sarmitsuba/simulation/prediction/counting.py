@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.backend import dr
 from sarmitsuba.echo.block import plan_block
 from sarmitsuba.echo.direct import plan_direct
 from sarmitsuba.effects.context import PairLevel
+from sarmitsuba.exclusive import threads
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.focusing.look import look_size
@@ -354,7 +354,7 @@ def check_rays(name: str, sampling: SamplingPlan, layers: LayerPlan) -> None:
 
 def copies() -> int:
     """Number of copies of an accumulator's grid: one for each thread that adds to it, and one for the caller."""
-    return int(dr.thread_count()) + 1
+    return threads() + 1
 
 
 def _device_bytes(lanes: int, numbers: int) -> int:

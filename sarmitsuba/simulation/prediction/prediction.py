@@ -142,6 +142,7 @@ def predict(
     run = Run(scene, plan=plan, clock=clock)
     seconds, planned, needs = dict(run.timer.seconds), run.plan, run.needs()
     memory = needs.memory
+    run.choose_threads()
     if not needs.raw_bytes or needs.bytes > MEASURED_MEMORY or needs.refusal:
         if both_ways and needs.bytes <= MEASURED_MEMORY and not needs.refusal:
             pulses = run.scene.radar.track.n_pulses

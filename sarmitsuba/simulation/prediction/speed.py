@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.backend import dr
+from sarmitsuba.exclusive import threads
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 
@@ -149,7 +149,7 @@ class Machine:
         """Speed of this machine, timed by a NumPy job (sorting, phase factors); the least time so far counts."""
         if not _glanced:
             glance()
-        return Machine(min(_glanced) / JOB_SECONDS, max(1, int(dr.thread_count())))
+        return Machine(min(_glanced) / JOB_SECONDS, threads())
 
     def processor(self, seconds: Mapping[str, float]) -> dict[str, float]:
         """Processor seconds on this machine, of all threads, from seconds of the reference core."""
@@ -185,7 +185,7 @@ def glance() -> None:
             taken.append(time.thread_time() - before)
         return min(taken)
 
-    cores = min(CORES, max(1, int(dr.thread_count())))
+    cores = min(CORES, threads())
     with ThreadPoolExecutor(cores) as pool:
         _glanced.append(min(pool.map(least, range(cores))))
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.boxes import box_corners
@@ -258,8 +258,8 @@ def _rings(seen: Sequence[F64], stretch: I64) -> Iterator[tuple[NDArray[np.intp]
         if FEWER_ROWS * (np.ptp(points[:, 0]) + 1.0) > rows[together].sum():
             continue
         try:
-            hull = ConvexHull(points)
-        except (QhullError, ValueError):  # collinear or not finite
+            hull = scipy.spatial.ConvexHull(points)
+        except (scipy.spatial.QhullError, ValueError):  # collinear or not finite
             continue
         step = [np.linalg.norm(corners[together] - seen[0][together], axis=2).max() for corners in seen]
         edges = np.roll(seen[0][together], -1, axis=1) - seen[0][together]

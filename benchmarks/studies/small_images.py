@@ -1,0 +1,104 @@
+"""Processor time of small images in a loop: a trihedral and a car, every heading another, loading included.
+
+Usage: python benchmarks/studies/small_images.py [--images N]
+
+Each image is made twice in turn: by one thread, as short runs are, and by all threads of the pool. The pixels of both
+have the same bits. Medians of all images but the first quarter, which compiles and loads kernels.
+"""
+
+import argparse
+import importlib
+import statistics
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+CAR = """<scene version="3.0.0">
+    <integrator type="sar_path"/>
+    <sensor type="sar_antenna">
+        <string name="mode" value="spotlight"/>
+        <float name="slant_range" value="5000"/>
+        <float name="look_angle_deg" value="55"/>
+        <float name="speed" value="100"/>
+        <float name="center_frequency" value="9.6e9"/>
+        <float name="bandwidth" value="500e6"/>
+        <float name="azimuth_resolution" value="0.3"/>
+        <film type="range_film">
+            <string name="image_grid" value="ground"/>
+            <float name="image_extent_azimuth" value="20"/>
+            <float name="image_extent_range" value="20"/>
+        </film>
+    </sensor>
+    <bsdf type="radar_material" id="soil">
+        <string name="material" value="medium_dry_ground"/>
+        <float name="rms_height" value="0.01"/>
+        <string name="diffuse_law" value="constant_gamma"/>
+        <float name="diffuse_level_db" value="-12"/>
+    </bsdf>
+    <bsdf type="radar_material" id="bodywork"><string name="material" value="metal"/></bsdf>
+    <shape type="rectangle" id="ground">
+        <transform name="to_world"><scale x="20" y="20" z="1"/></transform>
+        <ref id="soil"/>
+    </shape>
+    <shape type="cube" id="body">
+        <transform name="to_world"><scale x="2.2" y="0.9" z="0.35"/><translate z="0.75"/></transform>
+        <ref id="bodywork"/>
+    </shape>
+    <shape type="cube" id="cabin">
+        <transform name="to_world"><scale x="1.1" y="0.8" z="0.3"/><translate x="-0.3" z="1.4"/></transform>
+        <ref id="bodywork"/>
+    </shape>
+</scene>
+"""
+
+
+def measure(name: str, images: int) -> None:
+    """Print one row."""
+    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.simulation.render import render
+
+    run = importlib.import_module("sarmitsuba.simulation.run")
+    usual = run.ONE_THREAD
+    taken: dict[str, list[float]] = {"one thread": [], "pool": []}
+    differ = 0
+    for i in range(images):
+        pixels = []
+        for way in taken:
+            run.ONE_THREAD = usual if way == "one thread" else 0.0
+            before = time.process_time()
+            scene = load_scene(name, parameters={"sar_antenna.heading_deg": str((7 + 13 * i) % 360)})
+            image = render(scene)
+            taken[way].append(1e3 * (time.process_time() - before))
+            pixels.append(image.data)
+        differ += int(not np.array_equal(*pixels))
+    run.ONE_THREAD = usual
+    one, pool = (statistics.median(values[images // 4 :]) for values in taken.values())
+    size, pulses = " x ".join(str(n) for n in image.data.shape[1:]), scene.radar.track.n_pulses
+    print(
+        f"{Path(name).stem:12} {size:>10} {pulses:>7} {one:>12.0f} {pool:>10.0f} {one / pool:>6.2f} {differ:>8}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--images", type=int, default=40, help="of each scene (default %(default)s)")
+    images = parser.parse_args().images
+    warnings.simplefilter("ignore")
+    print(
+        f"{'scene':12} {'pixels':>10} {'pulses':>7} {'one thread':>12} {'pool':>10} {'ratio':>6} {'differ':>8}"
+    )
+    print(f"{'':12} {'':>10} {'':>7} {'CPU ms':>12} {'CPU ms':>10}")
+    with tempfile.TemporaryDirectory() as folder:
+        car = Path(folder) / "car.xml"
+        car.write_text(CAR, encoding="utf-8")
+        for name in ("trihedral", str(car)):
+            measure(name, images)
+
+
+if __name__ == "__main__":
+    main()
