@@ -94,9 +94,11 @@ def _partners(field: C128, bins: I64) -> F64:
 
 def _bins(returns: PatchReturns, picked: I64, order: int, shift: tuple[float, float]) -> I64:
     """Number of the bin of each picked return, from zero, in a grid at one of the places."""
-    row = np.floor(returns.slant_range[picked, order] / returns.range_bin + shift[0])
-    column = np.floor(returns.range_rate[picked, order] / returns.rate_bin + shift[1])
-    return np.unique(np.stack([row, column]), axis=1, return_inverse=True)[1].ravel()
+    row = np.floor(returns.slant_range[picked, order] / returns.range_bin + shift[0]).astype(np.int64)
+    column = np.floor(returns.range_rate[picked, order] / returns.rate_bin + shift[1]).astype(np.int64)
+    columns = int(column.max() - column.min()) + 1
+    bins: I64 = np.unique((row - row.min()) * columns + column - column.min(), return_inverse=True)[1].ravel()
+    return bins
 
 
 def azimuth_bin(fade: F64, spacing: float, azimuth_cell: float) -> tuple[float, float]:
