@@ -124,8 +124,9 @@ def bounces_left_out(data: BudgetFacts) -> list[float]:
     upper = data.part("effects", "pilot").get("energy_from_order_upper_db")
     if not isinstance(upper, list):
         return []
-    # no energy has no level
-    return [-math.inf if left is None else number(left) - _shown_db(data) for left in upper]
+    shown = _shown_db(data)
+    # no energy has no level; what is left out is at most all
+    return [-math.inf if left is None else min(number(left) - shown, 0.0) for left in upper]
 
 
 def _blocks(data: BudgetFacts) -> ErrorPart:
