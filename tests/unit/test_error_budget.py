@@ -100,6 +100,17 @@ def test_metadata_of_other_kinds_are_taken_as_missing(image: SarImage, junk: obj
     assert all(part.as_dict()["known"] in (UNKNOWN, "none") for part in parts.values())
 
 
+@pytest.mark.parametrize(("shown", "depth", "error"), [(-0.9, 1, -12.5), (-3.0, 1, -9.5), (-20.0, 1, 0.0)])
+def test_bounces_left_out_may_all_be_in_the_image(
+    image: SarImage, shown: float, depth: int, error: float
+) -> None:
+    effects = {"max_depth": depth, "pilot": PILOT}
+    focus = {**image.metadata["focus"], "shown_energy_db": shown}
+    part = with_metadata(image, effects=effects, focus=focus)["bounces left out"]
+    assert part.error_db == pytest.approx(error) and part.known == AT_MOST
+    assert ("the image shows" in part.why) == (shown < -1.0)
+
+
 def test_advice_is_for_the_largest_error_and_the_largest_saving(image: SarImage) -> None:
     facts = {
         "processor_seconds": {"trace": 10.0, "plan": 1.0},

@@ -9,6 +9,7 @@ from sarmitsuba.analysis.quality.error_budget import (
     UNKNOWN,
     BudgetFacts,
     ErrorPart,
+    bounces_left_out,
     effects_by_name,
     error_budget,
     gridding_error_db,
@@ -240,11 +241,10 @@ def _rays(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
 
 def _bounces(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     """Bounces more until they lower the error, and fewer where rays have them; each costs a mean bounce at most."""
-    upper = data.part("effects", "pilot").get("energy_from_order_upper_db")
+    errors = bounces_left_out(data)
     depth = number(data.part("effects").get("max_depth"))
-    if part.known == UNKNOWN or not isinstance(upper, list) or math.isnan(depth):
+    if part.known == UNKNOWN or math.isnan(depth):
         return []
-    errors = [-math.inf if x is None else number(x) for x in upper]
     statistics = data.part("statistics")
     bounces = number(statistics.get("hits")) / max(number(statistics.get("rays")), 1.0)
     found = []
