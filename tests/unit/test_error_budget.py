@@ -146,3 +146,29 @@ def test_advice_is_for_the_largest_error_and_the_largest_saving(image: SarImage)
     assert found.finer is not None and "gridding_width" in found.finer.options
     found = advised(-25.0, sampling_error={})
     assert "not measured" in found.advice[0]
+
+
+@pytest.mark.parametrize(("bound", "advised"), [(-25.0, "key_pulse_interval=32"), (-12.0, "wideband=on")])
+def test_a_loose_bound_does_not_outweigh_a_measured_error(
+    image: SarImage, bound: float, advised: str
+) -> None:
+    facts = {
+        "processor_seconds": {"trace": 10.0},
+        "ray_share_of_tracing": 0.9,
+        "ray_spacing_settings": {"ray_spacing": 0.2},
+        "statistics": {"rays": 100, "hits": 95},
+        "sampling": {"key_pulse_interval": 64, "block_error_db": -30.0},
+        "settings": {"gridding_width": 4, "key_pulse_interval": 64},
+        "effects": {
+            "max_depth": 2,
+            "pilot": PILOT,
+            "effects": {"wideband": {"on": False, "error_is": "bound", "error_db": bound}},
+        },
+        "refinement": {},
+        "sampling_error": {"VV": {"error_db": -36.0, "source": "two sets"}},
+    }
+    found = account(replace(image, metadata={**image.metadata, **facts}), {"trace": StageTime(6.0, 10.0)})
+    assert found.finer is not None and found.finer.options == f"-D sar_path.{advised}"
+    assert "all known errors at most" in str(found.finer)
+    # twice the blocks would raise what is likely by 2 dB, which the bound must not hide
+    assert found.coarser is None or "key_pulse_interval" not in found.coarser.options or bound > -20.0
