@@ -114,7 +114,7 @@ class Account:
     Parameters
     ----------
     parts : error by cause
-    stages : time by stage
+    stages : time by stage; without ``trace`` where the echoes were there before
     finer : change that lowers the likely sum of the known errors most; None where none lowers it by ``VISIBLE_DB``
     coarser : change that saves most time and raises that sum by less than ``VISIBLE_DB``; None where none saves
         ``WORTH`` of the time
@@ -133,13 +133,23 @@ class Account:
         return total_db(self.parts)
 
     @property
+    def bounded(self) -> bool:
+        """Whether the sum is a bound, because bounds are a part of it that counts."""
+        return _bounded(self.parts)
+
+    @property
     def advice(self) -> tuple[str, str]:
         """The change that lowers the error most, and the one that saves most, as text."""
-        finer = str(self.finer) if self.finer else "no single setting lowers the known error visibly"
+        finer = "no single setting lowers the known error visibly"
+        if self.finer:
+            again = "trace" not in self.stages and self.finer.cause != "focuser"
+            finer = f"{'simulate again with ' * again}{self.finer}"
         if self.parts[0].known == UNKNOWN:
             finer += "; the error of the rays is not measured"
-        coarser = str(self.coarser) if self.coarser else "no coarser setting saves a tenth of it without loss"
-        return f"to lower the error: {finer}", f"to save time: {coarser}"
+        nothing = (
+            f"nothing coarser saves {100 * WORTH:.0f} % of the processor time for less than {VISIBLE_DB:g} dB"
+        )
+        return f"to lower the error: {finer}", f"to save time: {self.coarser or nothing}"
 
     def as_dict(self) -> dict[str, object]:
         """Values for JSON, without the parts, which have their own entry."""
@@ -186,6 +196,8 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
     finer = [c for c in weighed if c.likely_db[1] <= c.likely_db[0] - VISIBLE_DB]
     needed = WORTH * sum(t.processor for t in stages.values() if not math.isnan(t.processor))
     coarser = [c for c in weighed if c.seconds < -needed and c.likely_db[1] < c.likely_db[0] + VISIBLE_DB]
+    if "trace" not in stages:  # echoes that are there already take no time
+        coarser = [c for c in coarser if c.cause == "focuser"]
     return Account(
         parts,
         dict(stages),
@@ -224,13 +236,19 @@ def _energy(error_db: float) -> float:
 def _with_total(change: Change, parts: Iterable[ErrorPart]) -> Change:
     before = tuple(part for part in parts if part.known != UNKNOWN)
     after = tuple(replace(p, error_db=change.error_db[1]) if p.name == change.cause else p for p in before)
-    bounds = sum(_energy(part.error_db) for part in before if part.known == AT_MOST)
     return replace(
         change,
         total_db=(total_db(before), total_db(after)),
         likely_db=(total_db(map(_likely, before)), total_db(map(_likely, after))),
-        bounded=bounds > _BOUNDED * sum(_energy(part.error_db) for part in before),
+        bounded=_bounded(before),
     )
+
+
+def _bounded(parts: Iterable[ErrorPart]) -> bool:
+    """Whether bounds are a part of the sum of the known errors that counts."""
+    known = [part for part in parts if part.known != UNKNOWN]
+    bounds = sum(_energy(part.error_db) for part in known if part.known == AT_MOST)
+    return bounds > _BOUNDED * sum(_energy(part.error_db) for part in known)
 
 
 def _likely(part: ErrorPart) -> ErrorPart:
@@ -255,8 +273,12 @@ def _rays(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     spacings = {k: number(v) for k, v in data.part("ray_spacing_settings").items()}
     if not spacings or any(math.isnan(v) or v <= 0.0 for v in spacings.values()):
         return []
+    # automatic blocks are as long as the error of the rays allows: they stay as they are
+    interval = number(data.part("sampling").get("key_pulse_interval"))
+    chosen = interval >= 2.0 and number(data.part("settings").get("key_pulse_interval")) == 0.0
+    kept = f" {_path('key_pulse_interval', int(interval))}" if chosen else ""
     for factor in (FINER, COARSER):
-        options = " ".join(f"-D sar_path.{k}={factor * v:.4g}" for k, v in spacings.items())
+        options = " ".join(f"-D sar_path.{k}={factor * v:.4g}" for k, v in spacings.items()) + kept
         after = part.error_db + 20.0 * RAY_ERROR_ORDER * math.log10(factor)
         found.append(_change(part, options, after, spent.rays * (factor**-2 - 1.0)))
     return found

@@ -163,6 +163,8 @@ def _shown_db(data: BudgetFacts) -> float:
 
 
 def _gridding(data: BudgetFacts) -> ErrorPart:
+    if data.metadata.get("method") == "raster" or number(data.part("statistics").get("rays")) == 0.0:
+        return ErrorPart("gridding", -math.inf, MEASURED, "nothing is gridded")
     width = number(data.part("settings").get("gridding_width"))
     if not 1.0 <= width <= 8.0:
         return ErrorPart("gridding", math.nan, UNKNOWN)
