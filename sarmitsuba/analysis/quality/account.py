@@ -38,7 +38,10 @@ _LOOSE_DB = 10.0
 _BOUNDED = 0.1
 # dB by which the next number of bounces must lower their error
 _DEEPER_DB = 3.0
-# below this the errors of rays and blocks are mostly rounding, and their laws do not hold, dB
+# stages of which a simulation has one at least
+_SIMULATING = frozenset(("trace", "points", "raster"))
+# below this the errors of rays and blocks are mostly rounding, and their laws do not hold, dB; no sum below is worth a
+# change
 _LAWLESS_DB = -60.0
 _WIDTHS = (2, 8)  # of gridding kernels, cells
 
@@ -114,7 +117,7 @@ class Account:
     Parameters
     ----------
     parts : error by cause
-    stages : time by stage; without ``trace`` where the echoes were there before
+    stages : time by stage; none of the simulation where the echoes were there before
     finer : change that lowers the likely sum of the known errors most; None where none lowers it by ``VISIBLE_DB``
     coarser : change that saves most time and raises that sum by less than ``VISIBLE_DB``; None where none saves
         ``WORTH`` of the time
@@ -142,7 +145,7 @@ class Account:
         """The change that lowers the error most, and the one that saves most, as text."""
         finer = "no single setting lowers the known error visibly"
         if self.finer:
-            again = "trace" not in self.stages and self.finer.cause != "focuser"
+            again = _SIMULATING.isdisjoint(self.stages) and self.finer.cause != "focuser"
             finer = f"{'simulate again with ' * again}{self.finer}"
         if self.parts[0].known == UNKNOWN:
             finer += "; the error of the rays is not measured"
@@ -193,10 +196,10 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
         *_focusers(by_name["focuser"], others, stages),
     ]
     weighed = [_with_total(change, parts) for change in changes]
-    finer = [c for c in weighed if c.likely_db[1] <= c.likely_db[0] - VISIBLE_DB]
+    finer = [c for c in weighed if _LAWLESS_DB < c.likely_db[0] >= c.likely_db[1] + VISIBLE_DB]
     needed = WORTH * sum(t.processor for t in stages.values() if not math.isnan(t.processor))
     coarser = [c for c in weighed if c.seconds < -needed and c.likely_db[1] < c.likely_db[0] + VISIBLE_DB]
-    if "trace" not in stages:  # echoes that are there already take no time
+    if _SIMULATING.isdisjoint(stages):  # echoes that are there already take no time
         coarser = [c for c in coarser if c.cause == "focuser"]
     return Account(
         parts,
@@ -323,7 +326,7 @@ def _blocks(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
 
 def _gridding(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     width = number(data.part("settings").get("gridding_width"))
-    if part.known == UNKNOWN or not _WIDTHS[0] <= width <= _WIDTHS[1]:
+    if part.known == UNKNOWN or not math.isfinite(part.error_db) or not _WIDTHS[0] <= width <= _WIDTHS[1]:
         return []
     offset = part.error_db - gridding_error_db(int(width))  # of the share of the echoes that is shown
     now = 1.0 - ADDING + ADDING * (width / 4.0) ** 2
