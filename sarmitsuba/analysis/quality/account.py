@@ -31,8 +31,9 @@ BLOCK_ORDER = 1.0
 # share of the tracing of rays, with a gridding kernel of 4 cells, that is proportional to the kernel's area
 # (benchmarks/suite/gridding.py)
 ADDING = 0.28
-# dB that bounds of effects left out lie above the truth: 10 to 14 in drawn scenes. Changes are chosen by what is
-# likely, so that a loose bound neither calls for a change that changes nothing nor hides what a coarser setting loses
+# dB that bounds of effects left out by a law, not by a pilot's rays, lie above the truth: 10 to 14 in drawn scenes.
+# Changes are chosen by what is likely, so that a loose bound neither calls for a change that changes nothing nor hides
+# what a coarser setting loses
 _LOOSE_DB = 10.0
 # share of the known error energy from which bounds make it a bound
 _BOUNDED = 0.1
@@ -44,6 +45,7 @@ _SIMULATING = frozenset(("trace", "points", "raster"))
 # change
 _LAWLESS_DB = -60.0
 _WIDTHS = (2, 8)  # of gridding kernels, cells
+_EFFECTS = "effects left out"
 
 
 @dataclass(frozen=True)
@@ -72,8 +74,9 @@ class Change:
     total_db : of the sum of all known errors, before and after
     seconds : processor seconds more, below 0 fewer; NaN: not known
     known : kind of the cause's error, see :class:`ErrorPart`
-    likely_db : of the sum that is likely, with bounds of effects ``_LOOSE_DB`` lower, before and after
+    likely_db : of the sum that is likely, with bounds of effects by a law ``_LOOSE_DB`` lower, before and after
     bounded : the sum is a bound, because bounds are a part of it that counts
+    left_out_db : likely error of effects left out afterwards; NaN: as before
     """
 
     cause: str
@@ -84,6 +87,7 @@ class Change:
     known: str
     likely_db: tuple[float, float] = (math.nan, math.nan)
     bounded: bool = False
+    left_out_db: float = math.nan
 
     def __str__(self) -> str:
         """Text such as ``max_depth=3 (bounces left out -30 -> -45 dB, all known errors -29 -> -35 dB, 2 s more)``."""
@@ -192,10 +196,11 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
         *_bounces(data, by_name["bounces left out"], spent),
         *_blocks(data, by_name["blocks of pulses"], spent),
         *_gridding(data, by_name["gridding"], spent),
-        *_effects(data, by_name["effects left out"], spent),
+        *_effects(data, by_name[_EFFECTS], spent),
         *_focusers(by_name["focuser"], others, stages),
     ]
-    weighed = [_with_total(change, parts) for change in changes]
+    left_out = _left_out(effects_by_name(data))
+    weighed = [_with_total(change, parts, left_out) for change in changes]
     finer = [c for c in weighed if _LAWLESS_DB < c.likely_db[0] >= c.likely_db[1] + VISIBLE_DB]
     needed = WORTH * sum(t.processor for t in stages.values() if not math.isnan(t.processor))
     coarser = [c for c in weighed if c.seconds < -needed and c.likely_db[1] < c.likely_db[0] + VISIBLE_DB]
@@ -236,15 +241,34 @@ def _energy(error_db: float) -> float:
     return 0.0 if math.isnan(error_db) else 10.0 ** (0.1 * error_db)
 
 
-def _with_total(change: Change, parts: Iterable[ErrorPart]) -> Change:
+def _with_total(change: Change, parts: Iterable[ErrorPart], left_out_db: float) -> Change:
+    """Change with the sums of the errors, stated and likely; ``left_out_db``: likely error of effects left out."""
     before = tuple(part for part in parts if part.known != UNKNOWN)
-    after = tuple(replace(p, error_db=change.error_db[1]) if p.name == change.cause else p for p in before)
+    after = _changed(before, change.cause, change.error_db[1])
+    later = left_out_db if math.isnan(change.left_out_db) else change.left_out_db
     return replace(
         change,
         total_db=(total_db(before), total_db(after)),
-        likely_db=(total_db(map(_likely, before)), total_db(map(_likely, after))),
+        likely_db=(
+            total_db(_changed(before, _EFFECTS, left_out_db)),
+            total_db(_changed(after, _EFFECTS, later)),
+        ),
         bounded=_bounded(before),
     )
+
+
+def _changed(parts: Iterable[ErrorPart], name: str, error_db: float) -> tuple[ErrorPart, ...]:
+    return tuple(replace(part, error_db=error_db) if part.name == name else part for part in parts)
+
+
+def _left_out(decisions: Mapping[str, Mapping[str, object]], without: str = "") -> float:
+    """Likely error of effects left out, dB, but for one of them."""
+    energy = 0.0
+    for name, decision in decisions.items():
+        by_law = decision.get("error_is") != "measured" and decision.get("source") != "pilot"
+        if name != without:
+            energy += _energy(number(decision.get("error_db")) - _LOOSE_DB * by_law)
+    return 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
 
 
 def _bounded(parts: Iterable[ErrorPart]) -> bool:
@@ -352,7 +376,8 @@ def _effects(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
         rest = sum(_energy(number(d.get("error_db"))) for other, d in by_name.items() if other != name)
         after = 10.0 * math.log10(rest) if rest > 0.0 else -math.inf
         seconds = spent.simulating * number(decision.get("cost"))
-        found.append(_change(part, _path(name, "on"), after, seconds, part.known))
+        change = _change(part, _path(name, "on"), after, seconds, part.known)
+        found.append(replace(change, left_out_db=_left_out(by_name, name)))
     return found
 
 
