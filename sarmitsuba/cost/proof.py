@@ -26,7 +26,7 @@ class Reference:
     ----------
     image : (n_azimuth, n_range) complex64, mean of two runs with different lattices
     noise : relative energy of the mean's error by ray sampling, from the difference of the two
-    unseen : relative energy of the bounces after its last one
+    unseen : most relative energy of the bounces after its last one
     """
 
     image: C64

@@ -127,7 +127,7 @@ class CostReport:
 
     @property
     def unseen_db(self) -> float:
-        """Energy of the bounces that the references lack, relative to the image, dB: no smaller error can be shown."""
+        """Most energy of bounces that the references lack, relative to the image, dB: no smaller error is shown."""
         unseen = self.proof.reference.unseen
         return 10.0 * float(np.log10(unseen)) if unseen > 0.0 else -np.inf
 
@@ -187,7 +187,7 @@ def reference_text(spacings: RaySpacings, factor: float, depth: int, unseen: flo
 
     Named is the share of the energy of later bounces, ``unseen``, from ``NAMED_UNSEEN`` on.
     """
-    later = f" (later ones hold {10.0 * np.log10(unseen):.0f} dB)" if unseen >= NAMED_UNSEEN else ""
+    later = f" (later ones hold at most {10.0 * np.log10(unseen):.0f} dB)" if unseen >= NAMED_UNSEEN else ""
     return (
         f"the mean of 2 runs with different lattices, ray_spacing {factor * spacings.coherent:.3g} m ({factor:g} of "
         f"the automatic one), {depth} bounces{later}, gridding_width 6"

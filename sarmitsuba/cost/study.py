@@ -4,12 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from sarmitsuba.cost.clock import StudyClock, WallClock
 from sarmitsuba.cost.front import measure_front
 from sarmitsuba.cost.model import CostModel
 from sarmitsuba.cost.proof import Proof, Reference
 from sarmitsuba.cost.report import CHECK_PASS, Candidate, CostReport, pareto, recommend, reference_text
-from sarmitsuba.cost.sweeps import LEAST_DEPTH, Sweeps, held, sweep_all, whole_stages
+from sarmitsuba.cost.sweeps import LEAST_DEPTH, NO_MORE_DB, Sweeps, held, sweep_all, whole_stages
 from sarmitsuba.cost.swept_piece import SWEEP_SHARE, field_of_proof, piece_to_sweep
 from sarmitsuba.cost.trial import Trial, TrialSetting
 from sarmitsuba.cost.trials import Trials
@@ -174,9 +176,10 @@ def _task(scene: Scene, target_error_db: float, budget: float, progress: Progres
 
 
 def reference_depth(scene: Scene, plan: EffectsPlan) -> tuple[int, float]:
-    """Bounces of a reference, and the energy of later ones relative to the image, by the pilot (0 without one).
+    """Bounces of a reference, and the most energy of later ones relative to the image, by the pilot (0 without one).
 
-    They are at least those of the scene's plan, and of the plan without the scene's own limit.
+    They are at least those of the scene's plan, and of the plan without the scene's own limit, and more until the pilot
+    bounds the rest by ``NO_MORE_DB``, if it does.
     """
     settings = scene.settings
     if settings.max_depth or settings.method == "raster":
@@ -184,11 +187,13 @@ def reference_depth(scene: Scene, plan: EffectsPlan) -> tuple[int, float]:
         planned = plan_in(examine(free), warn=False)
     else:
         planned = plan
-    depth = max(LEAST_DEPTH, plan.max_depth, planned.max_depth)
-    found = planned.pilot.get("energy_from_order_db", [])
-    # without a figure for later bounces those hold less than the last that was traced
-    last = found[min(depth, len(found) - 1)] if found else None
-    return depth, 10.0 ** (0.1 * last) if last is not None else 0.0
+    least = max(LEAST_DEPTH, plan.max_depth, planned.max_depth)
+    later = [-np.inf if x is None else x for x in planned.pilot.get("energy_from_order_upper_db", [])]
+    if not later:
+        return least, 0.0
+    depth = next((d for d in range(least, len(later)) if later[d] <= NO_MORE_DB), least)
+    # a rest that the pilot did not trace is assumed to be at most what was left before its last bounce
+    return depth, float(10.0 ** (0.1 * later[min(depth, len(later) - 1)]))
 
 
 def _dense(task: _Task, sweeps: Sweeps) -> TrialSetting:

@@ -149,12 +149,14 @@ def test_reference_takes_its_own_noise_off() -> None:
 
 def test_a_reference_has_all_bounces_that_the_scene_needs() -> None:
     def found(planned: int, energies: list[float | None]) -> tuple[int, float]:
-        plan = EffectsPlan(KernelFlags(), planned, pilot={"energy_from_order_db": energies})  # type: ignore[typeddict-item]
+        plan = EffectsPlan(KernelFlags(), planned, pilot={"energy_from_order_upper_db": energies})  # type: ignore[typeddict-item]
         return reference_depth(scene, plan)
 
     scene = load_scene("dihedral")
     assert found(2, [0.0, -3.0, None, None, None, None, None, None]) == (LEAST_DEPTH, 0.0)
-    assert found(10, [0.0] * 10 + [-50.0, None]) == (10, pytest.approx(1e-5))
+    # until the rest is below -60 dB, and where it is not by what the pilot traced, as many as planned
+    assert found(10, [0.0] * 10 + [-50.0, -65.0]) == (11, pytest.approx(10**-6.5))
+    assert found(10, [0.0] * 10 + [-50.0, -55.0]) == (10, pytest.approx(1e-5))
     # the pilot itself ends there: as much as its last bounce has may be missing
     assert found(12, [0.0] * 11 + [-20.0]) == (12, pytest.approx(1e-2))
     assert reference_depth(scene, EffectsPlan(KernelFlags(), 8)) == (8, 0.0)
