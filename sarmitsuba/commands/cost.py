@@ -135,8 +135,8 @@ def _text(report: "CostReport", name: str, command: str) -> str:
             lines.append(f"  {found.remark}")
     elif report.unseen_db > target:
         lines.append(
-            f"{target:g} dB cannot be shown: the bounces after the reference's last one may hold {report.unseen_db:.0f} "
-            f"dB of the image's energy; the most accurate: {best.estimate()}; a lossy material ends such paths earlier"
+            f"{target:g} dB cannot be shown: the bounces after the reference's last may hold {report.unseen_db:.0f} dB "
+            f"of the image's energy; the most accurate: {best.estimate()}; a lossy material ends such paths earlier"
         )
     else:
         lines.append(
