@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--budget",
         type=float,
         metavar="S",
-        help="seconds to spend on measuring (default: 15 times a run of the scene)",
+        help="seconds to spend on measuring, besides compiling (default: 15 times a run of the scene, at least 60)",
     )
     parser.add_argument("-o", "--output", metavar="OUT", help=f"folder for {RECORD}, {TEXT} and {PLOT}")
     parser.add_argument(
@@ -79,6 +79,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
                 progress=console.progress,
                 state=state,
                 run_hash=fingerprint(scene, getattr(args, "extension", ())),
+                say=console.say,
             )
         finally:
             if folder is not None:
@@ -132,6 +133,11 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         lines.append(f"recommended for {target:g} dB: {best.estimate()}")
         if found.remark:
             lines.append(f"  {found.remark}")
+    elif report.unseen_db > target:
+        lines.append(
+            f"{target:g} dB cannot be shown: the bounces after the reference's last may hold {report.unseen_db:.0f} dB "
+            f"of the image's energy; the most accurate: {best.estimate()}; a lossy material ends such paths earlier"
+        )
     else:
         lines.append(
             f"no single pass meets {target:g} dB; the most accurate: {best.estimate()} "
@@ -147,8 +153,9 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         lines.append("not checked: the time budget ran out first")
     lines.append(f"  {command} {found.options()} -o OUT")
     lines.append("  (seconds cover simulating and focusing, not start-up, reading, compiling and writing)")
+    compiling = f" and {report.compile_seconds:.0f} s of compiling" if report.compile_seconds >= 1.0 else ""
     again = f"; {report.reused} trials of an earlier one were not repeated" if report.reused else ""
-    lines.append(f"this study took {report.seconds:.0f} s of {report.budget:.0f} s{again}")
+    lines.append(f"this study took {report.seconds:.0f} s of {report.budget:.0f} s{compiling}{again}")
     return "\n".join(lines)
 
 
@@ -189,6 +196,7 @@ def _save(folder: "OutputFolder", report: "CostReport", name: str, text: str) ->
         "skipped": report.skipped,
         "reused": report.reused,
         "seconds": report.seconds,
+        "compile_seconds": report.compile_seconds,
     }
     with folder.writing(RECORD) as path:
         parameter_file.write(path, record)

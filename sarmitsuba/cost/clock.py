@@ -19,11 +19,13 @@ class StudyClock(Protocol):
     source: Clock
 
     def now(self) -> float:
-        """Seconds since a fixed moment."""
+        """Seconds since a fixed moment, without compiling."""
         ...
 
-    def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
-        """Seconds by stage of a run that took ``measured`` seconds here, without compiling, to do ``work``."""
+    def stages(
+        self, measured: Mapping[str, float], work: Work, compile_seconds: float = 0.0
+    ) -> dict[str, float]:
+        """Seconds by stage of a run that took ``measured`` seconds here to do ``work``, and others for compiling."""
         ...
 
 
@@ -32,13 +34,17 @@ class WallClock:
 
     def __init__(self, source: Clock = time.perf_counter) -> None:
         self.source = source
+        self._compiling = 0.0
 
     def now(self) -> float:
-        """Seconds since a fixed moment."""
-        return self.source()
+        """Seconds since a fixed moment, without those of compiling in the runs so far."""
+        return self.source() - self._compiling
 
-    def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
+    def stages(
+        self, measured: Mapping[str, float], work: Work, compile_seconds: float = 0.0
+    ) -> dict[str, float]:
         """As measured."""
+        self._compiling += compile_seconds
         return dict(measured)
 
 
@@ -60,7 +66,9 @@ class WorkClock:
         """Total seconds of all runs so far."""
         return self._elapsed
 
-    def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
+    def stages(
+        self, measured: Mapping[str, float], work: Work, compile_seconds: float = 0.0
+    ) -> dict[str, float]:
         """Seconds by stage from the work; one of the stages ``trace`` and ``raster`` has the rays."""
         counted = self.speed.stages(work)
         counted["raster"] = counted["trace"]

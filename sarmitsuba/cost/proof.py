@@ -26,25 +26,29 @@ class Reference:
     ----------
     image : (n_azimuth, n_range) complex64, mean of two runs with different lattices
     noise : relative energy of the mean's error by ray sampling, from the difference of the two
+    unseen : most relative energy of the bounces after its last one
     """
 
     image: C64
     noise: float
+    unseen: float = 0.0
 
     @staticmethod
-    def of(scene: Scene, setting: TrialSetting, grid: ImageGrid, trials: Trials) -> "Reference":
+    def of(
+        scene: Scene, setting: TrialSetting, grid: ImageGrid, trials: Trials, unseen: float = 0.0
+    ) -> "Reference":
         """Trace it."""
         a, b = (trials.run(scene, setting, grid, pass_index=REFERENCE_PASS + i).image for i in range(2))
         mean = 0.5 * (a.astype(np.complex128) + b)
-        return Reference(mean.astype(np.complex64), _energy(a - b) / (4.0 * _energy(mean)))
+        return Reference(mean.astype(np.complex64), _energy(a - b) / (4.0 * _energy(mean)), unseen)
 
     def error_db(self, image: Image) -> float:
         """Energy of an image's error over that of the reference, dB, minus the reference's own noise.
 
-        At most half of the difference is attributed to the reference.
+        At most half of the difference is attributed to the reference. Bounces that the reference lacks count as error.
         """
         ratio = _energy(image - self.image) / _energy(self.image)
-        return 10.0 * float(np.log10(max(ratio - self.noise, 0.5 * ratio, 1e-12)))
+        return 10.0 * float(np.log10(max(ratio - self.noise, 0.5 * ratio, 1e-12) + self.unseen))
 
 
 def _energy(image: Image) -> float:

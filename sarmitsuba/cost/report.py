@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sarmitsuba.cost.proof import Proof, ProofRun
 from sarmitsuba.cost.trial import Changes
 from sarmitsuba.simulation.sampling.density_plan import RaySpacings
@@ -11,6 +13,8 @@ from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 STEP_DB = 0.5
 # margin above which a recommendation better than wanted is explained, dB
 SPARE_DB = 3.0
+# energy of bounces after a reference's last one, relative to the image, that is named
+NAMED_UNSEEN = 1e-4
 # lattices of the check, not used by any sweep or estimate
 CHECK_PASS = 7
 
@@ -101,7 +105,8 @@ class CostReport:
     budget : s, of the study
     skipped : sweeps that the budget left no time for, or cut short
     reused : trials of an earlier study that were not repeated
-    seconds : of the whole study
+    seconds : of the whole study, without compiling
+    compile_seconds : of compiling
     """
 
     rows: tuple[Row, ...]
@@ -118,18 +123,34 @@ class CostReport:
     skipped: tuple[str, ...]
     reused: int
     seconds: float
+    compile_seconds: float
+
+    @property
+    def unseen_db(self) -> float:
+        """Most energy of bounces that the references lack, relative to the image, dB: no smaller error is shown."""
+        unseen = self.proof.reference.unseen
+        return 10.0 * float(np.log10(unseen)) if unseen > 0.0 else -np.inf
 
     def recommend(self, target_error_db: float) -> Recommendation:
         """Cheapest setting for another error, from the existing measurements."""
-        return recommend(self.candidates, target_error_db)
+        return recommend(self.candidates, target_error_db, self.skipped)
 
     def verify(self, recommendation: Recommendation) -> ProofRun:
         """Run a recommendation with lattices not used for any estimate."""
         return self.proof.measure(recommendation.setting.changes, CHECK_PASS)
 
 
-def recommend(candidates: Sequence[Candidate], target_error_db: float) -> Recommendation:
-    """Cheapest combination that meets the target by its estimate, or the most accurate one."""
+def recommend(
+    candidates: Sequence[Candidate], target_error_db: float, skipped: Sequence[str] = ()
+) -> Recommendation:
+    """Cheapest combination that meets the target by its estimate, or the most accurate one.
+
+    Parameters
+    ----------
+    candidates : all combinations
+    target_error_db : wanted error
+    skipped : sweeps that were left out or cut short, for the remark
+    """
     front = pareto(candidates)
     good = [c for c in front if c.error_db <= target_error_db]
     if not good:
@@ -143,6 +164,10 @@ def recommend(candidates: Sequence[Candidate], target_error_db: float) -> Recomm
         if cheaper:
             next_best = cheaper[-1]
             remark = f"the next cheaper has {next_best.estimate()}"
+        elif skipped:
+            remark = (
+                f"nothing cheaper was found, but not all was tried: no time was left for {', '.join(skipped)}"
+            )
         else:
             remark = "nothing cheaper was found: the remaining time is common to all runs"
     return Recommendation(target_error_db, chosen, True, remark)
@@ -157,11 +182,15 @@ def pareto(candidates: Sequence[Candidate]) -> list[Candidate]:
     return front
 
 
-def reference_text(spacings: RaySpacings, factor: float, depth: int) -> str:
-    """Description of a reference with ``factor`` times the automatic ray spacing."""
+def reference_text(spacings: RaySpacings, factor: float, depth: int, unseen: float) -> str:
+    """Description of a reference with ``factor`` times the automatic ray spacing and ``depth`` bounces.
+
+    Named is the share of the energy of later bounces, ``unseen``, from ``NAMED_UNSEEN`` on.
+    """
+    later = f" (later ones hold at most {10.0 * np.log10(unseen):.0f} dB)" if unseen >= NAMED_UNSEEN else ""
     return (
         f"the mean of 2 runs with different lattices, ray_spacing {factor * spacings.coherent:.3g} m ({factor:g} of "
-        f"the automatic one), {depth} bounces, gridding_width 6"
+        f"the automatic one), {depth} bounces{later}, gridding_width 6"
     )
 
 

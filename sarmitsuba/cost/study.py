@@ -4,12 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from sarmitsuba.cost.clock import StudyClock, WallClock
 from sarmitsuba.cost.front import measure_front
 from sarmitsuba.cost.model import CostModel
 from sarmitsuba.cost.proof import Proof, Reference
 from sarmitsuba.cost.report import CHECK_PASS, Candidate, CostReport, pareto, recommend, reference_text
-from sarmitsuba.cost.sweeps import REFERENCE_DEPTH, Sweeps, held, sweep_all, whole_stages
+from sarmitsuba.cost.sweeps import LEAST_DEPTH, NO_MORE_DB, Sweeps, held, sweep_all, whole_stages
 from sarmitsuba.cost.swept_piece import SWEEP_SHARE, field_of_proof, piece_to_sweep
 from sarmitsuba.cost.trial import Trial, TrialSetting
 from sarmitsuba.cost.trials import Trials
@@ -18,11 +20,12 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.pilot import examine, plan_in, plan_scene
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
-# budget where none is given, in runs of the whole scene
-BUDGET_RUNS = 15.0
+# budget where none is given: runs of the whole scene, and at least these seconds, since small pieces of a scene that
+# runs for a second run hardly faster
+BUDGET_RUNS, LEAST_BUDGET = 15.0, 60.0
 # share of the budget after which only the recommendation is checked
 LAST_SHARE = 0.85
 # ray spacing of the sweeps' reference, relative to the automatic one
@@ -31,12 +34,14 @@ SWEEP_FACTOR = 0.5
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """Task and budget of a study."""
+    """Task and budget of a study; ``depth``: bounces of the references, ``unseen``: energy of later ones."""
 
     scene: Scene
     plan: EffectsPlan
     sampling: SamplingPlan
     base: TrialSetting
+    depth: int
+    unseen: float
     target_error_db: float
     budget: float
     trials: Trials
@@ -46,7 +51,7 @@ class _Task:
 
     @property
     def spent(self) -> float:
-        """Elapsed seconds of the study."""
+        """Elapsed seconds of the study, without compiling."""
         return self.trials.clock.now() - self.begin
 
 
@@ -59,6 +64,7 @@ def study_cost(
     clock: StudyClock | None = None,
     state: Path | None = None,
     run_hash: str = "",
+    say: Callable[[str], None] = lambda line: None,
 ) -> CostReport:
     """Sweep every parameter that trades accuracy for time, within a budget, and recommend a setting.
 
@@ -66,13 +72,14 @@ def study_cost(
     ----------
     scene : as loaded; its settings are the plain setting
     target_error_db : energy of the error over that of the image, dB
-    budget : s; scenes are swept on a piece from the middle of the image that fits it; 0: ``BUDGET_RUNS`` times the run
-        of the whole scene
+    budget : s, without compiling; scenes are swept on a piece from the middle of the image that fits it; 0:
+        ``BUDGET_RUNS`` times the run of the whole scene, at least ``LEAST_BUDGET``
     progress : called after every run
     clock : time source; default: elapsed time. With :class:`sarmitsuba.cost.clock.WorkClock` time is computed from the
         work, and the budget allows the same runs everywhere
     state : file that keeps every finished trial; those of the same study in it are not repeated. None: none
     run_hash : of the study, for ``state``
+    say : called with a line where ``state`` has trials of another study, which are dropped
 
     Returns
     -------
@@ -93,6 +100,9 @@ def study_cost(
     of the combinations on the Pareto front against it, those near the target first; other combinations are corrected
     by these runs. Finally the recommendation is run once more with other lattices. Errors of the scattering model are
     not included.
+
+    A reference has all bounces that the scene needs by its plan, also where the scene sets fewer. What the pilot finds
+    in later ones is added to every error.
     """
     if scene.geometry.n_faces == 0:
         raise DataError(
@@ -100,6 +110,8 @@ def study_cost(
         )
     trials = Trials(clock or WallClock(), state, run_hash)
     try:
+        if str(trials):
+            say(str(trials))
         return _study(_task(scene, target_error_db, budget, progress or silent, trials))
     finally:
         trials.close()
@@ -111,7 +123,7 @@ def _study(task: _Task) -> CostReport:
     sweeps, piece_text, converged = _sweep(task)
     proof = _proof(task, sweeps, piece_text, converged)
     candidates = _candidates(task, sweeps.model, proof)
-    recommendation = recommend(candidates, task.target_error_db)
+    recommendation = recommend(candidates, task.target_error_db, sweeps.skipped)
     check = None
     if task.spent + proof.cost(recommendation.setting.seconds) < task.budget:
         check = proof.measure(recommendation.setting.changes, CHECK_PASS)
@@ -124,12 +136,13 @@ def _study(task: _Task) -> CostReport:
         piece=piece_text,
         check=check,
         full_seconds=sweeps.whole.seconds,
-        reference=reference_text(spacings, SWEEP_FACTOR, REFERENCE_DEPTH),
-        estimated_against=reference_text(spacings, proof.factor, REFERENCE_DEPTH),
+        reference=reference_text(spacings, SWEEP_FACTOR, task.depth, task.unseen),
+        estimated_against=reference_text(spacings, proof.factor, task.depth, task.unseen),
         budget=task.budget,
         skipped=tuple(sweeps.skipped),
         reused=task.trials.reused,
         seconds=task.spent,
+        compile_seconds=task.trials.compile_seconds,
     )
 
 
@@ -150,18 +163,42 @@ def _task(scene: Scene, target_error_db: float, budget: float, progress: Progres
     )
 
     whole = trials.run(scene, base)
-    budget = budget or BUDGET_RUNS * whole.seconds
+    budget = budget or max(LEAST_BUDGET, BUDGET_RUNS * whole.seconds)
 
     def report() -> None:
         progress("cost", min(trials.clock.now() - begin, budget), budget, {"trials": float(trials.count)})
 
     trials.done = report
-    return _Task(scene, plan, sampling, base, target_error_db, budget, trials, whole, begin, report)
+    depth, unseen = reference_depth(scene, plan)
+    return _Task(
+        scene, plan, sampling, base, depth, unseen, target_error_db, budget, trials, whole, begin, report
+    )
+
+
+def reference_depth(scene: Scene, plan: EffectsPlan) -> tuple[int, float]:
+    """Bounces of a reference, and the most energy of later ones relative to the image, by the pilot (0 without one).
+
+    They are at least those of the scene's plan, and of the plan without the scene's own limit, and more until the pilot
+    bounds the rest by ``NO_MORE_DB``, if it does.
+    """
+    settings = scene.settings
+    if settings.max_depth or settings.method == "raster":
+        free = replace(scene, settings=replace(settings, max_depth=0, method="hybrid"))
+        planned = plan_in(examine(free), warn=False)
+    else:
+        planned = plan
+    least = max(LEAST_DEPTH, plan.max_depth, planned.max_depth)
+    later = [-np.inf if x is None else x for x in planned.pilot.get("energy_from_order_upper_db", [])]
+    if not later:
+        return least, 0.0
+    depth = next((d for d in range(least, len(later)) if later[d] <= NO_MORE_DB), least)
+    # a rest that the pilot did not trace is assumed to be at most what was left before its last bounce
+    return depth, float(10.0 ** (0.1 * later[min(depth, len(later) - 1)]))
 
 
 def _dense(task: _Task, sweeps: Sweeps) -> TrialSetting:
     """Setting of a reference, except its ray spacings."""
-    dense = task.base.but(max_depth=REFERENCE_DEPTH, gridding_width=6)
+    dense = task.base.but(max_depth=task.depth, gridding_width=6)
     interval = sweeps.plain.key_pulse_interval
     return dense.but(key_pulse_interval=interval // 2) if interval >= 16 else dense
 
@@ -194,6 +231,7 @@ def _sweep(task: _Task) -> tuple[Sweeps, str, Reference]:
         scene=piece,
         grid=grid,
         base=base,
+        depth=task.depth,
         plain=plain,
         whole=whole,
         n_pulses=scene.radar.track.n_pulses,
@@ -203,7 +241,8 @@ def _sweep(task: _Task) -> tuple[Sweeps, str, Reference]:
         target_error_db=task.target_error_db,
         trials=trials,
     )
-    converged = Reference.of(piece, _dense(task, sweeps).but(**spacings.at(SWEEP_FACTOR)), grid, trials)
+    dense = _dense(task, sweeps).but(**spacings.at(SWEEP_FACTOR))
+    converged = Reference.of(piece, dense, grid, trials, task.unseen)
     sweep_all(sweeps, scene, task.plan, converged)
     return sweeps, text, converged
 
@@ -218,7 +257,8 @@ def _proof(task: _Task, sweeps: Sweeps, piece_text: str, converged: Reference) -
         grid = sweeps.grid
     else:
         grid = default_grid(field.radar, field.image)
-        against = Reference.of(field, _dense(task, sweeps).but(**spacings.at(factor)), grid, task.trials)
+        dense = _dense(task, sweeps).but(**spacings.at(factor))
+        against = Reference.of(field, dense, grid, task.trials, task.unseen)
     # combinations have their own spacings, or none
     bare = TrialSetting({k: v for k, v in task.base.changes.items() if k not in spacings.at(1.0)})
     return Proof(task.scene, field, grid, bare, against, factor, where, task.trials)

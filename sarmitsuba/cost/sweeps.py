@@ -19,8 +19,10 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import split_trace
 from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
-# highest bounce order of the reference; later bounces are below -40 dB in every shipped scene
-REFERENCE_DEPTH = 6
+# least number of bounces of the reference
+LEAST_DEPTH = 6
+# swept numbers of bounces, as far as they are below the reference's; steps of about 2^(1/2) from 4 on
+DEPTHS = (1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512, 724)
 # ray spacings relative to the automatic one, which is always measured; finer steps for method image because its runs
 # are short; coarser ones follow while they are better than wanted
 SPACINGS = (1.0, 0.71, 1.41, 2.0, 2.83)
@@ -52,6 +54,7 @@ class Sweeps:
     scene : the swept piece
     grid : of its image
     base : the plain setting
+    depth : bounces of the reference
     plain, whole : runs of it on the piece and on the whole scene
     n_pulses : of the whole scene
     launch_seconds : of one launch, independent of its rays
@@ -67,6 +70,7 @@ class Sweeps:
     scene: Scene
     grid: ImageGrid
     base: TrialSetting
+    depth: int
     plain: Trial
     whole: Trial
     n_pulses: int
@@ -168,7 +172,7 @@ def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Referen
     """Sweep all parameters until the deadline, those that decide most first."""
     _spacings(study, converged)
     _focusers(study, scene)
-    study.paired("max_depth", [d for d in (1, 2, 3, 4) if d < REFERENCE_DEPTH], REFERENCE_DEPTH)
+    study.paired("max_depth", depths(study.depth, plan.max_depth), study.depth)
     _intervals(study)
     study.paired("gridding_width", [2, 3, 4], 6)
     _methods(study, scene, converged)
@@ -178,17 +182,22 @@ def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Referen
     _raw_row(study)
 
 
+def depths(deepest: int, planned: int) -> list[int]:
+    """Swept numbers of bounces below the reference's ``deepest``; the plain setting's is one of them or the deepest."""
+    return sorted(d for d in {*DEPTHS, planned} if d < deepest)
+
+
 def _spacings(study: Sweeps, converged: Reference) -> None:
     """Sweep ray spacings with the blocks of the plain setting."""
     interval = study.plain.key_pulse_interval
     blocks = {"key_pulse_interval": interval} if interval > 1 else {}
-    study.refresh(max_depth=REFERENCE_DEPTH, **blocks)
+    study.refresh(max_depth=study.depth, **blocks)
     factors = list(SPACINGS)
     for factor in factors:
         if factor != factors[0] and study.late("ray_spacing"):
             return
         spacing = factor * study.model.spacings.coherent
-        trial = study.run(**study.model.spacings.at(factor), max_depth=REFERENCE_DEPTH, **blocks)
+        trial = study.run(**study.model.spacings.at(factor), max_depth=study.depth, **blocks)
         error = converged.error_db(trial.image)
         study.note("ray_spacing", spacing, trial, error)
         study.extend(factors, factor, error)

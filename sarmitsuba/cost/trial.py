@@ -192,7 +192,7 @@ def run_trial(
         samples=raw.data.size if raw is not None else 0,
         pixel_pulses=image.data.size * changed.radar.track.n_pulses,
     )
-    stages = clock.stages(stages, work)
+    stages = clock.stages(stages, work, compiled)
     return Trial(setting, image.total(), stages, compiled, peak[0], statistics, interval, raw)
 
 

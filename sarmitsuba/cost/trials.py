@@ -1,6 +1,7 @@
 """Trials of a cost study: each is run once, and kept in a file from which an interrupted study continues."""
 
 import json
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 
 from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.trial import Prepared, Trial, TrialSetting, run_trial
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.io.journal import Journal
@@ -33,6 +34,8 @@ class Trials:
     Attributes
     ----------
     reused : number of trials taken from the file
+    compile_seconds : of the trials that were run here
+    stale : whether the file had trials of another study, now dropped
     """
 
     def __init__(
@@ -42,7 +45,8 @@ class Trials:
         run_hash: str = "",
         done: Callable[[], None] = lambda: None,
     ) -> None:
-        self.clock, self.done, self.reused = clock, done, 0
+        self.clock, self.done, self.reused, self.stale = clock, done, 0, False
+        self.compile_seconds = 0.0
         self._made: dict[str, Trial] = {}
         self._prepared: dict[str, Prepared] = {}
         self._last: tuple[str, Trial] | None = None
@@ -51,6 +55,7 @@ class Trials:
             return
         first = {"kind": _FIRST, "hash": run_hash}
         if self._journal.labels[:1] != [first]:
+            self.stale = bool(self._journal.labels)
             self._journal.clear()
             self._journal.append(first, np.empty(0, np.uint8))
 
@@ -96,16 +101,20 @@ class Trials:
             self._prepared[part] = Prepared.of(scene, self.clock.source)
         traced = _key(part, setting.traced, pass_index, again)
         same = self._last[1] if self._last is not None and self._last[0] == traced else None
-        trial = run_trial(
-            scene,
-            setting,
-            grid,
-            pass_index=pass_index,
-            clock=self.clock,
-            prepared=self._prepared[part],
-            echoes_of=same,
-        )
+        with warnings.catch_warnings():
+            if self._made:  # the first has the scene's own settings; those that a study tries concern nobody
+                warnings.simplefilter("ignore", SarmitsubaWarning)
+            trial = run_trial(
+                scene,
+                setting,
+                grid,
+                pass_index=pass_index,
+                clock=self.clock,
+                prepared=self._prepared[part],
+                echoes_of=same,
+            )
         self._last = (traced, trial)
+        self.compile_seconds += trial.compile_seconds
         trial = replace(trial, raw=None)  # echoes of the latest trial alone are held
         if self._journal is not None:
             label = {
@@ -120,6 +129,15 @@ class Trials:
             }
             self._journal.append(label, trial.image.astype(np.complex64))
         return trial
+
+    def __str__(self) -> str:
+        """One line about dropped trials of another study; empty where there are none."""
+        if not self.stale or self._journal is None:
+            return ""
+        return (
+            f"{self._journal.path}: trials of another scene, of other settings or of another version of the program; "
+            "begun anew"
+        )
 
     def _kept(self, key: str, setting: TrialSetting, scene: Scene, grid: ImageGrid | None) -> Trial | None:
         """The trial from the file."""

@@ -6,23 +6,45 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.cost.clock import WorkClock
+from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
+from sarmitsuba.cost.clock import WallClock, WorkClock
 from sarmitsuba.cost.model import CostModel, corrected
 from sarmitsuba.cost.proof import ProofRun, Reference
 from sarmitsuba.cost.report import Candidate, options_of, pareto, recommend
-from sarmitsuba.cost.sweeps import SPACINGS
+from sarmitsuba.cost.study import reference_depth, study_cost
+from sarmitsuba.cost.sweeps import LEAST_DEPTH, SPACINGS, depths
 from sarmitsuba.cost.swept_piece import REFERENCES, field_of_proof
-from sarmitsuba.cost.trial import TrialSetting
+from sarmitsuba.cost.trial import TrialSetting, mean_image, run_trial
 from sarmitsuba.cost.trials import Trials, _part
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError, OutputError
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.io.journal import Journal
 from sarmitsuba.loader.load import load_scene
+from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.speed import SpeedModel, Work, split_trace
-from sarmitsuba.simulation.sampling.density_plan import RaySpacings
+from sarmitsuba.simulation.sampling.density_plan import RaySpacings, SamplingPlan
 
 
 def candidate(error_db: float, seconds: float, spacing: float = 1.0, method: str = "hybrid") -> Candidate:
     return Candidate({"method": method, "ray_spacing": spacing}, error_db, seconds)
+
+
+def v_groove(opening_deg: float) -> Scene:
+    """Groove of two metal walls of 0.6 m, its axis along the track, symmetric about the line of sight."""
+    walls = []
+    for name, side in (("one", -0.5), ("other", 0.5)):
+        angle = np.radians(45.0 + side * opening_deg)
+        x, z = -0.6 * np.sin(angle), 0.6 * np.cos(angle)
+        corners = np.array([[0.0, -0.4, 0.0], [0.0, 0.4, 0.0], [x, 0.4, z], [x, -0.4, z]])
+        walls.append(SceneMesh(corners, [[0, 1, 2], [0, 2, 3]], "pec", name))
+    radar = RadarDescription(
+        slant_range=2e3, bandwidth=300e6, azimuth_resolution=1.0, aim_x=0.0, aim_y=0.0, aim_z=0.0
+    )
+    film = FilmDescription(image_extent_azimuth=12.0, image_extent_range=12.0)
+    return build_scene(walls, radar=radar, film=film)
 
 
 def model() -> CostModel:
@@ -99,7 +121,10 @@ def test_front_and_recommendation() -> None:
     assert "-18.0 dB in 0.30 s" in found.remark  # 7 dB better than wanted is explained
     assert found.setting.estimate().endswith("(predicted)")
     assert recommend(some, -26.0).remark == ""
-    assert "nothing cheaper" in recommend(some, -10.0).remark
+    assert "common to all runs" in recommend(some, -10.0).remark
+    # of what was not tried nothing is claimed
+    cut = recommend(some, -10.0, ["ray_spacing", "focuser"]).remark
+    assert "not all was tried: no time was left for ray_spacing, focuser" in cut and "common" not in cut
     most = recommend(some, -50.0)
     assert not most.met and most.setting.error_db == -35.0
 
@@ -117,6 +142,58 @@ def test_reference_takes_its_own_noise_off() -> None:
     # tol: 0.3 dB, Monte Carlo of 40000 pixels (0.02 dB) and the mean's energy, 0.1 % above one
     assert reference.error_db(clean + noise(3e-3)) == pytest.approx(10 * np.log10(3e-3), abs=0.3)
     assert reference.error_db(mean) == pytest.approx(-120.0)
+    # bounces that the reference lacks are an error of every image
+    blind = Reference(mean, 0.0, 0.1)
+    assert blind.error_db(mean) == pytest.approx(-10.0)
+
+
+def test_a_reference_has_all_bounces_that_the_scene_needs() -> None:
+    def found(planned: int, energies: list[float | None]) -> tuple[int, float]:
+        plan = EffectsPlan(KernelFlags(), planned, pilot={"energy_from_order_upper_db": energies})  # type: ignore[typeddict-item]
+        return reference_depth(scene, plan)
+
+    scene = load_scene("dihedral")
+    assert found(2, [0.0, -3.0, None, None, None, None, None, None]) == (LEAST_DEPTH, 0.0)
+    # until the rest is below -60 dB, and where it is not by what the pilot traced, as many as planned
+    assert found(10, [0.0] * 10 + [-50.0, -65.0]) == (11, pytest.approx(10**-6.5))
+    assert found(10, [0.0] * 10 + [-50.0, -55.0]) == (10, pytest.approx(1e-5))
+    # the pilot itself ends there: as much as its last bounce has may be missing
+    assert found(12, [0.0] * 11 + [-20.0]) == (12, pytest.approx(1e-2))
+    assert reference_depth(scene, EffectsPlan(KernelFlags(), 8)) == (8, 0.0)
+    assert depths(10, 10) == [1, 2, 3, 4, 6, 8] and depths(6, 5) == [1, 2, 3, 4, 5] and depths(24, 7)[5] == 7
+
+
+def test_the_reference_does_not_obey_the_scenes_own_limit() -> None:
+    """Perpendicular walls of 18 deg between them return after ten bounces, and they alone."""
+    scene = v_groove(18.0)
+    for limited in (scene.replace(max_depth=4), scene.replace(method="raster")):
+        assert reference_depth(limited, EffectsPlan(KernelFlags(), 4))[0] == 10
+
+
+@pytest.mark.slow
+def test_the_recommendation_for_a_groove_has_its_bounces() -> None:
+    """Errors stated are those against a run with more bounces and denser rays than any of the study."""
+    scene = v_groove(18.0)
+    found = study_cost(scene, budget=4.5, clock=WorkClock())
+    best = found.recommendation
+    assert best.met and best.setting.changes["max_depth"] == 10 and "10 bounces" in found.reference
+    assert any(row.parameter == "max_depth" and row.value == "10" for row in found.rows)
+    fewer = [row for row in found.rows if row.parameter == "max_depth" and row.value in ("4", "6", "8")]
+    assert len(fewer) == 3 and min(row.error_db for row in fewer) > -3.0
+    grid = default_grid(scene.radar, scene.image)
+    spacings = SamplingPlan.of(scene, plan_scene(scene).flags).spacings
+    truth = mean_image(scene, TrialSetting({"max_depth": 14, **spacings.at(0.45)}), grid, 2)
+    error = run_trial(scene, TrialSetting(best.setting.changes), grid, pass_index=3).error_db(truth)
+    # tol: 2 dB, what the study estimates: one run is one realisation of its rays
+    assert error < best.setting.error_db + 2.0 and error < -20.0
+
+
+def test_compiling_is_not_counted() -> None:
+    seconds = 0.0
+    clock = WallClock(lambda: seconds)
+    begin, seconds = clock.now(), 7.0
+    assert clock.stages({"trace": 1.0}, Work(rays=1.0), 5.5) == {"trace": 1.0}
+    assert clock.now() - begin == pytest.approx(1.5)
 
 
 def test_options_trace_the_rays_that_were_timed() -> None:
@@ -177,6 +254,8 @@ def test_every_setting_runs_once_and_is_kept(tmp_path: Path) -> None:
     np.testing.assert_array_equal(kept.image, made.image)
     again.close()
     other = Trials(WorkClock(), state, "another")  # another scene or program: nothing is taken
+    assert other.stale and str(other).startswith(f"{state}: trials of another scene") and not str(again)
+    assert str(other).endswith("; begun anew")
     other.close()
     empty = Journal(state)
     assert [label["kind"] for label in empty.labels] == ["cost study"]
