@@ -1,9 +1,12 @@
 """Share of the echoes' energy that an image shows, and what errors over the echoes' energy are over the image's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sarmitsuba import PointTarget, RadarDescription, build_scene, error_budget, focus, simulate
+from sarmitsuba.analysis.quality.error_budget import ErrorPart
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
@@ -22,6 +25,12 @@ def points(*places: tuple[float, float, float], **radar: object) -> Scene:
 
 def shown(image: SarImage) -> float:
     return float(image.metadata["focus"]["shown_energy_db"])
+
+
+def gridding(image: SarImage) -> ErrorPart:
+    """Error of gridding as if something had been traced: ideal points are not gridded."""
+    traced = replace(image, metadata={**image.metadata, "statistics": {"rays": 7}})
+    return next(part for part in error_budget(traced) if part.name == "gridding")
 
 
 @pytest.mark.parametrize("grid", ["slant", "ground"])
@@ -43,8 +52,7 @@ def test_a_bright_point_beside_the_image(place: tuple[float, float]) -> None:
         azimuth_window="taylor:4:-35",
     )
     assert shown(image) == pytest.approx(-20.0, abs=1.0)  # tol: side lobes of the bright one
-    plain = next(part for part in error_budget(focus(raw)) if part.name == "gridding")
-    part = next(part for part in error_budget(image) if part.name == "gridding")
+    plain, part = (gridding(one) for one in (focus(raw), image))
     assert part.known == "at most" and "the image shows" in part.why
     assert part.error_db - plain.error_db == pytest.approx(-shown(image))
 
