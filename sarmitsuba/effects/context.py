@@ -98,6 +98,7 @@ class PilotResult:
     going_on : largest share of a patch's launched power that is incident at the last order
     incident : (n_orders,) float64, mean share of a random patch's launched power that is incident at each bounce
     patch_area : m^2 across the line of sight, effective: of the taper's power; NaN if not known
+    lit_area : m^2 across the line of sight, over which random patches are distributed; NaN if not known
     """
 
     pulses: tuple[int, ...]
@@ -114,6 +115,7 @@ class PilotResult:
     going_on: float = 0.0
     incident: F64 = field(default_factory=lambda: np.zeros(0))
     patch_area: float = float("nan")
+    lit_area: float = float("nan")
 
     @property
     def n_orders(self) -> int:
@@ -129,6 +131,17 @@ class PilotResult:
     def total(self) -> float:
         """Mean power of a patch, m^2."""
         return float(self.mean[3].sum())
+
+    @property
+    def least_energy(self) -> float:
+        """Energy of the image, in cells times m^2: that of all patches less two errors, at least of the strongest.
+
+        The strongest patch may be as strong at one of the traced pulses alone.
+        """
+        strongest = float(self.peak[3].max(initial=0.0)) / max(1, len(self.pulses))
+        mean = self.total - 2.0 * float(np.sqrt(np.square(self.deviation[3]).sum()))
+        everything = mean * self.lit_area / self.patch_area
+        return max(strongest, everything) if np.isfinite(everything) else strongest
 
     def energy_db(self, rows: slice | int, first_order: int, *, upper: bool = False) -> float:
         """Share of the image's energy in some kinds of return from an order on, dB; ``upper``: plus two errors."""

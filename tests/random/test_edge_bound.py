@@ -95,7 +95,7 @@ def test_bound_of_drawn_edges(seed: int, count: int) -> None:
     over = []
     for _ in range(count):
         edges, aperture, track = drawn(rng)
-        got, bound = strongest(edges, aperture, track), float(edge_bounds(edges, aperture)[0])
+        got, bound = strongest(edges, aperture, track), float(edge_bounds(edges, aperture).cell[0])
         if bound == 0.0:
             assert got == 0.0
             continue
