@@ -229,7 +229,8 @@ def store_image(
     console.say(
         f"not in it: {', '.join(map(str, parts[1:]))}" if errors else f"errors: {', '.join(map(str, parts))}"
     )
-    console.say("; ".join(found.advice))
+    for text in found.advice:
+        console.say(text)
     failed: list[SarmitsubaError] = []
     with watch.stage("write image"):
         for entry, name in zip(formats.image, formats.names(raw=False), strict=True):

@@ -20,6 +20,10 @@ CELL_BELOW_CLUTTER_DB = -20.0
 # approximate cost of proving a closed body convex
 PROOF_SECONDS_PER_FACE = 2.5e-6
 
+# patches that may have been missed, of a rare return: the upper 97.5 % limit of a Poisson count m is about
+# m + 2 sqrt(m) + 3
+_UNMET = 3.0
+
 KINDS = ("coherent", "diffuse", "reciprocal")
 
 
@@ -97,6 +101,9 @@ class PilotResult:
     seconds : whole pilot
     going_on : largest share of a patch's launched power that is incident at the last order
     incident : (n_orders,) float64, mean share of a random patch's launched power that is incident at each bounce
+    in_phase, in_phase_deviation : (n_orders,) float64, m^2; mean power of a patch with which patches that do not
+        interfere would have the image energy of the coherent returns, which add up over a resolution cell, and that
+        mean's standard error; see :mod:`sarmitsuba.simulation.in_phase`
     patch_area : m^2 across the line of sight, effective: of the taper's power; NaN if not known
     lit_area : m^2 across the line of sight, over which random patches are distributed; NaN if not known
     """
@@ -116,6 +123,8 @@ class PilotResult:
     incident: F64 = field(default_factory=lambda: np.zeros(0))
     patch_area: float = float("nan")
     lit_area: float = float("nan")
+    in_phase: F64 = field(default_factory=lambda: np.zeros(0))
+    in_phase_deviation: F64 = field(default_factory=lambda: np.zeros(0))
 
     @property
     def n_orders(self) -> int:
@@ -151,6 +160,23 @@ class PilotResult:
                 np.square(np.atleast_2d(self.deviation[rows])[:, first_order - 1 :]).sum()
             )
         return _ratio_db(float(mean), self.total)
+
+    def left_out_db(self, depth: int) -> float:
+        """Upper bound of the energy of bounces after ``depth`` over that of the image, dB; at most 0.
+
+        As :meth:`energy_db` with two standard errors, and with coherent returns in phase over resolution cells where
+        that is more. Three patches as bright as the brightest count beside those found: where few have a return,
+        their standard error is no bound. Of the image's energy, only the part that patches see is assumed beside the
+        bounces left out. Returns that no patch meets are not in it.
+        """
+        above = slice(depth, None)
+        left = float(self.mean[3, above].sum() + 2.0 * np.sqrt(np.square(self.deviation[3, above]).sum()))
+        if self.in_phase.size:
+            more = float(np.maximum(self.in_phase[above], 0.0).sum()) - float(self.mean[0, above].sum())
+            more += 2.0 * float(np.sqrt(np.square(self.in_phase_deviation[above]).sum()))
+            left += max(more, 0.0)
+        left += _UNMET * float(self.peak[3, above].max(initial=0.0)) / max(self.n_patches, 1)
+        return _ratio_db(left, float(self.mean[3, :depth].sum()) + left)
 
     def cell_db(self, rows: slice | int, first_order: int) -> float:
         """Strongest patch in some kinds of return from an order on, dB relative to the clutter, or to the peak."""

@@ -28,8 +28,9 @@ class PilotFigures(TypedDict, total=False):
     rays : traced in all
     patches, features, features_left_out : patches at random, on small features, and features without one
     seconds : whole pilot
-    energy_from_order_db, energy_from_order_upper_db : share of the image's energy from an order on, and plus two
-        standard errors; None where there is none
+    energy_from_order_db, energy_from_order_upper_db : share of the image's energy from an order on, as patches see it,
+        and its upper bound: coherent returns in phase over resolution cells, and two standard errors; None where there
+        is none
     strongest_cell_from_order_db : strongest patch from an order on, relative to ``strongest_cell_over``
     strongest_cell_over : ``clutter`` or ``peak``
     tolerance_db : accepted error
@@ -311,10 +312,10 @@ def _depth_note(context: SceneContext, depth: int) -> str:
         remedy = f"about max_depth = {likely} is needed" if likely <= DEEPEST else "they hardly decay"
     order = min(depth + 1, pilot.n_orders)
     over = "clutter" if pilot.clutter > 0 else "peak"
+    left, cell = pilot.left_out_db(order - 1), pilot.cell_db(3, order)
     return (
         f"{context.scene.name}: max_depth = {depth} leaves out returns: those of bounce {order} and later hold "
-        f"{pilot.energy_db(3, order):.0f} dB of the image's energy, strongest cell {pilot.cell_db(3, order):.0f} dB "
-        f"over the {over}; {remedy}"
+        f"at most {left:.0f} dB of the image's energy, strongest cell {cell:.0f} dB over the {over}; {remedy}"
     )
 
 
@@ -331,7 +332,7 @@ def _figures(context: SceneContext, pilot: PilotResult) -> PilotFigures:
         "features_left_out": pilot.n_skipped,
         "seconds": round(pilot.seconds, 4),
         "energy_from_order_db": [clean(pilot.energy_db(3, n)) for n in orders],
-        "energy_from_order_upper_db": [clean(pilot.energy_db(3, n, upper=True)) for n in orders],
+        "energy_from_order_upper_db": [clean(pilot.left_out_db(n - 1)) for n in orders],
         "strongest_cell_from_order_db": [clean(pilot.cell_db(3, n)) for n in orders],
         "strongest_cell_over": "clutter" if pilot.clutter > 0 else "peak",
         "tolerance_db": context.tolerance_db,

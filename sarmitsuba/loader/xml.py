@@ -40,9 +40,10 @@ def parse_file(path: Path, parameters: Mapping[str, str], *, allow_outside: bool
     check_document(path, allow_outside=allow_outside)
     config = mi.parser.ParserConfig(mi.variant())
     config.unused_parameters = mi.LogLevel.Debug
+    absolute = path.absolute()  # files that the parser finds are then named by absolute paths
     try:
-        with _searching(path.parent):
-            state = mi.parser.parse_file(config, str(path), **_allowed(parameters))
+        with _searching(absolute.parent):
+            state = mi.parser.parse_file(config, str(absolute), **_allowed(parameters))
         if not allow_outside:
             check_files(path.name, [str(file) for file in state.files], path.parent)
         root = _tree(config, state, path.name, path.parent)

@@ -33,6 +33,8 @@ BOUNDARY_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
 # standard deviation of the estimate from one block boundary, dB (n boundaries: over the root of n); added to the
 # stated error (benchmarks/suite/stated_errors.py)
 BOUNDARY_SCATTER_DB = 2.5
+# energy of a channel relative to the strongest's below which its echoes are rounding and residues of symmetry, dB
+EMPTY_DB = -60.0
 # margin of the error of blocks below a wanted error of the whole run, dB
 BELOW_TARGET_DB = 3.0
 # shortest blocks that are tried: shorter ones cost more than the direct accumulator
@@ -287,13 +289,22 @@ class Blocks:
         return float(worst + BOUNDARY_SCATTER_DB / max(len(boundaries), 1) ** 0.5)
 
     def _errors(self, boundaries: Sequence[int]) -> dict[str, float]:
-        """Error of each channel from some of the block boundaries, dB; empty without a boundary."""
+        """Error of each channel from some of the block boundaries, dB; empty without a boundary.
+
+        Channels ``EMPTY_DB`` below the strongest hold nothing but rounding and are left out.
+        """
         if not len(boundaries):
             return {}
         pulses = [self.blocks[i][1] for i in boundaries]
+        data = {
+            channel: self._channel(self.data[:, pulses], channel)
+            for channel in dict.fromkeys(layer.channel for layer in self.layers)
+        }
+        energy = {channel: float(np.sum(np.abs(here) ** 2)) for channel, here in data.items()}
         out = {}
-        for channel in dict.fromkeys(layer.channel for layer in self.layers):
-            here = self._channel(self.data[:, pulses], channel)
+        for channel, here in data.items():
+            if energy[channel] < 10.0 ** (0.1 * EMPTY_DB) * max(energy.values()):
+                continue
             change = self._channel(self.boundaries[:, list(boundaries)], channel) - here
             out[channel] = _ratio_db(change, here) + BOUNDARY_DB
         return out

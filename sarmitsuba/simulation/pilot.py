@@ -22,7 +22,9 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.radar.polarisation import linear_letters
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.in_phase import PatchReturns, azimuth_bin, in_phase_power
 from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
@@ -36,7 +38,7 @@ from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.stage import KernelRecording
-from sarmitsuba.trace.state import RECIPROCAL, Contribution, Hit, Kernel, RayState
+from sarmitsuba.trace.state import COHERENT, RECIPROCAL, Contribution, Hit, Kernel, RayState
 
 # bounces traced at first, and at most where the last of them still returns too much
 ORDERS, MOST_ORDERS = 8, 128
@@ -216,12 +218,15 @@ def run_pilot(
     shape = shape or SceneContext(scene).shape
     points, sizes = _features(shape, sampling, per_pulse * len(chosen))
     powers, shares, randoms, seconds = [], [], [], 0.0
+    in_phase, variance = np.zeros(orders), np.zeros(orders)
     features = 0
     flags = _flags(scene, draft)
     for pulse in chosen:
         patches = _place(sampling, pulse, per_pulse, points, sizes, rng)
         before = clock()
-        power, share = _trace(trace_scene, sampling, flags, pulse, patches, orders)
+        power, share, returns = _trace(trace_scene, sampling, flags, pulse, patches, orders)
+        adding, spread = in_phase_power(returns)
+        in_phase, variance = in_phase + adding / len(chosen), variance + spread / len(chosen) ** 2
         powers.append(power)
         shares.append(share)
         seconds += clock() - before
@@ -245,6 +250,8 @@ def run_pilot(
         going_on=float(incident[:, -1].max()),
         incident=incident[random].mean(axis=0),
         seconds=clock() - start,
+        in_phase=in_phase,
+        in_phase_deviation=np.sqrt(variance),
         patch_area=float(np.square(_fade()).sum()) * sampling.spacings.coherent**2,
         lit_area=float(np.mean([4.0 * w.half_x * w.half_y for w in map(sampling.window_at, chosen)])),
     )
@@ -340,6 +347,7 @@ class _PatchAccumulator:
         self.n_lanes, self.orders = n_patches * SIDE**2, orders
         self.wavelength, self.reference_range = wavelength, reference_range
         self.memory = dr.zeros(mi.Float, 4 * n_patches * len(KINDS) * orders)
+        self.moments = dr.zeros(mi.Float, 4 * n_patches * orders)
         self.incident = dr.zeros(mi.Float, n_patches * orders)
         self.fade = device_array(mi.Float, _fade().astype(np.float32))
 
@@ -371,6 +379,13 @@ class _PatchAccumulator:
         order = dr.minimum(dr.select(turns, (contribution.order + 1) >> 1, contribution.order), orders)
         row = (patch * len(KINDS) + contribution.kind) * orders + order - 1
         dr.scatter_add(self.memory, mi.Vector4f(hh.real, hh.imag, vv.real, vv.imag), row, active)
+        # place of the coherent return in the image: amplitude, and slant range and range rate weighted by it
+        strength = dr.sqrt(dr.squared_norm(hh) + dr.squared_norm(vv))
+        moments = mi.Vector4f(
+            strength, strength * mi.Float(offset), strength * mi.Float(contribution.range_rate), 0.0
+        )
+        row = patch * orders + order - 1
+        dr.scatter_add(self.moments, moments, row, active & (contribution.kind == COHERENT))
         return state
 
 
@@ -381,10 +396,11 @@ def _trace(
     pulse: int,
     patches: _Patches,
     orders: int,
-) -> tuple[F64, F64]:
+) -> tuple[F64, F64, PatchReturns]:
     """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, reciprocal, and their coherent sum.
 
-    And the share (patches, orders) of a patch's launched power that is incident at each bounce.
+    And the share (patches, orders) of a patch's launched power that is incident at each bounce, and the coherent
+    returns of the random patches.
     """
     radar, window = sampling.scene.radar, sampling.window_at(pulse)
     pick = slice(pulse, pulse + 1)
@@ -406,7 +422,7 @@ def _trace(
     kernel = Kernel.of(trace_scene, patches.grid, batch, flags, settings)
     with KernelRecording(kernel.flags):
         _, state = trace(kernel, radar.antenna, accumulator)
-    dr.eval(state, accumulator.memory, accumulator.incident)
+    dr.eval(state, accumulator.memory, accumulator.moments, accumulator.incident)
     sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), orders, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
     letters = linear_letters(radar.channels)
@@ -415,4 +431,28 @@ def _trace(
     power = np.zeros((4, n, orders))
     power[:3] = np.square(np.abs(field)).mean(axis=-1).swapaxes(0, 1)
     power[3] = np.square(np.abs(field.sum(axis=1))).mean(axis=-1)
-    return power, accumulator.incident.numpy().astype(np.float64).reshape(n, orders)
+    moments = accumulator.moments.numpy().astype(np.float64).reshape(n, orders, 4)[: patches.n_random]
+    place = moments[..., 1:3] / np.maximum(moments[..., :1], np.finfo(np.float64).tiny)
+    fade, spacing = _fade().sum(axis=0), sampling.spacings.coherent
+    width, correction = azimuth_bin(fade, spacing, sampling.azimuth_cell)
+    returns = PatchReturns(
+        field[: patches.n_random, KINDS.index("coherent")],
+        place[..., 0],
+        place[..., 1],
+        sampling.range_cell,
+        width * _turn_rate(radar, window.center, pulse),
+        correction * window.area / spacing**2 * float(np.square(_fade()).sum() / np.square(_fade().sum())),
+    )
+    return power, accumulator.incident.numpy().astype(np.float64).reshape(n, orders), returns
+
+
+def _turn_rate(radar: Radar, point: F64, pulse: int) -> float:
+    """Angular rate of the line of sight, mean over the antennas, rad/s: range rate over distance along azimuth."""
+    return float(
+        np.mean(
+            [
+                np.linalg.norm(t.velocity[pulse]) / np.linalg.norm(t.position[pulse] - point)
+                for t in radar.tracks
+            ]
+        )
+    )

@@ -55,7 +55,9 @@ def account_figure(account: Account, title: str = "") -> Figure:
     )
     _errors(left, account)
     _times(right, stages)
-    total = f"{account.total_db:.1f} dB of the image" if math.isfinite(account.total_db) else "none known"
+    total = "none known"
+    if math.isfinite(account.total_db):
+        total = f"{'at most ' * account.bounded}{account.total_db:.1f} dB of the image"
     figure.text(8 / width, 1 - 18 / height, f"{title}error by cause: {total}", fontsize=9, parse_math=False)
     elapsed = sum(stage[1] for stage in stages)
     figure.text(

@@ -106,6 +106,18 @@ def test_rows_of_blanks_cost_their_length(tmp_path: Path) -> None:
     assert part.faces.shape == (1, 3) and part.material == "wall"
 
 
+def test_a_scene_is_found_from_a_folder_beside_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A relative path with .. to the scene is not taken for an include outside its folder."""
+    (tmp_path / "work").mkdir()
+    (tmp_path / "other" / "scene").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "work")
+    text = Path(sarmitsuba.__file__).parents[1].joinpath("scenes", "point.xml").read_text()
+    (tmp_path / "other" / "scene" / "mine.xml").write_text(text)
+    assert sarmitsuba.load_scene("../other/scene/mine.xml").name == "mine"
+
+
 @pytest.mark.parametrize("name", ["../buffer.bin", "/etc/hostname", "http://127.0.0.1:9/buffer.bin"])
 def test_a_gltf_file_names_buffers_beside_it_alone(tmp_path: Path, name: str) -> None:
     import trimesh

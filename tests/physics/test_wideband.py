@@ -427,6 +427,52 @@ def test_diffuse_returns_of_a_narrow_band_are_traced_at_the_carrier() -> None:
         assert decision.error_db > -40.0
 
 
+def sea_scene(frequency: float, share: float, look: float) -> Scene:
+    """A square of sea, 30 range cells wide."""
+    half = 15.0 * SPEED_OF_LIGHT / (2.0 * frequency * share)
+    square = half * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    sea = {"material": "sea_water", "diffuse_law": "sea", "wind_speed": 6.0}
+    return scene_of(
+        [SceneMesh(square, SQUARE, sea, "sea")],
+        frequency=frequency,
+        bandwidth=share * frequency,
+        look=look,
+        coherent="off",
+        max_depth=1,
+    )
+
+
+CASES_OF_SEA = [(5.4e9, 0.05, 50.0), (3e9, 0.08, 60.0), (1.3e9, 0.05, 25.0)]
+
+
+@pytest.mark.parametrize(("frequency", "share", "look"), CASES_OF_SEA)
+def test_the_drift_of_bragg_waves_is_in_the_stated_change(
+    frequency: float, share: float, look: float
+) -> None:
+    """Mean over band and track of the phase that the waves of the other frequencies gain on the carrier's."""
+    scene = sea_scene(frequency, share, look)
+    band_of = frequency * (1.0 + share * np.linspace(-0.5, 0.5, 101))
+    short = 4.0 * np.pi / SPEED_OF_LIGHT * band_of * np.sin(np.radians(look))
+    omega = np.sqrt(9.81 * short + 9.81 / 370.0**2 * short**3)
+    gained = np.outer(scene.radar.track.time, omega - omega[50] * band_of / frequency)
+    change = 10.0 * np.log10(np.mean(np.abs(np.exp(1j * gained) - 1.0) ** 2))
+    decision = plan_effects(scene, warn=False).decision("wideband")
+    # tol: incidence varies over the image
+    assert decision.error_db > change - 1.0, (decision, change)
+    assert decision.error_db < max(change, -40.0) + 1.0, (decision, change)  # -40 dB: the law of sigma0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("frequency", "share", "look"), CASES_OF_SEA)
+def test_images_of_the_sea_change_as_stated(frequency: float, share: float, look: float) -> None:
+    scene = sea_scene(frequency, share, look)
+    stated = plan_effects(scene, warn=False).decision("wideband").error_db
+    off, on = (render(scene.replace(wideband=switch)).data for switch in ("off", "on"))
+    change = 10.0 * np.log10(np.sum(np.abs(off - on) ** 2) / np.sum(np.abs(on) ** 2))
+    assert change < stated + 1.5, (change, stated)  # tol: speckle of the image, weights of the aperture
+    assert change > stated - 12.0, (change, stated)  # tol: laws that are bounds
+
+
 @pytest.mark.parametrize(("power", "bandwidth"), [(1, 0.11), (-1, 0.11), (3.5, 0.031)])
 def test_random_scatterers_keep_their_mean_power(power: float, bandwidth: float) -> None:
     """Clutter whose amplitudes are a power of f over the band: the mean power and the statistics of a flat one."""

@@ -39,7 +39,9 @@ def test_a_point_has_no_error_of_rays_bounces_or_blocks(image: SarImage) -> None
     ]
     assert parts["bounces left out"].error_db == parts["blocks of pulses"].error_db == -math.inf
     assert parts["rays"].error_db == -math.inf and parts["rays"].why == "nothing is traced"
-    assert parts["gridding"].error_db == pytest.approx(gridding_kernel(4).error_db + 3.01, abs=0.01)
+    assert parts["gridding"].error_db == -math.inf and parts["gridding"].why == "nothing is gridded"
+    traced = with_metadata(image, statistics={"rays": 7})
+    assert traced["gridding"].error_db == pytest.approx(gridding_kernel(4).error_db + 3.01, abs=0.01)
     assert parts["focuser"].known == AT_MOST and parts["focuser"].error_db < -50.0
     assert parts["physical optics"].known == UNKNOWN
     assert str(parts["bounces left out"]) == "bounces left out none"
@@ -100,6 +102,17 @@ def test_metadata_of_other_kinds_are_taken_as_missing(image: SarImage, junk: obj
     assert all(part.as_dict()["known"] in (UNKNOWN, "none") for part in parts.values())
 
 
+@pytest.mark.parametrize(("shown", "depth", "error"), [(-0.9, 1, -12.5), (-3.0, 1, -9.5), (-20.0, 1, 0.0)])
+def test_bounces_left_out_may_all_be_in_the_image(
+    image: SarImage, shown: float, depth: int, error: float
+) -> None:
+    effects = {"max_depth": depth, "pilot": PILOT}
+    focus = {**image.metadata["focus"], "shown_energy_db": shown}
+    part = with_metadata(image, effects=effects, focus=focus)["bounces left out"]
+    assert part.error_db == pytest.approx(error) and part.known == AT_MOST
+    assert ("the image shows" in part.why) == (shown < -1.0)
+
+
 def test_advice_is_for_the_largest_error_and_the_largest_saving(image: SarImage) -> None:
     facts = {
         "processor_seconds": {"trace": 10.0, "plan": 1.0},
@@ -135,3 +148,29 @@ def test_advice_is_for_the_largest_error_and_the_largest_saving(image: SarImage)
     assert found.finer is not None and "gridding_width" in found.finer.options
     found = advised(-25.0, sampling_error={})
     assert "not measured" in found.advice[0]
+
+
+@pytest.mark.parametrize(("bound", "advised"), [(-25.0, "key_pulse_interval=32"), (-12.0, "wideband=on")])
+def test_a_loose_bound_does_not_outweigh_a_measured_error(
+    image: SarImage, bound: float, advised: str
+) -> None:
+    facts = {
+        "processor_seconds": {"trace": 10.0},
+        "ray_share_of_tracing": 0.9,
+        "ray_spacing_settings": {"ray_spacing": 0.2},
+        "statistics": {"rays": 100, "hits": 95},
+        "sampling": {"key_pulse_interval": 64, "block_error_db": -30.0},
+        "settings": {"gridding_width": 4, "key_pulse_interval": 64},
+        "effects": {
+            "max_depth": 2,
+            "pilot": PILOT,
+            "effects": {"wideband": {"on": False, "error_is": "bound", "error_db": bound}},
+        },
+        "refinement": {},
+        "sampling_error": {"VV": {"error_db": -36.0, "source": "two sets"}},
+    }
+    found = account(replace(image, metadata={**image.metadata, **facts}), {"trace": StageTime(6.0, 10.0)})
+    assert found.finer is not None and found.finer.options == f"-D sar_path.{advised}"
+    assert "all known errors at most" in str(found.finer)
+    # twice the blocks would raise what is likely by 2 dB, which the bound must not hide
+    assert found.coarser is None or "key_pulse_interval" not in found.coarser.options or bound > -20.0

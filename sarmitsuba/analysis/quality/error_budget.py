@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.image.sar_image import SarImage
@@ -107,16 +107,26 @@ def _rays(data: BudgetFacts) -> ErrorPart:
 
 def _bounces(data: BudgetFacts) -> ErrorPart:
     name = "bounces left out"
-    decision, pilot = data.part("effects", "effects", "max_depth"), data.part("effects", "pilot")
+    decision = data.part("effects", "effects", "max_depth")
     depth = number(data.part("effects").get("max_depth"))
     if decision.get("on") is False and decision.get("error_is") == "none":
         return ErrorPart(name, -math.inf, MEASURED, str(decision.get("why", "")))
-    upper = pilot.get("energy_from_order_upper_db")
-    if not isinstance(upper, list) or math.isnan(depth) or not 1 <= depth < len(upper):
+    left = bounces_left_out(data)
+    if math.isnan(depth) or not 1 <= depth < len(left):
         return ErrorPart(name, math.nan, UNKNOWN, str(decision.get("why", "")))
-    left = upper[int(depth)]
-    error = -math.inf if left is None else number(left)  # no energy has no level
-    return ErrorPart(name, error, AT_MOST, "pilot trace, two standard errors included")
+    return _with_shown(
+        data, ErrorPart(name, left[int(depth)], AT_MOST, "pilot trace, two standard errors included")
+    )
+
+
+def bounces_left_out(data: BudgetFacts) -> list[float]:
+    """Upper bound of the energy of bounces after 0, 1, ... over that of the image, dB; empty without a pilot."""
+    upper = data.part("effects", "pilot").get("energy_from_order_upper_db")
+    if not isinstance(upper, list):
+        return []
+    shown = _shown_db(data)
+    # no energy has no level; what is left out is at most all
+    return [-math.inf if left is None else min(number(left) - shown, 0.0) for left in upper]
 
 
 def _blocks(data: BudgetFacts) -> ErrorPart:
@@ -133,14 +143,28 @@ def _blocks(data: BudgetFacts) -> ErrorPart:
 
 def _of_image(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
     """Error relative to the echoes' energy, converted to the image's energy as if all of it were within the image."""
-    shown = number(data.part("focus").get("shown_energy_db"))
-    if not shown < -SHOWN_DB:
+    return _with_shown(data, replace(part, error_db=part.error_db - _shown_db(data)))
+
+
+def _with_shown(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
+    """An error that is a bound because the image shows a part of the echoes' energy."""
+    shown = _shown_db(data)
+    if shown == 0.0:
         return part
-    why = f"{part.why}; the image shows {shown:.1f} dB of the energy of the echoes"
-    return ErrorPart(part.name, part.error_db - shown, AT_MOST, why)
+    return replace(
+        part, known=AT_MOST, why=f"{part.why}; the image shows {shown:.1f} dB of the energy of the echoes"
+    )
+
+
+def _shown_db(data: BudgetFacts) -> float:
+    """Energy of the image over that of the echoes, dB, where it is so much less that errors are converted; else 0."""
+    shown = number(data.part("focus").get("shown_energy_db"))
+    return shown if shown < -SHOWN_DB else 0.0
 
 
 def _gridding(data: BudgetFacts) -> ErrorPart:
+    if data.metadata.get("method") == "raster" or number(data.part("statistics").get("rays")) == 0.0:
+        return ErrorPart("gridding", -math.inf, MEASURED, "nothing is gridded")
     width = number(data.part("settings").get("gridding_width"))
     if not 1.0 <= width <= 8.0:
         return ErrorPart("gridding", math.nan, UNKNOWN)

@@ -67,17 +67,16 @@ def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:
     elif depth == 1:
         seen = pilot.n_patches + pilot.n_features
         why = (
-            f"pilot, {seen} patches: further bounces have at most {_text(pilot.energy_db(3, 2, upper=True))} of the "
-            f"energy"
+            f"pilot, {seen} patches: further bounces have at most {_text(pilot.left_out_db(1))} of the energy"
         )
     else:
         why = (
             f"pilot: energy of bounces from {depth} on {_text(pilot.energy_db(3, depth))} (strongest cell "
             f"{_text(pilot.cell_db(3, depth))} over the {over}), after {depth} at most "
-            f"{_text(pilot.energy_db(3, depth + 1, upper=True))} ({_text(pilot.cell_db(3, depth + 1))})"
+            f"{_text(pilot.left_out_db(depth))} ({_text(pilot.cell_db(3, depth + 1))})"
         )
     # the last bounce holds at most all energy; with one bounce, the pilot's bound is that of the bounces left out
-    error = 0.0 if depth > 1 else pilot.energy_db(3, 2, upper=True)
+    error = 0.0 if depth > 1 else pilot.left_out_db(1)
     return Assessment(depth > 1, why, error, depth, measured=True)
 
 

@@ -11,9 +11,10 @@ from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.facet_bound import angles_known, facet_bound, specular_db
-from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.diffuse import diffuse_tables, water_in
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.sea_spectrum import angular_frequency
 from sarmitsuba.materials.slab import COSINES, slab_coefficients
 from sarmitsuba.scene.scatterers import SCATTERERS
 
@@ -71,7 +72,8 @@ class Wideband(Effect):
     This, the return of a facet's corner (as 1/f), the coherent loss of a rough surface and diffuse laws (as a power of
     f through both ends of the band) are real factors that are odd about the carrier up to second order: in quadrature
     to the peak, they change neither level nor position, but side lobes and the nulls between them. These need the
-    effect from 10 dB above the tolerance on (by default from B / f_c = 0.11 on).
+    effect from 10 dB above the tolerance on (by default from B / f_c = 0.11 on). So does the drift of water's Bragg
+    waves, which moves random scatterers by a fiftieth of a range cell at that level.
 
     Reflection coefficients of half spaces and slabs, and transmission through slabs, are compared with those at the
     carrier, relative to the incident wave. They need the effect from the tolerance on. The number of frequencies is
@@ -209,6 +211,27 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
         if decided["diffuse"].on and material.scatters:
             level = _diffuse(material, frequency, relative)  # a power of f: odd about the carrier as well
             yield _Law(f"the diffuse return of {material.name}", level, above_db=_ODD_ABOVE_TOLERANCE_DB)
+    if decided["diffuse"].on:
+        yield from _bragg_waves(frequency, context)
+
+
+def _bragg_waves(frequency: F64, context: SceneContext) -> Iterator[_Law]:
+    r"""Drift of water's Bragg waves, :math:`e^{j t (\omega(K) - \omega(K_c) f / f_c)}` at the rms time t of the track.
+
+    Every frequency meets the wave of its own wavenumber :math:`K = 2 k \sin\theta`, which is not as fast as the
+    carrier's.
+    """
+    scene = context.scene
+    wave = scene.radar.waveform
+    still = scene.settings.effects.get("water_motion") == "off"
+    if still or not water_in(context.materials, wave.wavelength, scene.settings.seed):
+        return
+    time = float(np.sqrt(np.mean(np.square(scene.radar.track.time))))
+    sines = np.sqrt(1.0 - np.square(np.clip(context.incidence_cosine, 0.0, 1.0)))[:, None]
+    relative = frequency / wave.center_frequency
+    short = 2.0 * context.wavenumber * sines
+    turn = angular_frequency(short * relative) - angular_frequency(short) * relative
+    yield _Law("the drift of Bragg waves", np.exp(1j * time * turn), above_db=_ODD_ABOVE_TOLERANCE_DB)
 
 
 def _steepest(context: SceneContext) -> float:
