@@ -105,6 +105,7 @@ class PilotResult:
         interfere would have the image energy of the coherent returns, which add up over a resolution cell, and that
         mean's standard error; see :mod:`sarmitsuba.simulation.in_phase`
     patch_area : m^2 across the line of sight, effective: of the taper's power; NaN if not known
+    lit_area : m^2 across the line of sight, over which random patches are distributed; NaN if not known
     """
 
     pulses: tuple[int, ...]
@@ -121,6 +122,7 @@ class PilotResult:
     going_on: float = 0.0
     incident: F64 = field(default_factory=lambda: np.zeros(0))
     patch_area: float = float("nan")
+    lit_area: float = float("nan")
     in_phase: F64 = field(default_factory=lambda: np.zeros(0))
     in_phase_deviation: F64 = field(default_factory=lambda: np.zeros(0))
 
@@ -138,6 +140,17 @@ class PilotResult:
     def total(self) -> float:
         """Mean power of a patch, m^2."""
         return float(self.mean[3].sum())
+
+    @property
+    def least_energy(self) -> float:
+        """Energy of the image, in cells times m^2: that of all patches less two errors, at least of the strongest.
+
+        The strongest patch may be as strong at one of the traced pulses alone.
+        """
+        strongest = float(self.peak[3].max(initial=0.0)) / max(1, len(self.pulses))
+        mean = self.total - 2.0 * float(np.sqrt(np.square(self.deviation[3]).sum()))
+        everything = mean * self.lit_area / self.patch_area
+        return max(strongest, everything) if np.isfinite(everything) else strongest
 
     def energy_db(self, rows: slice | int, first_order: int, *, upper: bool = False) -> float:
         """Share of the image's energy in some kinds of return from an order on, dB; ``upper``: plus two errors."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.materials.wedge import fringe_bound
+from sarmitsuba.materials.wedge import LARGEST_FRINGE, fringe_bound
 from sarmitsuba.mesh.sharp_edges import SharpEdges
 
 # margin of the fringe coefficients between two examined positions, amplitude
@@ -32,15 +32,38 @@ class Aperture:
     range_cell: float
 
 
-def edge_bounds(edges: SharpEdges, aperture: Aperture, mirrors: tuple[bool, bool] = (False, False)) -> F64:
-    r"""Upper bound of the RCS, m^2, that each edge adds to a resolution cell, from all examined positions.
+@dataclass(frozen=True, eq=False)
+class EdgeBounds:
+    """Upper bounds of the returns of edges, m^2, (n,) float64 each.
+
+    Parameters
+    ----------
+    cell : RCS in a resolution cell, the largest from any examined position
+    energy : of the whole edge in the image, in resolution cells times m^2: mean over the aperture of its echo's RCS
+    """
+
+    cell: F64
+    energy: F64
+
+
+def edge_bounds(
+    edges: SharpEdges,
+    aperture: Aperture,
+    mirrors: tuple[bool, bool] = (False, False),
+    *,
+    examined: int | None = None,
+) -> EdgeBounds:
+    r"""Upper bounds of what each edge adds to a resolution cell and to the image.
 
     .. math:: \sigma \le \tfrac1\pi |S|^2 \min\left(l, l_\mathrm{cell}, \frac1{k |g|}\right)^2, \quad
-        g = \tfrac12 \hat t \cdot (\hat u + \hat v)
+        E \le \tfrac1\pi \left\langle |S|^2 \min\left(l^2, \frac1{(k g)^2}, \frac{\pi l}{k |\Delta g|}\right)
+        \right\rangle, \quad g = \tfrac12 \hat t \cdot (\hat u + \hat v)
 
     with the least :math:`|g|` at both ends of the edge and over all directions between two examined positions, and
     :math:`|S|` of :func:`sarmitsuba.materials.wedge.fringe_bound`. A cell holds the part :math:`l_\mathrm{cell}` of an
-    edge, limited by its extent in range and along azimuth.
+    edge, limited by its extent in range and along azimuth. The energy is the mean over the intervals between examined
+    positions, in which g changes by :math:`\Delta g`: by Parseval's theorem the mean of :math:`l^2
+    \mathrm{sinc}^2(k g l)` over g is at most :math:`\pi l / (k |\Delta g|)`.
 
     Parameters
     ----------
@@ -48,39 +71,61 @@ def edge_bounds(edges: SharpEdges, aperture: Aperture, mirrors: tuple[bool, bool
     aperture : see :class:`Aperture`
     mirrors : whether the leg from the transmitter, and that to the receiver, is mirrored in level ground, which
         reflects everything
+    examined : number of edges, those with the largest bounds, whose :math:`|S|` is computed; others have
+        :math:`|S| \le 3.6 / |\hat u + \hat v|`. None: all
 
     Notes
     -----
-    Ignores shadowing, ground that is not level, and motion.
+    Ignores shadowing, ground that is not level, and motion. Edges count as if their energies added up.
     """
-    best, before = np.zeros(edges.n), None
     half = 0.5 * edges.length[:, None] * edges.along
     points = np.stack([edges.middle - half, edges.middle + half, edges.middle], axis=1)
     same = aperture.receivers is aperture.places and mirrors[0] == mirrors[1]
-    for place, receiver, azimuth in zip(aperture.places, aperture.receivers, aperture.azimuth, strict=True):
-        out = _looks(points, place, mirrors[0])
-        home = out if same else _looks(points, receiver, mirrors[1])
-        sums = 0.5 * (out + home)
-        lean = np.einsum("nei,ni->ne", sums[:, :2], edges.along)
-        both = lean if before is None else np.concatenate([lean, before], axis=1)
-        before = lean
-        low, high = both.min(axis=1), both.max(axis=1)
+    count = len(aperture.places)
+    part, whole, size = (np.empty((count, edges.n)) for _ in range(3))
+    before = None
+    for i, (place, receiver, azimuth) in enumerate(
+        zip(aperture.places, aperture.receivers, aperture.azimuth, strict=True)
+    ):
+        sums = _looks(points, place, mirrors[0])
+        if not same:
+            sums = 0.5 * (sums + _looks(points, receiver, mirrors[1]))
+        lean = np.einsum("nei,ni->en", sums, edges.along)
+        low, high = np.minimum(lean[0], lean[1]), np.maximum(lean[0], lean[1])
+        swept = 0.0
+        if before is not None:
+            low, high = np.minimum(low, before[0]), np.maximum(high, before[1])
+            swept = np.abs(lean[2] - before[2])
+        before = np.minimum(lean[0], lean[1]), np.maximum(lean[0], lean[1]), lean[2]
         least = np.where(low * high <= 0.0, 0.0, np.minimum(np.abs(low), np.abs(high)))
         middle = sums[:, 2]
         along = np.maximum(np.linalg.norm(middle, axis=1), 1e-9)
-        sideways = azimuth - middle * ((middle @ azimuth) / np.square(along))[:, None]
-        turned = np.abs(np.einsum("ni,ni->n", sideways, edges.along))
-        part = np.minimum(edges.length, aperture.range_cell / np.maximum(least, 1e-12))
-        part = np.minimum(part, aperture.azimuth_cell / np.maximum(turned, 1e-12))
-        part = np.minimum(part, 1.0 / np.maximum(aperture.wavenumber * least, 1e-12))
-        leaving, coming = out[:, 2], home[:, 2]
-        size = (
-            MARGIN
-            * part
-            * fringe_bound(edges.angle, edges.inward, edges.normal, leaving, leaving if same else coming)
-        )
-        best = np.maximum(best, np.square(size) / np.pi)
-    return best
+        turned = np.abs(edges.along @ azimuth - lean[2] * (middle @ azimuth) / np.square(along))
+        reach = np.minimum(edges.length, 1.0 / np.maximum(aperture.wavenumber * least, 1e-12))
+        part[i] = np.minimum(reach, aperture.range_cell / np.maximum(least, 1e-12))
+        part[i] = np.minimum(part[i], aperture.azimuth_cell / np.maximum(turned, 1e-12))
+        passed = np.pi * edges.length / np.maximum(aperture.wavenumber * swept, 1e-12)
+        whole[i] = np.minimum(np.square(reach), passed)
+        size[i] = LARGEST_FRINGE / along
+    _examine(edges, aperture, mirrors, part, size, edges.n if examined is None else examined)
+    between = np.maximum(size[1:], size[:-1]) if count > 1 else size
+    cell = np.square(MARGIN * size * part).max(axis=0) / np.pi
+    energy = (np.square(MARGIN * between) * whole[-len(between) :]).mean(axis=0) / np.pi
+    return EdgeBounds(cell, energy)
+
+
+def _examine(
+    edges: SharpEdges, aperture: Aperture, mirrors: tuple[bool, bool], part: F64, size: F64, most: int
+) -> None:
+    """Replace the largest fringe amplitudes (positions, n) of the edges with the largest bounds by their own."""
+    rank = (size * part).max(axis=0, initial=0.0)
+    rows = np.arange(edges.n) if most >= edges.n else np.argpartition(-rank, most)[:most]
+    chosen, middle = edges.of(rows), edges.middle[rows, None]
+    same = aperture.receivers is aperture.places and mirrors[0] == mirrors[1]
+    for i, (place, receiver) in enumerate(zip(aperture.places, aperture.receivers, strict=True)):
+        out = _looks(middle, place, mirrors[0])[:, 0]
+        home = out if same else _looks(middle, receiver, mirrors[1])[:, 0]
+        size[i, rows] = fringe_bound(chosen.angle, chosen.inward, chosen.normal, out, home)
 
 
 def _looks(points: F64, place: F64, mirrored: bool) -> F64:

@@ -11,6 +11,8 @@ _SERIES = 0.05
 _LEAST = 1e-3
 # largest modulus of the transition factor of a wave along a sheet, squared
 _ALONG = 1.8
+# largest fringe amplitude: at rims of sheets in backscatter, S times half the sum of both directions elsewhere
+LARGEST_FRINGE = _ALONG
 
 
 def fringe_bound(angle: F64, inward: F64, normal: F64, to_source: F64, to_observer: F64) -> F64:
@@ -18,7 +20,9 @@ def fringe_bound(angle: F64, inward: F64, normal: F64, to_source: F64, to_observ
 
     The largest singular value of the matrix of S over two polarisations of the incoming and of the received wave, with
     S the mean of a path and of the reversed one. At rims of sheets the magnetic part is at most 1.8 times as large by
-    the wave along the sheet, and the root of the sum of all squares is taken.
+    the wave along the sheet, and the root of the sum of all squares is taken; or, if less, what that wave changes is
+    added, which is nothing from directions across the sheet. At most ``LARGEST_FRINGE`` over half the modulus of the
+    sum of both directions.
 
     Parameters
     ----------
@@ -54,8 +58,19 @@ def fringe_bound(angle: F64, inward: F64, normal: F64, to_source: F64, to_observ
     determinant = np.abs(total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0])
     largest = 0.5 * (square + np.sqrt(np.maximum(np.square(square) - 4.0 * np.square(determinant), 0.0)))
     electric = np.square(np.abs(total[0, 0]))
-    sheet = electric + _ALONG**2 * (square - electric)
-    return np.asarray(np.where(outside, np.sqrt(np.where(angle > 2.0 - _LEAST, sheet, largest)), 0.0))
+    magnetic = np.maximum(square - electric, 0.0)
+    # off grazing the transition factor is 1 but for a part: what it changes adds to the largest singular value
+    turned = (1.0 + _grazing(inward, normal, to_source)) * (1.0 + _grazing(inward, normal, to_observer)) - 1.0
+    changed = np.sqrt(largest) + turned * np.sqrt(magnetic)
+    sheet = np.minimum(np.sqrt(electric + _ALONG**2 * magnetic), changed)
+    return np.asarray(np.where(outside, np.where(angle > 2.0 - _LEAST, sheet, np.sqrt(largest)), 0.0))
+
+
+def _grazing(inward: F64, normal: F64, direction: F64) -> F64:
+    """Largest deviation from 1 of the transition factor of a wave over the sheet of a rim, 0 from beyond the rim."""
+    across, off = _dot(direction, inward[:, 0]), _dot(direction, normal[:, 0])
+    part = across / np.maximum(np.hypot(across, off), _LEAST)
+    return np.asarray(np.clip(4.0 * part, 0.0, 1.0))
 
 
 def _strip(

@@ -253,6 +253,7 @@ def run_pilot(
         in_phase=in_phase,
         in_phase_deviation=np.sqrt(variance),
         patch_area=float(np.square(_fade()).sum()) * sampling.spacings.coherent**2,
+        lit_area=float(np.mean([4.0 * w.half_x * w.half_y for w in map(sampling.window_at, chosen)])),
     )
 
 

@@ -389,6 +389,50 @@ def test_the_plan_says_what_edges_add() -> None:
     )
 
 
+def plate_among_bars(seed: int, **settings: str) -> Scene:
+    """A plate that faces the radar among hundreds of bars, each far below it."""
+    rng = np.random.default_rng(seed)
+    turned = trimesh.transformations.rotation_matrix(-np.pi / 4, [0, 1, 0])
+    face = targets.parallelogram([-1, -1, 0], [2, 0, 0], [0, 2, 0])
+    meshes = [SceneMesh(*face, "pec", "plate", to_world=turned)]
+    bar = trimesh.creation.box(extents=(0.3, 2.0, 0.3))
+    lean = trimesh.transformations.rotation_matrix(np.radians(rng.uniform(15.0, 25.0)), [0, 1, 0])
+    for number, place in enumerate(np.ndindex(20, 20)):
+        x, y = 3.0 * np.array(place) - 28.5 + rng.uniform(-0.3, 0.3, 2)
+        if max(abs(x), abs(y)) > 5.0:
+            to = trimesh.transformations.translation_matrix([x, y, 0.0]) @ lean
+            meshes.append(SceneMesh(bar.vertices, bar.faces, "pec", f"bar{number}", to_world=to))
+    radar = RadarDescription(
+        mode="spotlight",
+        look_angle_deg=45.0,
+        slant_range=5000.0,
+        center_frequency=9.65e9,
+        bandwidth=150e6,
+        azimuth_resolution=1.0,
+        polarisation="HH,VV",
+    )
+    film = FilmDescription(image_extent_azimuth=64.0, image_extent_range=64.0)
+    scene = build_scene(meshes, radar=radar, film=film)
+    return scene.replace(**settings) if settings else scene
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [61, 62])
+@pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
+def test_many_weak_edges_count_by_their_energy(seed: int) -> None:
+    """Together they are above the tolerance, and no more than the plan states."""
+    decision = plan_scene(plate_among_bars(seed)).decision("edge_diffraction")
+    assert decision is not None and decision.on
+    there, without = (
+        np.asarray(focus(simulate(plate_among_bars(seed, edge_diffraction=x), seed=1)).data)
+        for x in ("on", "off")
+    )
+    change = np.square(np.abs(there - without)).sum(axis=(-2, -1)).max()
+    actual = 10.0 * np.log10(change / np.square(np.abs(without)).sum(axis=(-2, -1)).max())
+    print(f"{decision.why}; the image changes by {actual:.1f} dB")
+    assert -40.0 < actual < decision.error_db
+
+
 @pytest.mark.parametrize("seed", [51])
 def test_sweeps_have_edges_by_themselves(seed: int) -> None:
     """A turntable's plate from drawn aspects, by the plan's own decision; off it is physical optics."""

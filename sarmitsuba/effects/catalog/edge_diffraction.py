@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
-from sarmitsuba.effects.edge_bound import Aperture, edge_bounds
+from sarmitsuba.effects.edge_bound import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
@@ -19,7 +19,7 @@ from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
 
-# antenna positions and edges used in the estimate, distributed over all
+# antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed
 POSITIONS, EDGES = 9, 2000
 # most metal faces searched for edges while planning: a quarter of a second
 MOST_FACES = 100_000
@@ -28,7 +28,7 @@ LEVEL = 0.98
 
 
 class EdgeDiffraction(Effect):
-    r"""Edge diffraction; on where the strongest sharp metal edge is above the tolerance.
+    r"""Edge diffraction; on where the strongest sharp metal edge, or the energy of all, is above the tolerance.
 
     What an edge adds to physical optics in a resolution cell is at most the bound of
     :func:`sarmitsuba.effects.edge_bound.edge_bounds`: by the fringe coefficients of its wedge and its least lean out of
@@ -36,7 +36,9 @@ class EdgeDiffraction(Effect):
     ground, times the reflection coefficient of the ground for each. The strongest edge is compared with the clutter or
     the strongest cell found by a pilot; without a pilot, with a cell of the roughest material, or, where nothing is
     rough, with the strongest single-bounce return of a metal plane to any antenna position (multiple bounces are
-    unknown without a pilot, and count as none). Edges of moving shapes are left out, as the reason says.
+    unknown without a pilot, and count as none). The sum of the bounded energies of all edges that reach into the lit
+    part is compared with the energy of the image, that of the pilot's patches or of the reference; ``rcs`` has none.
+    Edges of moving shapes are left out, as the reason says.
 
     Of paths between edges and mirrors only those over the ground below an edge are simulated; here any level face below
     it counts as its ground.
@@ -45,7 +47,9 @@ class EdgeDiffraction(Effect):
     name = "edge_diffraction"
     title = "fringe currents of metal edges"
     documentation = "diffraction by the sharp edges of metal beyond physical optics"
-    off_when = "no sharp metal edge, or the return of the strongest is below the tolerance"
+    off_when = (
+        "no sharp metal edge, or the return of the strongest and the energy of all are below the tolerance"
+    )
     off_means = "physical optics alone: HH = VV, no echo of a thin plate seen edge-on"
     rank = 105
     kernel_flags: ClassVar[Mapping[str, str]] = {
@@ -66,23 +70,25 @@ class EdgeDiffraction(Effect):
             return Assessment(
                 False, f"{found.metal.sum()} metal faces are too many to look for edges", float("nan")
             )
-        edges = _edges(found)
+        edges = sharp_edges(found.corners, found.metal)
         if not edges.n:
             return Assessment(False, "no sharp metal edge", -np.inf)
         bounces = decided["max_depth"].on and decided["max_depth"].value != 1
-        strongest, longest = _strongest(edges, context, bounces=bounces), float(edges.length.max())
-        reference, limit, over = _reference(found, context, decided)
-        if strongest <= 0.0:
+        bound, reference = _added(edges, context, bounces=bounces), _reference(found, context, decided)
+        if bound.cell <= 0.0:
             return Assessment(False, "no metal edge is visible", -np.inf)
-        error = 10.0 * float(np.log10(strongest / reference)) if reference > 0.0 else 0.0
-        what = f"metal edges up to {length(longest)} add {error:.0f} dB, {over}"
+        cell, energy = _ratio_db(bound.cell, reference.cell), _ratio_db(bound.energy, reference.energy)
+        what = f"metal edges up to {length(float(edges.length.max()))} add {cell:.0f} dB, {reference.name}"
+        if np.isfinite(energy):
+            what += f", and at most {energy:.0f} dB of the image's energy"
         if any(
             context.scene.materials[m].metallic
             for _, faces in context.scene.geometry.moving_meshes()
             for m in np.unique(context.scene.geometry.face_material[faces])
         ):
             what += "; edges of moving metal are left out"
-        return Assessment(error > limit, what, min(error, 0.0))
+        on = cell > reference.limit_db or energy > context.tolerance_db
+        return Assessment(on, what, min(max(cell, energy), 0.0))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
@@ -106,29 +112,65 @@ class _Metal:
         return _Metal(np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64), metal)
 
 
-def _edges(found: _Metal) -> SharpEdges:
-    """Sharp metal edges of a scene, thinned where there are many; edges that touch other objects included."""
-    edges = sharp_edges(found.corners, found.metal)
-    return edges.of(np.unique(np.linspace(0, edges.n - 1, min(edges.n, EDGES)).astype(np.int64)))
+@dataclass(frozen=True)
+class _Added:
+    """Upper bounds: RCS added by an edge in a resolution cell, m^2, and energy of all edges, in cells times m^2."""
+
+    cell: float
+    energy: float
 
 
-def _strongest(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> float:
-    """Upper bound of the RCS added by an edge in a resolution cell, m^2; with paths over the ground."""
+@dataclass(frozen=True)
+class _Reference:
+    """RCS of a cell, m^2, its name, allowed level relative to it, dB, and the image's energy, in cells times m^2.
+
+    The energy is NaN where there is no image.
+    """
+
+    cell: float
+    name: str
+    limit_db: float
+    energy: float
+
+
+def _ratio_db(power: float, reference: float) -> float:
+    """Level, dB; 0 where nothing is known to compare with, NaN for a reference NaN, -inf for no power."""
+    if power <= 0.0:
+        return -np.inf
+    return 0.0 if reference <= 0.0 else 10.0 * float(np.log10(power / reference))
+
+
+def _added(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> _Added:
+    """Upper bounds of what edges add, with paths over the ground; energies of different paths add up."""
     aperture = _aperture(context)
-    best = float(edge_bounds(edges, aperture).max(initial=0.0))
+    lit = _lit(edges, context)
+    ways, mirrored = [(edges, lit, (False, False), 1.0)], []
     ground, lowest = _ground(context) if bounces else ((), np.inf)
-    raised = edges.of(edges.middle[:, 2] + 0.5 * edges.length * np.abs(edges.along[:, 2]) > lowest + 1e-3)
-    if not raised.n:
-        return best
-    look = aperture.places - raised.middle.mean(axis=0)
-    mirror = _mirror(context, ground, float((np.abs(look[:, 2]) / np.linalg.norm(look, axis=1)).mean()))
-    # one antenna: the path over the ground and its reverse add up
-    ways = [((True, False), 2.0 * mirror), ((True, True), mirror**2)]
-    if context.scene.radar.receiver is not None:
-        ways.append(((False, True), 2.0 * mirror))
-    for mirrors, factor in ways:
-        best = max(best, factor**2 * float(edge_bounds(raised, aperture, mirrors).max()))
-    return best
+    above = edges.middle[:, 2] + 0.5 * edges.length * np.abs(edges.along[:, 2]) > lowest + 1e-3
+    if above.any():
+        raised = edges.of(above)
+        look = aperture.places - raised.middle.mean(axis=0)
+        mirror = _mirror(context, ground, float((np.abs(look[:, 2]) / np.linalg.norm(look, axis=1)).mean()))
+        # one antenna: the path over the ground and its reverse add up
+        mirrored = [((True, False), 2.0 * mirror), ((True, True), mirror**2)]
+        if context.scene.radar.receiver is not None:
+            mirrored.append(((False, True), 2.0 * mirror))
+        ways += [(raised, lit[above], mirrors, factor) for mirrors, factor in mirrored]
+    cell, energy = 0.0, 0.0
+    for some, inside, mirrors, factor in ways:
+        found: EdgeBounds = edge_bounds(some, aperture, mirrors, examined=EDGES)
+        cell = max(cell, factor**2 * float(found.cell.max()))
+        energy += factor**2 * float(found.energy[inside].sum())
+    return _Added(cell, energy)
+
+
+def _lit(edges: SharpEdges, context: SceneContext) -> NDArray[np.bool_]:
+    """Edges whose bounds meet those of the lit part; all where that is not known."""
+    half = 0.5 * edges.length[:, None] * np.abs(edges.along) + 1e-3
+    if context.sampling is None:
+        return np.ones(edges.n, dtype=bool)
+    low, high = context.sampling.box
+    return np.asarray(((edges.middle + half >= low) & (edges.middle - half <= high)).all(axis=1))
 
 
 def _aperture(context: SceneContext) -> Aperture:
@@ -175,46 +217,58 @@ def _places(context: SceneContext) -> F64:
     return np.asarray(context.antenna[pick])
 
 
-def _reference(
-    found: _Metal, context: SceneContext, decided: Mapping[str, Decision]
-) -> tuple[float, float, str]:
-    """Reference RCS (clutter or peak of the image), m^2, allowed level relative to it, dB, and its name."""
-    pilot = context.pilot
+def _reference(found: _Metal, context: SceneContext, decided: Mapping[str, Decision]) -> _Reference:
+    """Clutter of a cell, or the peak of the image, and the energy of the image."""
+    pilot, tolerance = context.pilot, context.tolerance_db
     if pilot is not None and pilot.total > 0.0:
         if pilot.clutter > 0.0:
-            return pilot.clutter, CELL_BELOW_CLUTTER_DB, "of the clutter of a cell"
-        return float(pilot.peak[3].max()), context.tolerance_db, "of the strongest cell"
+            name = "of the clutter of a cell"
+            return _Reference(pilot.clutter, name, CELL_BELOW_CLUTTER_DB, pilot.least_energy)
+        peak = float(pilot.peak[3].max())
+        return _Reference(peak, "of the strongest cell", tolerance, pilot.least_energy)
     if context.sampling is not None and decided["diffuse"].on:
-        return _clutter(context), CELL_BELOW_CLUTTER_DB, "of the clutter of a cell"
-    return _facets(found, context), context.tolerance_db, "of the metal's facets"
+        return _Reference(*_clutter(context))
+    strongest, energy = _facets(found, context)
+    if context.sampling is None:
+        energy = float("nan")
+    return _Reference(strongest, "of the metal's facets", tolerance, energy)
 
 
-def _clutter(context: SceneContext) -> float:
-    """RCS of a cell of the roughest material at 45 degrees, m^2."""
-    assert context.sampling is not None
-    wavelength, best = context.scene.radar.waveform.wavelength, 0.0
-    for material in context.unlike_materials:
-        if material.scatters:
-            table = diffuse_tables(material, wavelength, 3)
-            best = max(best, float(table.amplitude_h[1]) ** 2, float(table.amplitude_v[1]) ** 2)
-    return best * context.sampling.cell**2
+def _clutter(context: SceneContext) -> tuple[float, str, float, float]:
+    """RCS of a cell of the roughest material at 45 degrees, and energy of the one with the most: see _Reference."""
+    sampling = context.sampling
+    assert sampling is not None
+    geometry, wavelength = context.scene.geometry, context.scene.radar.waveform.wavelength
+    corners = geometry.vertices[geometry.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.bincount(geometry.face_material, 0.5 * np.linalg.norm(normal, axis=1))
+    # faces of a body that are turned away or hidden: what lies in the lit part counts once
+    largest = float(np.ptp(sampling.box, axis=0)[:2].prod())
+    best, energy = 0.0, 0.0
+    for index in np.flatnonzero(area):
+        for material in with_parts([context.scene.materials[index]]):
+            if material.scatters and not material.invisible:
+                table = diffuse_tables(material, wavelength, 3)
+                level = max(float(table.amplitude_h[1]) ** 2, float(table.amplitude_v[1]) ** 2)
+                best, energy = max(best, level), max(energy, level * min(float(area[index]), largest))
+    return best * sampling.cell**2, "of the clutter of a cell", CELL_BELOW_CLUTTER_DB, energy
 
 
-def _facets(found: _Metal, context: SceneContext) -> float:
-    """Largest physical-optics RCS of a metal plane, or of a cell of it, at any antenna position, m^2."""
+def _facets(found: _Metal, context: SceneContext) -> tuple[float, float]:
+    """Largest physical-optics RCS of a metal plane, or of a cell of it, m^2: at any position, and in the mean."""
     corners = found.corners[found.metal]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normal, axis=1)
     corners, normal, size = (x[size > 0.0] for x in (corners, normal, size))
     if not size.size:
-        return 0.0
+        return 0.0, 0.0
     normal /= size[:, None]
     offset = np.einsum("ni,ni->n", corners[:, 0], normal)
     # the terms of common sides of coplanar triangles cancel
     alike = np.round(np.column_stack([normal, offset / max(float(np.ptp(corners)), 1e-9)]), 4)
     _, plane = np.unique(alike, axis=0, return_inverse=True)
     cell = context.sampling.cell if context.sampling is not None else np.inf
-    best = 0.0
+    power = []
     for place in _places(context):
         look = place - corners.mean(axis=1)
         distance = np.linalg.norm(place - corners, axis=2)
@@ -223,8 +277,9 @@ def _facets(found: _Metal, context: SceneContext) -> float:
         phase = 2.0 * context.wavenumber * (distance - distance.min())
         share = 0.5 * size * np.exp(-1j * phase[:, 0]) * _over_triangle(phase - phase[:, :1]) * cosine
         total = np.abs(_sums(plane.reshape(-1), share))
-        best = max(best, float(np.square(np.minimum(total, cell**2)).max()))
-    return best * context.wavenumber**2 / np.pi
+        power.append(np.square(np.minimum(total, cell**2)))
+    factor = context.wavenumber**2 / np.pi
+    return factor * float(np.max(power)), factor * float(np.mean(power, axis=0).max())
 
 
 def _over_triangle(phase: F64) -> C128:
