@@ -144,8 +144,8 @@ def test_rays_into_a_corner_line_bounce_twice(row, plain_scene) -> None:
             antenna = o + 1e4 * size * look
             frame, grid = aimed_at(points, antenna)
             paths = record_paths(target, PEC, antenna, frame, grid, FREQUENCY, max_depth=4, scene=built)
-            # every ray has its first and its second return, and no other
-            wrong += int((paths.seen != np.array([1, 1, 0, 0], dtype=bool)[:, None]).any(axis=0).sum())
+            # the weaker of a corner's two chains returns nothing: the hits are counted, and no return is a third
+            wrong += int(((paths.hits != 2) | paths.seen[2:].any(axis=0)).sum())
             naive += without_two_along_the_normal(plain, target, points, look)
             total += points.shape[0]
     row(

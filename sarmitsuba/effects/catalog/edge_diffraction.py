@@ -121,7 +121,7 @@ class _Added:
 
 
 @dataclass(frozen=True)
-class _Reference:
+class _Compared:
     """RCS of a cell, m^2, its name, allowed level relative to it, dB, and the image's energy, in cells times m^2.
 
     The energy is NaN where there is no image.
@@ -217,25 +217,25 @@ def _places(context: SceneContext) -> F64:
     return np.asarray(context.antenna[pick])
 
 
-def _reference(found: _Metal, context: SceneContext, decided: Mapping[str, Decision]) -> _Reference:
+def _reference(found: _Metal, context: SceneContext, decided: Mapping[str, Decision]) -> _Compared:
     """Clutter of a cell, or the peak of the image, and the energy of the image."""
     pilot, tolerance = context.pilot, context.tolerance_db
     if pilot is not None and pilot.total > 0.0:
         if pilot.clutter > 0.0:
             name = "of the clutter of a cell"
-            return _Reference(pilot.clutter, name, CELL_BELOW_CLUTTER_DB, pilot.least_energy)
+            return _Compared(pilot.clutter, name, CELL_BELOW_CLUTTER_DB, pilot.least_energy)
         peak = float(pilot.peak[3].max())
-        return _Reference(peak, "of the strongest cell", tolerance, pilot.least_energy)
+        return _Compared(peak, "of the strongest cell", tolerance, pilot.least_energy)
     if context.sampling is not None and decided["diffuse"].on:
-        return _Reference(*_clutter(context))
+        return _Compared(*_clutter(context))
     strongest, energy = _facets(found, context)
     if context.sampling is None:
         energy = float("nan")
-    return _Reference(strongest, "of the metal's facets", tolerance, energy)
+    return _Compared(strongest, "of the metal's facets", tolerance, energy)
 
 
 def _clutter(context: SceneContext) -> tuple[float, str, float, float]:
-    """RCS of a cell of the roughest material at 45 degrees, and energy of the one with the most: see _Reference."""
+    """RCS of a cell of the roughest material at 45 degrees, and energy of the one with the most: see _Compared."""
     sampling = context.sampling
     assert sampling is not None
     geometry, wavelength = context.scene.geometry, context.scene.radar.waveform.wavelength

@@ -123,7 +123,7 @@ def bistatic_plate(quick: bool = False) -> Case:
         parameters = _parameters(
             baseline, slant_range=distance, look_angle_deg=40.0, polarisation=",".join(channels)
         )
-        settings = TraceSettings(method="raw", max_depth=1)
+        settings = TraceSettings(method="raw", max_depth=1, effects={"edge_diffraction": "off"})
         with unwarned():  # of the pulse rate: nobody focuses these echoes
             scene = make_scene(geometry, targets.PEC, parameters, settings=settings)
         at = _receiver(scene, baseline, 0.0)
