@@ -86,10 +86,15 @@ def _table(cases: Sequence[Case]) -> list[str]:
             unit = f" {c.unit}" if c.unit else ""
             ratio = " dB" if c.unit == "dBsm" else unit
             mark = "" if c.passed else " **out of tolerance**"
+            third = f"{_short(c.median)} / {_short(c.worst)}{ratio}"
+            if c.judged == "rms":
+                third += f", rms {_short(c.rms)}"
+                third += f" (measurement {_short(c.measured_rms)})" if np.isfinite(c.measured_rms) else ""
+            bound = "rms " if c.judged == "rms" else ""
             rows.append(
                 f"| {name} | {_quote(c, c.theory)}{unit} | {_quote(c, c.simulated)}{unit} | "
-                f"{_short(c.median)} / {_short(c.worst)}{ratio} (n = {int(c.compared.sum())}){mark} | "
-                f"{_short(c.tolerance)}{ratio}: {c.reason} |"
+                f"{third} (n = {int(c.compared.sum())}){mark} | "
+                f"{bound}{_short(c.tolerance)}{ratio}: {c.reason} |"
             )
     return rows
 
@@ -113,7 +118,8 @@ def summary_lines(cases: Sequence[Case]) -> list[str]:
             state = "ok  " if c.passed else "FAIL"
             lines.append(
                 f"{state} {case.name:<20} {c.label:<58} {_quote(c, c.theory):>10} {_quote(c, c.simulated):>10} "
-                f"{_short(c.median):>8} {_short(c.worst):>8} {_short(c.tolerance):>8} {c.unit}"
+                f"{_short(c.median):>8} {_short(c.figure):>8} {_short(c.tolerance):>8} {c.unit}"
+                + (f" (rms; measurement {_short(c.measured_rms)})" if c.judged == "rms" else "")
             )
     total = summarise(cases)
     canonical = (

@@ -15,6 +15,8 @@ SLOW = {"building", "bridge", "ground_sigma0", "ground_rays"}
 # test_bistatic_simulation, test_reciprocity, test_cavities
 SLOW |= {"imported_city", "orbit_points", "moving_smear", "moving_displacement", "along_track_phase"}
 SLOW |= {"cross_polar_reciprocity", "double_glazing"}
+# the prism is a body of that topic, too
+SLOW |= {f"measured_{name}" for name in ("plate", "thick_plate", "dielectric_plate", "almond", "duct")}
 
 
 def marks(entry: CaseEntry) -> list[pytest.MarkDecorator]:
