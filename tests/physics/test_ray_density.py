@@ -12,7 +12,8 @@ from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.refined_spacing import MARGIN_DB, finer_spacing, fitting_spacing
 from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
-from sarmitsuba.validation import measured_bodies, targets
+from sarmitsuba.validation import targets
+from sarmitsuba.validation.measured import bodies
 
 FREQUENCY = 7e9
 WAVELENGTH = 299792458.0 / FREQUENCY
@@ -26,7 +27,7 @@ def scene_of(mesh: targets.Mesh) -> Scene:
 
 def body(name: str) -> targets.Mesh:
     if name == "almond":
-        return measured_bodies.almond()
+        return bodies.almond()
     if name == "sphere":
         ball = targets.sphere(1.5 * WAVELENGTH, WAVELENGTH / 512)
     elif name == "cylinder":
@@ -74,7 +75,7 @@ def test_round_bodies_get_the_rays_they_need(name: str) -> None:
 
 
 def test_flat_bodies_keep_their_rays() -> None:
-    sweep = rcs_sweep(scene_of(measured_bodies.prism()), ASPECTS, channels=("HH",))
+    sweep = rcs_sweep(scene_of(bodies.prism()), ASPECTS, channels=("HH",))
     assert sweep.result.ray_spacing == WAVELENGTH / 4.5
     assert sweep.error_db[0] < -30.0 and not any("sampling error" in note for note in sweep.notes)
 

@@ -6,8 +6,8 @@ import trimesh
 from scipy.integrate import quad
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.validation import measured_bodies as bodies
-from sarmitsuba.validation.measured_tables import FOLDER, azimuth_table
+from sarmitsuba.validation.measured import bodies
+from sarmitsuba.validation.measured.azimuth_tables import FOLDER, azimuth_table
 
 
 def solid(mesh: bodies.Mesh) -> trimesh.Trimesh:

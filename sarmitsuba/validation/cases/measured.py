@@ -10,10 +10,10 @@ from sarmitsuba.loader.build import MaterialLike, SceneMesh, build_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
-from sarmitsuba.validation import measured_bodies as bodies
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.measured_tables import azimuth_table
+from sarmitsuba.validation.measured import bodies
+from sarmitsuba.validation.measured.azimuth_tables import azimuth_table
 from sarmitsuba.validation.targets import Mesh
 
 SMALL_PLATE = "diffraction between rims 1.3 wavelengths apart, and by the rim the wave grazes"
@@ -54,7 +54,7 @@ class Bound:
 
 
 @dataclass(frozen=True)
-class Body:
+class MeasuredBody:
     """One body with its table.
 
     Parameters
@@ -74,7 +74,7 @@ class Body:
 
 
 BODIES = {
-    "plate": Body(
+    "plate": MeasuredBody(
         "Metal plate without thickness, 0.267 m x 0.152 m",
         "II_A_sx1",
         bodies.plate,
@@ -85,7 +85,7 @@ BODIES = {
             Bound(10.2e9, (0.35, 0.2), RIMS),
         ),
     ),
-    "thick_plate": Body(
+    "thick_plate": MeasuredBody(
         "Metal plate 1.6 mm thick",
         "II_B_sx1",
         bodies.thick_plate,
@@ -94,14 +94,14 @@ BODIES = {
             Bound(7e9, (0.8, 0.3), "two wedges a 26th of a wavelength apart are one rim"),
         ),
     ),
-    "dielectric_plate": Body(
+    "dielectric_plate": MeasuredBody(
         "Dielectric plate 1.5 mm thick",
         "II_C_sx1",
         bodies.plate,
         (Bound(7e9, (0.35, 0.25), "its rims, which scatter as if black"),),
         DIELECTRIC,
     ),
-    "almond": Body(
+    "almond": MeasuredBody(
         "NASA almond of 0.252 m",
         "III_A_s1",
         bodies.almond,
@@ -113,7 +113,7 @@ BODIES = {
             ),
         ),
     ),
-    "prism": Body(
+    "prism": MeasuredBody(
         "Hexagonal prism of 0.4 m",
         "IIIS_A_s1",
         bodies.prism,
@@ -122,7 +122,7 @@ BODIES = {
             Bound(7e9, (0.5, 0.2), "diffraction by edges 2 to 8 wavelengths apart"),
         ),
     ),
-    "duct": Body(
+    "duct": MeasuredBody(
         "Prism with a curved duct",
         "IIIS_B_s1",
         bodies.duct,

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.validation.measured_tables import FOLDER
+from sarmitsuba.validation.measured.azimuth_tables import FOLDER
 from sarmitsuba.validation.targets import Mesh
 
 # plate, m: width along y, height along z, thickness along x

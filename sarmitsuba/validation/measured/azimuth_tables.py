@@ -1,6 +1,6 @@
 """Measured and full-wave radar cross sections of the Austin RCS Benchmark Suite.
 
-Monostatic, over azimuth in the horizontal plane. The tables and their notice lie in ``validation/measured``; copyright
+Monostatic, over azimuth in the horizontal plane. The tables and their notice lie beside this module; copyright
 2023 The University of Texas at Austin.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 
-FOLDER = Path(__file__).parent / "measured"
+FOLDER = Path(__file__).parent
 # letters of the polarisation in the tables, by channel: E along phi and along theta
 LETTERS = {"HH": "H", "VV": "V"}
 SOLVER, CHAMBER = "integral_equation", "measured"
