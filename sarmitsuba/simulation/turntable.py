@@ -163,6 +163,8 @@ def rcs_sweep(
             tracing = dataclasses.replace(tracing, depth=left.depth)
             depth, first = left.depth, tracing.amplitudes(aspects, 0)
         notes = left.notes(scene.name, depth) if left is not None else ()
+        if flags.edge_diffraction and tracing.site.edges.joined_text:
+            notes += (f"{scene.name}: {tracing.site.edges.joined_text}",)
         if checked:
             first, errors = tracing.refined(aspects, first, checked)
             notes += _say_error(scene, first.ray_spacing, errors)

@@ -62,7 +62,8 @@ def check(name: str) -> None:
     start = time.process_time()
     sparse = rcs_sweep(coarse, ASPECTS, channels=("HH", "VV"), checked=0)
     before, fast = true_error_db(sparse, dense), time.process_time() - start
-    rays = f"{WAVELENGTH / found.result.ray_spacing:.0f} a wavelength, {found.result.rays_per_direction} a direction"
+    per_wavelength = WAVELENGTH / found.result.ray_spacing
+    rays = f"{per_wavelength:.0f} a wavelength, {found.result.rays_per_direction} a direction"
     print(f"{name}: {rays}, error stated {stated:.1f} dB, true {true:.1f} dB, {took:.2f} CPU s")
     print(f"    with 4.5 a wavelength {before:.1f} dB, {fast:.2f} CPU s")
     assert stated < -30.0
