@@ -160,6 +160,7 @@ def test_look_switch_moves_the_beam(shown: Any, bridge: tuple[Path, Path]) -> No
     shown.page.locator("#looks [data-look='0']").click()
 
 
+@pytest.mark.slow
 def test_image_builds_up_to_the_finished_one(shown: Any, bridge: tuple[Path, Path]) -> None:
     """At the last pulse, with the run's window, the browser's image is the run's."""
     shown.page.keyboard.press("End")
@@ -193,6 +194,7 @@ def test_keys_and_help(shown: Any) -> None:
     shown.page.keyboard.press("Escape")
 
 
+@pytest.mark.slow
 def test_tour_explains_what_newcomers_ask(shown: Any) -> None:
     """Why high things lean, where the shadow falls, what the line at the foot is."""
     shown.page.keyboard.press("Escape")

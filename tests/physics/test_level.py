@@ -71,7 +71,7 @@ def bands(image: SarImage, n: int = 4) -> F64:
 @pytest.mark.parametrize(
     ("mode", "pattern", "extent", "squint"),
     [
-        ("stripmap", "rectangular", 200.0, 0.0),
+        pytest.param("stripmap", "rectangular", 200.0, 0.0, marks=pytest.mark.slow),
         ("spotlight", "gaussian", 100.0, 0.0),
         *(
             pytest.param("stripmap", pattern, 200.0, squint, marks=pytest.mark.slow)

@@ -97,7 +97,9 @@ def test_an_anchor_alone_changes_nothing() -> None:
     assert here.anchor != there.anchor
 
 
-@pytest.mark.parametrize("mode", ["stripmap", "sliding_spotlight", "spotlight"])
+@pytest.mark.parametrize(
+    "mode", [pytest.param("stripmap", marks=pytest.mark.slow), "sliding_spotlight", "spotlight"]
+)
 def test_quality_finds_points_of_a_squinted_orbit_in_place_and_phase(mode: str) -> None:
     """Points on the ground and above it, passes drawn: seen from the scene a satellite climbs or sinks.
 

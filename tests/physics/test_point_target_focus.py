@@ -225,9 +225,8 @@ def clutter(radar: Radar, n: int, extent: float, seed: int) -> RawData:
     return RawData(data, (Layer("VV"),), "compressed", radar)
 
 
-@pytest.mark.parametrize(
-    ("squint", "seeds"), [pytest.param(0.0, (1, 2), marks=pytest.mark.slow), (0.3, (3,))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("squint", "seeds"), [(0.0, (1, 2)), (0.3, (3,))])
 def test_clutter_has_its_sigma0(squint: float, seeds: tuple[int, ...]) -> None:
     radar = ideal_radar(squint_angle=squint, n_samples=400, resolution=1.0, prf_factor=1.6)
     means: dict[str, list[float]] = {}

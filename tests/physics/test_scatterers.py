@@ -127,7 +127,7 @@ def level_error_db(parts: list[F64], expected_area: float, extent: float, seeds:
     return float(10.0 * np.log10(found / (SIGMA0 * expected_area)))
 
 
-@pytest.mark.parametrize("width", [0.33, 0.62, 1.24, 2.5])
+@pytest.mark.parametrize("width", [pytest.param(0.33, marks=pytest.mark.slow), 0.62, 1.24, 2.5])
 def test_level_ground_of_slabs(width: float) -> None:
     """Slabs that share no vertex, their rows shifted: every seam is a T-junction. Before: -3.1 to -0.7 dB."""
     w, half, gap = width * RESOLUTION, 8.0, 0.003
@@ -156,7 +156,7 @@ def test_steps() -> None:
     assert abs(error) < 0.1
 
 
-@pytest.mark.parametrize("size", [3.0, 1.0, 0.5, 0.25, 0.1])
+@pytest.mark.parametrize("size", [pytest.param(3.0, marks=pytest.mark.slow), 1.0, 0.5, 0.25, 0.1])
 def test_patches(size: float) -> None:
     """Square patches, turned at random, at 0.5 m resolution. Before: -1.1 to -20 dB."""
     rng = np.random.default_rng(5)

@@ -98,7 +98,8 @@ def test_field_of_small_cubes(tmp_path: Path) -> None:
     assert abs(peak) < 2.0
 
 
-@pytest.mark.parametrize("size", [1.0, pytest.param(2.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [1.0, 2.0])
 def test_sphere_in_a_large_scene(tmp_path: Path, size: float) -> None:
     """Spheres of 1 and 2 m in an image of 120 m: rays for coherent returns are 0.25 m apart there. Before: +3.9 dB."""
     shapes = (

@@ -42,6 +42,7 @@ def test_all_combinations_are_right_or_say_so(combinations: ModuleType, mode: st
     check(combinations, mode, seed)
 
 
+@pytest.mark.slow
 def test_the_matrix_sees_small_errors(combinations: ModuleType) -> None:
     # an image that is off by little more than is right, each way
     drawn = combinations.draw("spotlight", SHORT)

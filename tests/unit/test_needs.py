@@ -69,6 +69,7 @@ def command(*arguments: str) -> tuple[int, int, str, str]:
     return status, peak, "\n".join(rest), done.stderr
 
 
+@pytest.mark.slow
 def test_explain_of_a_model_in_millimetres_takes_less_than_a_gigabyte(millimetres: Path) -> None:
     status, peak, text, _ = command("explain", str(millimetres))
     assert status == 0
@@ -201,7 +202,7 @@ print(parse_focuser(name).making_bytes(radar, grid, 1), peak_memory() - held)
     ("name", "grid"),
     [
         ("backprojection", "ground"),
-        ("omega_k", "slant"),
+        pytest.param("omega_k", "slant", marks=pytest.mark.slow),
         pytest.param("polar_format", "ground", marks=pytest.mark.slow),
         pytest.param("range_doppler", "ground", marks=pytest.mark.slow),
         pytest.param("chirp_scaling", "ground", marks=pytest.mark.slow),

@@ -26,7 +26,7 @@ def asked(extent: float, grid: Literal["slant", "ground"] = "slant") -> ImageReq
     [
         ("slant", 0.0, 10e3, 1.0, 120.0),
         ("ground", 12.0, 10e3, 0.5, 120.0),
-        ("ground", 0.0, 700e3, 3.0, 300.0),
+        pytest.param("ground", 0.0, 700e3, 3.0, 300.0, marks=pytest.mark.slow),
         *(
             pytest.param(grid, squint, *rest, marks=pytest.mark.slow)
             for grid, squint, rest in (
