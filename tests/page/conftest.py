@@ -4,7 +4,7 @@ import base64
 import json
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +34,16 @@ FLAGS = (
 def browser() -> str | None:
     """The first browser on the path."""
     return next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Say once why all tests that need the browser, or Node.js, are skipped, not once a test."""
+    report = yield
+    if report.skipped and {"chromium", "in_node"} & set(getattr(item, "fixturenames", ())):
+        assert isinstance(report.longrepr, tuple)
+        report.longrepr = (__file__, None, report.longrepr[2])  # equal places and reasons are folded
+    return report
 
 
 @contextmanager
