@@ -166,7 +166,8 @@ LONG = {"stripmap 13", "from 700 km", "stripmap from 700 km"}
     ("case", "device"),
     [
         *(pytest.param(c, "gpu", marks=pytest.mark.slow if c in LONG else ()) for c in CASES),
-        *((case, "cpu") for case in ("spotlight 0", "spotlight with a beam", "stripmap 13", "from 700 km")),
+        pytest.param("spotlight 0", "cpu", marks=pytest.mark.slow),
+        *((case, "cpu") for case in ("spotlight with a beam", "stripmap 13", "from 700 km")),
     ],
 )
 def test_the_browsers_image_is_ours(case: str, device: str, in_browser: Any) -> None:

@@ -129,7 +129,7 @@ def test_every_row_has_its_whole_aperture() -> None:
             )
 
 
-@pytest.mark.parametrize("pattern", ["isotropic", "rectangular"])
+@pytest.mark.parametrize("pattern", [pytest.param("isotropic", marks=pytest.mark.slow), "rectangular"])
 def test_blocks_of_pulses_have_each_pulses_own_beam(pattern: str) -> None:
     # Rationale: over a block of a hundred pulses a 2 m antenna's beam moves by a third of its width on the ground.
     # -9.9 dB with the key pulse's gain for all.

@@ -67,6 +67,7 @@ def cube_rcs(side: float, turn: float, direction: F64) -> float:
     return float(np.mean(np.square(np.abs(total))))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
 def test_field_of_small_cubes(tmp_path: Path) -> None:
     """784 cubes of 5 cm, turned at random, rays decimetres apart. Before: +11 dB, a pixel of +18 dB."""

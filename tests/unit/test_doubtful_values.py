@@ -127,7 +127,14 @@ def sionna() -> list[Path]:
 # seconds to load, under each radar
 LARGE = {
     *("street_trees", "forest", "urban_block_trees"),
-    *("simple_street_canyon", "simple_street_canyon_with_cars", "etoile", "box_two_screens", "box_knife"),
+    *(
+        "simple_street_canyon",
+        "simple_street_canyon_with_cars",
+        "etoile",
+        "box_two_screens",
+        "box_knife",
+        "triple_reflector",
+    ),
 }
 
 

@@ -152,11 +152,12 @@ def test_rays_over_small_parts_are_counted_too(tmp_path: Path, n: int) -> None:
     assert needs.seconds["launch grid"] > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [
-        pytest.param(("tower",), marks=pytest.mark.slow),
-        pytest.param(("urban_block", "--method", "image"), marks=pytest.mark.slow),
+        ("tower",),
+        ("urban_block", "--method", "image"),
         ("sphere", "--method", "raster"),
     ],
 )
