@@ -86,9 +86,8 @@ class House:
 
     def _imports(self, module: Module) -> Iterator[Import]:
         def visit(node: ast.AST, when: str) -> Iterator[Import]:
-            for child in ast.iter_child_nodes(node):
-                if isinstance(child, ast.expr):  # holds no statement
-                    continue
+            # expressions hold no statement
+            for child in (c for c in ast.iter_child_nodes(node) if not isinstance(c, ast.expr)):
                 then = when
                 if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):
                     then = "late" if when == "top" else when
