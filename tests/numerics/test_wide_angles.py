@@ -111,6 +111,7 @@ def test_sectors_cover_the_track_and_a_usual_aperture_is_one(tmp_path: Path) -> 
         assert served and all(grid.frame is not None for grid in served)
 
 
+@pytest.mark.slow
 def test_whole_circle_comes_out_as_a_point_in_its_place(tmp_path: Path) -> None:
     # aspects a wavelength apart at the edge of what is focused: 2 pi 0.25 m / (0.031 m / 4) = 202 and some spare
     scene = circle(tmp_path, 360.0, 300, POINT, "hybrid")

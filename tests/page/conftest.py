@@ -102,12 +102,16 @@ class Open:
 
 
 @pytest.fixture(scope="module")
-def opened(chromium: Any) -> Iterator[Callable[[Path], Open]]:
-    """Open a page's file and wait until it is ready; a page that cannot start fails at once."""
+def opened(chromium: Any) -> Iterator[Callable[..., Open]]:
+    """Open a page's file and wait until it is ready; a page that cannot start fails at once.
+
+    In a window of so many picture elements (width, height): WebGL in software draws every one.
+    """
     pages: list[Open] = []
 
-    def call(path: Path) -> Open:
+    def call(path: Path, window: tuple[int, int] = (1280, 800)) -> Open:
         page = chromium.new_page()
+        page.set_viewport_size(dict(zip(("width", "height"), window, strict=True)))
         page.set_default_timeout(600_000)  # a stop for what hangs, not a verdict: machines may be busy
         page.add_init_script(WATCH)
         one = Open(page)

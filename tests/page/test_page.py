@@ -30,7 +30,8 @@ def bridge(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The bridge in stripmap and in spotlight; the page of both is in the first folder."""
     folder = tmp_path_factory.mktemp("bridge")
     one = rendered("bridge", folder / "stripmap", *SMALLER)
-    two = rendered("bridge", folder / "spotlight", "sar_antenna.mode=spotlight", *SMALLER)
+    narrow = "range_film.image_extent_azimuth=20"
+    two = rendered("bridge", folder / "spotlight", "sar_antenna.mode=spotlight", *SMALLER[:2], narrow)
     assert main(["view", str(one), str(two), "--quiet"]) == 0
     return one, two
 

@@ -198,6 +198,7 @@ def test_lamp_posts() -> None:
     assert abs(error) < 0.15
 
 
+@pytest.mark.slow
 def test_slabs_through_the_whole_chain() -> None:
     """Raw data, focused: the mean of slabs of 0.62 cells is sigma0. Before: -12.8 dB."""
     w, gap, half = 0.62 * RESOLUTION, 0.003, 8.0

@@ -96,7 +96,7 @@ def test_names_and_data_that_are_refused() -> None:
 def test_good_data_are_left_as_they_are() -> None:
     radar = ideal_radar(n_samples=160)
     raw = ideal_echoes(radar, [[0.0, 0.0, 0.0], [9.0, 7.0, 0.0]])
-    grid = default_grid(radar, {"extent_azimuth": 40.0, "extent_range": 40.0})
+    grid = default_grid(radar, {"extent_azimuth": 24.0, "extent_range": 24.0})
     window = parse_window("rectangular")
     task = AutofocusTask(raw, grid, parse_focuser("omega_k"), window, window)
     wavelength = radar.waveform.wavelength

@@ -322,8 +322,9 @@ CHECKS: dict[str, Callable[[Example, Path], None]] = {
 }
 
 
-# each method with it and without it, and as many kernels to compile; test_extension_faults.py holds what stages may do
-SLOW = {"An effect of the trace kernel"}
+# each method with it and without it, and as many kernels to compile; test_extension_faults.py and test_own_lobes.py
+# hold what stages and scatterers may do
+SLOW = {"An effect of the trace kernel", "A scatterer"}
 
 
 @pytest.mark.parametrize(
