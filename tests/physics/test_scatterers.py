@@ -23,6 +23,7 @@ from sarmitsuba.simulation.sampling.density_plan import CELLS_PER_RESOLUTION
 from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Contribution
 from sarmitsuba.trace.surfaces import Surfaces
+from tests.support.draws import few_of
 
 LEVEL_DB = -10.0
 SIGMA0 = 10.0 ** (LEVEL_DB / 10.0)
@@ -362,7 +363,7 @@ def _fringe_sum(product: C64) -> float:
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", few_of(range(4)))
 def test_two_passes_keep_their_coherence(seed: int, share: float) -> None:
     """Coherence 1 - B/Bc with automatic settings, at drawn headings. Before: 0.01 instead of 0.9."""
     coherence, cells = two_passes(seed, share)
