@@ -17,6 +17,7 @@ def counted_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sarmitsuba.cost.study.study_cost", partial(study_cost, clock=WorkClock()))
 
 
+@pytest.mark.slow
 def test_recommendation_is_checked_and_can_be_rendered(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
