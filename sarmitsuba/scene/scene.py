@@ -11,7 +11,7 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.registry import late
+from sarmitsuba.registry import late, png_of
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
@@ -141,6 +141,8 @@ class Scene:
 
     def _repr_png_(self) -> bytes:
         """Plan view of the scene, for notebooks."""
-        png = late("sarmitsuba.view.notebook", "scene_png")(self)
-        assert isinstance(png, bytes)
-        return png
+        return png_of(self.plot())
+
+    def plot(self) -> object:
+        """Plan view as a Matplotlib ``Figure``, which notebooks show: faces by height, image, flight, look and beam."""
+        return late("sarmitsuba.view.notebook", "scene_plan")(self)
