@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import ParamTable, described, params_of
+from sarmitsuba.parameters import ParamTable, described, knows_its_fields, params_of
 
 
+@knows_its_fields
 @dataclass(frozen=True, kw_only=True)
 class FilmDescription:
     """Receive window and sampling of the echoes, and the image to focus from them; units as `RadarDescription`."""
