@@ -222,6 +222,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.focusing import image_request
     from sarmitsuba.io import read_raw
     from sarmitsuba.io.output import output_folder
+    from sarmitsuba.loader.kept_paths import kept_path
 
     check_focus_arguments(args)
     formats = results.Formats.parse(args.format)
@@ -242,7 +243,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         folder.clear(run_hash, keep=[Path(args.raw)])
         record: dict[str, object] = {
             "command": "focus",
-            "raw_file": args.raw,
+            "raw_file": kept_path(args.raw, folder.path),
             "versions": results.versions(),
             "radar": results.radar_record(raw.radar),
             "raw_domain": raw.domain,

@@ -1,6 +1,7 @@
 """Arguments that name a scene, the same for every command that takes one."""
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypedDict
 
 if TYPE_CHECKING:
@@ -73,6 +74,22 @@ def scene_of(args: argparse.Namespace) -> "Scene":
         mesh=mesh,
         allow_outside=args.allow_outside,
     )
+
+
+def scene_record(args: argparse.Namespace, scene: "Scene", folder: Path) -> dict[str, object]:
+    """Where the scene of a run came from, for its record in ``folder``: files as seen from there, and a hash."""
+    from sarmitsuba.loader.kept_paths import kept_path
+    from sarmitsuba.loader.library import resolve_radar
+    from sarmitsuba.simulation.fingerprint import shapes_hash
+
+    return {
+        "scene": kept_path(scene.path, folder) if scene.path else scene.name,
+        "scene_hash": shapes_hash(scene),
+        "radar_file": kept_path(resolve_radar(args.radar), folder) if args.radar else None,
+        "definitions": dict(args.define),
+        "mesh": mesh_record(args),
+        "allow_outside": args.allow_outside,
+    }
 
 
 class MeshRecord(TypedDict):
