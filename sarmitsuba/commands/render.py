@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.commands.cluster_arguments import add_cluster_argument, check_cluster_argument, open_workers
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
-from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of, scene_record
+from sarmitsuba.commands.scene_arguments import add_scene_arguments, pixels, scene_of, scene_record
 from sarmitsuba.commands.view import PAGE, view_folder
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.timing import StageTimer
@@ -38,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed", type=int, help="random seed (default: the scene's); the same seed gives the same result"
+    )
+    parser.add_argument(
+        "--pixels",
+        type=pixels,
+        metavar="AZIMUTHxRANGE",
+        help="size of the image in pixels, such as 128x128, about its centre; extents of the scene do not count",
     )
     parser.add_argument(
         "--raw",
@@ -144,6 +150,9 @@ def _scene_with_settings(args: argparse.Namespace) -> "Scene":
     from sarmitsuba.simulation.prediction.speed import glance
 
     glance()  # as early as possible, for the prediction
+    if args.pixels:
+        names = ("range_film.pixels_azimuth", "range_film.pixels_range")
+        args.define += [(name, str(count)) for name, count in zip(names, args.pixels, strict=True)]
     scene = scene_of(args)
     changes = {
         "method": args.method,

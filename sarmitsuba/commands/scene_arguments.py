@@ -56,6 +56,14 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def pixels(text: str) -> tuple[int, int]:
+    """Numbers of pixels in azimuth and range of an argument ``128x96``, or ``128`` for both."""
+    words = text.lower().split("x")
+    if len(words) > 2 or not all(word.isdecimal() and int(word) > 0 for word in words):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form AZIMUTHxRANGE, such as 128x128")
+    return int(words[0]), int(words[-1])
+
+
 def scene_of(args: argparse.Namespace) -> "Scene":
     """Load the scene that the arguments name."""
     from sarmitsuba.loader.library import resolve_radar

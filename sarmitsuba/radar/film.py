@@ -96,6 +96,22 @@ class FilmDescription:
         1e6,
         auto=True,
     )
+    pixels_azimuth: int = described(
+        0,
+        "number of pixels along the track, in place of image_extent_azimuth; automatic: as many as cover that",
+        "",
+        0,
+        1_000_000,
+        auto=True,
+    )
+    pixels_range: int = described(
+        0,
+        "number of pixels in range, in place of image_extent_range; automatic: as many as cover that",
+        "",
+        0,
+        1_000_000,
+        auto=True,
+    )
 
 
 FILM = ParamTable(
