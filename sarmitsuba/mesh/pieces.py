@@ -82,7 +82,7 @@ def ray_needs(
     width: F64,
     part_width: F64,
     curvature: F64 | None,
-    round_body: NDArray[np.bool_] | None,
+    round_need: F64 | None,
     wavelength: float,
 ) -> tuple[F64, F64]:
     r"""Largest ray spacing for each triangle, for coherent and for diffuse returns, m, (n,) each.
@@ -92,15 +92,15 @@ def ray_needs(
 
     .. math:: d = \sqrt{0.1 \lambda \rho} \geq \lambda / 4.5
 
-    That suffices for surfaces that face the antenna. Limbs and rims of small round bodies need :math:`\lambda / 9`, see
-    :func:`round_bodies`.
+    That suffices for surfaces that face the antenna. Limbs and rims of small round bodies need finer rays, see
+    :func:`round_needs`.
 
     Parameters
     ----------
     area, width : (n,) m^2 and m, of each triangle's piece
     part_width : (n,) m, of :func:`part_sizes`
     curvature : (n, 8) of :func:`sarmitsuba.mesh.curvature.facet_curvature`; None: all facets are flat
-    round_body : (n,) of :func:`round_bodies`
+    round_need : (n,) of :func:`round_needs`; None: there are no round bodies
     wavelength : m
     """
     size = np.minimum(0.5 * width, np.sqrt(area) / RAYS_ACROSS)
@@ -114,8 +114,8 @@ def ray_needs(
         radius = 1.0 / np.where(bent, strongest, 1.0)
         tube = np.maximum(np.sqrt(0.1 * wavelength * radius), finest)
         coherent = np.where(bent, np.minimum(coherent, tube), coherent)
-    if round_body is not None:
-        coherent = np.where(round_body, np.minimum(coherent, 0.5 * finest), coherent)
+    if round_need is not None:
+        coherent = np.minimum(coherent, round_need)
     return coherent, size
 
 
@@ -141,18 +141,20 @@ def slant_factor(corners: F64, antenna: F64) -> F64:
     return np.asarray(np.sqrt(np.clip(cosine, LEAST_SLANT, SLANTED) / SLANTED))
 
 
-def round_bodies(
+def round_needs(
     corners: F64,
     vertex: I64,
     part: I64,
     bent: NDArray[np.bool_],
     wavelength: float,
-) -> NDArray[np.bool_]:
-    """Triangles of small curved surfaces and of the flat facets that end at them, which need rays at limbs and rims.
+) -> F64:
+    """Largest ray spacing for small curved surfaces and for the flat facets that end at them, m, (n,) float64.
 
     Towards the limb of a curved surface the phase over a tube grows with one over the cube of the cosine, and a flat
     facet with a round rim (the end of a cylinder) is cut to a few straight edges only. Away from specular glints these
     strips determine the return: cylinders of 7 to 12 wavelengths were 0.3 to 2.5 dB off with 4.5 rays per wavelength.
+    The error's energy falls with the cube of the spacing and is larger for smaller bodies, which have weaker glints:
+    almonds, ogives and spheres of 3 to 6 wavelengths have -20 to -28 dB at a ninth of the wavelength.
 
     Parameters
     ----------
@@ -164,17 +166,20 @@ def round_bodies(
 
     Returns
     -------
-    (n,) bool; each of the two kinds only where all its triangles need no more than ``ROUND_RAYS`` rays
+    (n,) m, the finest of ``ROUND_SPACINGS`` wavelengths with which all triangles of a kind (curved, or flat ending at
+    curved) need no more than ``ROUND_RAYS`` rays, and for each halving a quarter of them; infinite for others
     """
     own = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     touches = np.isin(vertex, vertex.reshape(-1, 3)[bent]).reshape(-1, 3).any(axis=1) & ~bent
     rimmed = (np.bincount(part, touches)[part] > 0.0) & ~bent
-    found = np.zeros(len(corners), dtype=bool)
+    need = np.full(len(corners), np.inf)
     for kind in (bent, rimmed):
         # the outline of a convex body is on average a quarter of its surface (Cauchy)
-        if 0.25 * own[kind].sum() <= ROUND_RAYS * (wavelength / 9.0) ** 2:
-            found |= kind
-    return found
+        outline = 0.25 * own[kind].sum()
+        most = [(s, ROUND_RAYS * (s / ROUND_SPACINGS[0]) ** 2) for s in ROUND_SPACINGS]
+        spacings = [s * wavelength for s, rays in most if outline <= rays * (s * wavelength) ** 2]
+        need[kind] = min(spacings, default=np.inf)
+    return need
 
 
 # rays across a small piece of surface, each way: the number of rays of a lattice on it then varies little
@@ -183,5 +188,8 @@ RAYS_ACROSS = 5.0
 SLANTED, LEAST_SLANT = 0.2, 0.01
 # a quarter of the rays allowed for all finer lattices of a small scene
 ROUND_RAYS = 150_000
+# ray spacings of small round bodies, wavelengths: halves of 1 / 4.5, as finer lattices have. 1 / 9 for spheres of a
+# radius up to 24 wavelengths, 1 / 18 up to 6, 1 / 36 up to 1.5
+ROUND_SPACINGS = (1.0 / 9.0, 1.0 / 18.0, 1.0 / 36.0)
 # most convex flat parts of a piece of surface for which each part gets its own rays
 MOST_PARTS = 32.0

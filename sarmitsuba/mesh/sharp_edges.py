@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
+from sarmitsuba.mesh.joined_sides import join_sides
 from sarmitsuba.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.mesh.welding import weld
 
 # least height of a triangle over its longest edge: flatter ones have no reliable normal
 SLIVER = 1e-6
+# widest gap between two sides that are taken for one edge, wavelengths
+WIDEST_GAP = 0.02
 # number of directions in a sheet, over half a circle, in which its width is tabulated
 DIRECTIONS = 16
 
@@ -32,6 +35,8 @@ class SharpEdges:
     weight : (n,) float64, share of the amplitude in the taper of the illumination
     span : (n, DIRECTIONS) float64, m, extent of the sheet of a rim in the mid directions of equal parts of the half
         circle from one end of the edge to the other, backwards along it first; infinite for wedges, and where unknown
+    gap : (n,) float64, m, between the sides of two triangles that lie on one another and make the edge; -1 for rims,
+        and where the triangles share both its ends
     """
 
     middle: F64
@@ -41,6 +46,7 @@ class SharpEdges:
     normal: F64
     weight: F64
     span: F64
+    gap: F64
 
     @property
     def n(self) -> int:
@@ -52,10 +58,28 @@ class SharpEdges:
         """(n, 3) unit vectors of the edges."""
         return np.cross(self.inward[:, 0], self.normal[:, 0])
 
+    @property
+    def joined_text(self) -> str:
+        """Note on edges of facets that share no corners; empty without such edges."""
+        joined = self.gap[self.gap >= 0.0]
+        if not joined.size:
+            return ""
+        apart = f", up to {1e3 * float(joined.max()):.2g} mm apart" if joined.max() > 1e-6 else ""
+        return f"{joined.size} of {self.n} metal edges are of facets that share no corners there{apart}"
+
     def of(self, rows: NDArray[np.bool_] | I64) -> "SharpEdges":
         """Selected edges."""
-        columns = (self.middle, self.length, self.angle, self.inward, self.normal, self.weight, self.span)
-        return SharpEdges(*(column[rows] for column in columns))
+        return replace(
+            self,
+            middle=self.middle[rows],
+            length=self.length[rows],
+            angle=self.angle[rows],
+            inward=self.inward[rows],
+            normal=self.normal[rows],
+            weight=self.weight[rows],
+            span=self.span[rows],
+            gap=self.gap[rows],
+        )
 
     def weighted(self, share: F64) -> "SharpEdges":
         """Edges with their amplitudes multiplied by a share (n,), without those of share 0."""
@@ -72,22 +96,23 @@ class SharpEdges:
         return replace(pieces, middle=pieces.middle + shift[:, None] * pieces.along, length=length)
 
 
-def sharp_edges(corners: F64, metal: NDArray[np.bool_]) -> SharpEdges:
+def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) -> SharpEdges:
     """Sharp edges of and between metal triangles.
 
-    An edge of one triangle is a rim. An edge of two is sharp where they bend by more than ``SMOOTH_BEND``; smaller
-    bends approximate a curved surface.
+    A side of one triangle is a rim. An edge of two is sharp where they bend by more than ``SMOOTH_BEND``; smaller
+    bends approximate a curved surface. Two triangles meet where they share both ends of a side, or as far as their
+    sides lie on one another (T-junctions, gaps), see :func:`sarmitsuba.mesh.joined_sides.join_sides`.
 
     Parameters
     ----------
     corners : (n, 3, 3) float64, m, of all triangles
     metal : (n,) perfect conductors
+    widest : m, bound on the gap between sides that lie on one another
 
     Notes
     -----
-    Ignores edges of three triangles and more, and those between metal and another material. Where triangles meet
-    without sharing both ends of an edge (T-junctions), each side counts as a rim:
-    :func:`sarmitsuba.trace.edges.uncovered` removes rims that touch another object.
+    Ignores edges of three triangles and more, and those between metal and another material. A side that lies within
+    another triangle is a rim: :func:`sarmitsuba.trace.edges.uncovered` removes rims that touch another object.
     """
     corners = np.asarray(corners, dtype=np.float64)
     side = np.roll(corners, -1, axis=1) - corners
@@ -101,42 +126,48 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_]) -> SharpEdges:
     ends = np.sort(np.stack([ids, np.roll(ids, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     key = ends[:, 0] * (int(ids.max(initial=0)) + 1) + ends[:, 1]
     order = np.argsort(key, kind="stable")
+    order = order[whole[order // 3]]
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    count = np.diff(first, append=key.size)
-    one, two = first[count == 1], first[count == 2]
-    rim, a, b = order[one], order[two], order[two + 1]
-    kept = metal & whole
-    rim = rim[kept[rim // 3]]
-    both = kept[a // 3] & kept[b // 3]
-    a, b = a[both], b[both]
-
+    count = np.diff(first, append=order.size)
+    two, lone = first[count == 2], order[first[count == 1]]
     start, step = corners.reshape(-1, 3), side.reshape(-1, 3)
     length = np.linalg.norm(step, axis=1)
     along = step / np.maximum(length, 1e-300)[:, None]
     inward = np.cross(np.repeat(normal, 3, axis=0), along)
 
+    # sides of one triangle, and of two: numbers of the sides, and the part of the first as shares of its length
+    lone, a, b = lone[metal[lone // 3]], order[two], order[two + 1]
+    both = metal[a // 3] & metal[b // 3]
+    joins = join_sides(start[lone], step[lone], lone // 3, widest)
+    pair, parts = joins.partner >= 0, np.column_stack([joins.low, joins.high])
+    rim, rim_part = lone[joins.side[~pair]], parts[~pair]
+    a = np.concatenate([a[both], lone[joins.side[pair]]])
+    b = np.concatenate([b[both], lone[joins.partner[pair]]])
+    part = np.concatenate([np.tile([0.0, 1.0], (int(both.sum()), 1)), parts[pair]])
+    gap = np.concatenate([np.full(int(both.sum()), -1.0), joins.gap[pair]])
+
     opening = np.arccos(np.clip(np.einsum("ei,ei->e", inward[a], inward[b]), -1.0, 1.0))
     sharp = np.pi - opening > SMOOTH_BEND
-    a, b, opening = a[sharp], b[sharp], opening[sharp]
+    a, b, part, gap, opening = a[sharp], b[sharp], part[sharp], gap[sharp], opening[sharp]
     # two coinciding sheets have one rim
     folded = opening < SLIVER
-    rim = np.concatenate([rim, a[folded]])
-    a, b, opening = a[~folded], b[~folded], opening[~folded]
-    edge = np.concatenate([rim, a])
+    rim, rim_part = np.concatenate([rim, a[folded]]), np.concatenate([rim_part, part[folded]])
+    a, b, part, gap, opening = a[~folded], b[~folded], part[~folded], gap[~folded], opening[~folded]
+    edge, shares = np.concatenate([rim, a]), np.concatenate([rim_part, part])
     faces_in = np.stack([inward[edge], np.concatenate([inward[rim], inward[b]])], axis=1)
     own = normal[rim // 3]
     wedge = np.stack([_away(inward[a], inward[b]), _away(inward[b], inward[a])], axis=1)
     faces_out = np.concatenate([np.stack([own, -own], axis=1), wedge])
     exterior = np.concatenate([np.full(rim.size, 2.0), 2.0 - opening / np.pi])
-    middle = start[edge] + 0.5 * step[edge]
     return SharpEdges(
-        middle,
-        length[edge],
+        start[edge] + shares.mean(axis=1)[:, None] * step[edge],
+        (shares[:, 1] - shares[:, 0]) * length[edge],
         exterior,
         faces_in,
         faces_out,
         np.ones(edge.size),
         np.full((edge.size, DIRECTIONS), np.inf),
+        np.concatenate([np.full(rim.size, -1.0), gap]),
     )
 
 

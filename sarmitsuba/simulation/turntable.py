@@ -5,6 +5,7 @@ from the target to the radar. Phase is referred to the centre of all visible obj
 """
 
 import dataclasses
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +18,7 @@ from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import RadarError
+from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.materials.map_materials import with_parts
@@ -34,6 +35,13 @@ from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
 from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.sampling.refined_spacing import (
+    MOST_TRACED,
+    POOR_DB,
+    error_text,
+    finer_spacing,
+    worst,
+)
 from sarmitsuba.simulation.sources.kind import passages_of, sources_of
 from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.trace.source import Source
@@ -117,7 +125,8 @@ def rcs_sweep(
         track, beam, power and noise are not
     aspects : directions to the radar
     channels : polarisations; empty: those of the scene's radar
-    checked : approximate number of directions traced again for the sampling error; 0: none, and the error is NaN
+    checked : approximate number of directions traced again for the sampling error; 0: none, the error is NaN, and the
+        automatic ray spacing is not refined by it
     most_rays : of one direction, where the ray spacing is automatic
     progress : called after every launch
 
@@ -129,7 +138,8 @@ def rcs_sweep(
     Notes
     -----
     Limitations are those of the kernel (no creeping waves, no waves between edges). Ground is part of the target,
-    up to its edges.
+    up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB, or until the rays
+    of a direction (``most_rays``) or of the sweep (1e8) are spent; a larger error is noted, and warned of above -15 dB.
     """
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
@@ -152,10 +162,14 @@ def rcs_sweep(
         if left is not None and not scene.settings.max_depth and left.depth > depth:
             tracing = dataclasses.replace(tracing, depth=left.depth)
             depth, first = left.depth, tracing.amplitudes(aspects, 0)
+        notes = left.notes(scene.name, depth) if left is not None else ()
+        if flags.edge_diffraction and tracing.site.edges.joined_text:
+            notes += (f"{scene.name}: {tracing.site.edges.joined_text}",)
+        if checked:
+            first, errors = tracing.refined(aspects, first, checked)
+            notes += _say_error(scene, first.ray_spacing, errors)
         unfinished = first.unfinished
         amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
-        errors = tracing.errors(aspects, first, checked) if checked else errors
-        notes = left.notes(scene.name, depth) if left is not None else ()
     points = _points(scene, flags, channels, aspects)
     for i in range(len(channels)):
         amplitude[:, 0, i] += points[:, i]
@@ -211,20 +225,50 @@ class _AspectTracing:
             self.scene.settings.tolerance_db,
         )
 
-    def errors(self, aspects: Aspects, found: RcsResult, checked: int) -> tuple[float, ...]:
-        """Relative error energy of the sum of all orders, dB, from some aspects traced again.
+    def refined(
+        self, aspects: Aspects, first: RcsResult, checked: int
+    ) -> tuple[RcsResult, tuple[float, ...]]:
+        """Amplitudes with a sampling error low enough where rays are automatic and enough, and the error, dB.
 
-        With ``OTHER_SPACING`` times the ray spacing, which reveals most of the error common to lattices of one density.
+        The spacing is searched with the checked aspects alone; then all are traced again.
         """
-        total = found.amplitude.sum(axis=1)
-        n = total.shape[0]
+        n, total = aspects.azimuth.size, first.amplitude.sum(axis=1)
         pick = np.unique([*np.arange(0, n, max(1, n // checked)), *np.abs(total).argmax(axis=0)])
         some = Aspects(aspects.azimuth[pick], aspects.elevation[pick])
-        wider = dataclasses.replace(self.scene.settings, ray_spacing=OTHER_SPACING * found.ray_spacing)
-        again = dataclasses.replace(self, scene=dataclasses.replace(self.scene, settings=wider))
-        other = again.amplitudes(some, 1).amplitude.sum(axis=1)
-        energy = np.square(np.abs(total[pick])).sum(axis=0)
-        error = ERROR_SHARE * np.square(np.abs(other - total[pick])).sum(axis=0) + ROUNDING * energy
+        quiet = dataclasses.replace(self, progress=silent)
+        found, spacing = total[pick], first.ray_spacing
+        errors = quiet.errors(some, found, spacing)
+        if self.scene.settings.ray_spacing:
+            return first, errors
+        most = min(self.most_rays, MOST_TRACED / (n + 4.0 * pick.size))
+        least = spacing * float(np.sqrt(first.rays_per_direction / most))
+        while (finer := finer_spacing(worst(errors), spacing, least)) < spacing:
+            found = quiet.at(finer).amplitudes(some, 0).amplitude.sum(axis=1)
+            better = quiet.errors(some, found, finer, 2)
+            if worst(better) >= worst(errors):
+                break
+            spacing, errors = finer, better
+        if spacing == first.ray_spacing:
+            return first, errors
+        return self.at(spacing).amplitudes(aspects, 0), errors
+
+    def at(self, spacing: float) -> "_AspectTracing":
+        """The same tracing with another ray spacing, m."""
+        settings = dataclasses.replace(self.scene.settings, ray_spacing=spacing)
+        return dataclasses.replace(self, scene=dataclasses.replace(self.scene, settings=settings))
+
+    def errors(self, some: Aspects, total: C128, spacing: float, others: int = 1) -> tuple[float, ...]:
+        """Relative error energy of ``total`` (n, n_channels), the sum of all orders at some aspects, dB.
+
+        These are traced again with ``OTHER_SPACING`` times the ray spacing, which reveals most of the error common to
+        lattices of one density; ``others``: number of such lattices, whose errors are averaged.
+        """
+        finer = self.at(OTHER_SPACING * spacing)
+        energy, error = np.square(np.abs(total)).sum(axis=0), np.zeros(total.shape[1])
+        for realisation in range(1, others + 1):
+            other = finer.amplitudes(some, realisation).amplitude.sum(axis=1)
+            error += np.square(np.abs(other - total)).sum(axis=0)
+        error = ERROR_SHARE / others * error + ROUNDING * energy
         with np.errstate(divide="ignore", invalid="ignore"):
             return tuple(float(v) for v in 10.0 * np.log10(error / energy))
 
@@ -337,6 +381,17 @@ def _notes(scene: Scene, spacing: float) -> tuple[str, ...]:
         f"{scene.name}: rays are {spacing / wavelength:.2g} wavelengths apart, where small and curved parts need "
         f"{1.0 / RAYS_PER_WAVELENGTH:.2g}; the stated sampling error includes this. Set ray_spacing for another value",
     )
+
+
+def _say_error(scene: Scene, spacing: float, errors: tuple[float, ...]) -> tuple[str, ...]:
+    """Notes on a sampling error that is not low; a warning instead of a note where it is poor."""
+    text = error_text(
+        scene.name, worst(errors), spacing, scene.radar.waveform.wavelength, scene.settings.ray_spacing > 0.0
+    )
+    if worst(errors) > POOR_DB:
+        warnings.warn(text, SarmitsubaWarning, stacklevel=3)
+        return ()
+    return (text,) if text else ()
 
 
 def image_refusal(aspects: Aspects) -> str:

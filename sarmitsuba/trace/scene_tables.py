@@ -16,7 +16,7 @@ from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import N_EDGES, boundary_edges, facets
 from sarmitsuba.mesh.curvature import facet_curvature
-from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_bodies, slant_factor
+from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_needs, slant_factor
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.device_arrays import device_array
@@ -279,8 +279,8 @@ def build_trace_scene(
     curved = None if bend is None else np.asarray((bend != 0.0).any(axis=1))
     flat = facets(triangles, vertex, curved, wavelength)
     sizes = part_sizes(triangles, flat.part, area, width, curved)
-    round_body = None if curved is None else round_bodies(triangles, vertex, flat.part, curved, wavelength)
-    needs = ray_needs(area, width, sizes, bend, round_body, wavelength)
+    round_need = None if curved is None else round_needs(triangles, vertex, flat.part, curved, wavelength)
+    needs = ray_needs(area, width, sizes, bend, round_need, wavelength)
     if antenna is not None:
         needs = (needs[0], needs[1] * slant_factor(triangles, antenna))
     pieces = boundary_edges(triangles, vertex, np.ones(len(triangles), dtype=bool)) if flat.creased else None

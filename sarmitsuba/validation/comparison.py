@@ -6,6 +6,7 @@ form, the simulated values and the tolerance with its reason, common to tests, t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ TOPICS = {
     "interferometry": "Interferometry",
     "statistics": "Statistics",
     "full_wave": "Against exact solutions: where physical optics ends",
+    "measured": "Against chamber measurements and a full-wave solver",
 }
 
 
@@ -50,6 +52,9 @@ class Comparison:
     canonical : whether it counts in the summary over the canonical radar cross sections, where the theory holds
     shown : index of the point in the table; None: the peak of the theory
     drawn : range of the plot below the theory's peak, in ``unit``; None: that of the compared points
+    judged : statistic of the deviation that the tolerance bounds: its largest modulus, or its root mean square
+    reference : name of the theory in the plot
+    measured : (n,) float64, in ``unit``, measurements beside the theory, NaN where there are none; None: no measurement
     """
 
     label: str
@@ -63,6 +68,9 @@ class Comparison:
     canonical: bool = False
     shown: int | None = None
     drawn: float | None = None
+    judged: Literal["worst", "rms"] = "worst"
+    reference: str = "theory"
+    measured: F64 | None = None
 
     @property
     def compared(self) -> NDArray[np.bool_]:
@@ -93,9 +101,27 @@ class Comparison:
         return float(np.median(d)) if d.size and np.isfinite(d).all() else float("inf")
 
     @property
+    def rms(self) -> float:
+        """Root mean square of the deviation; infinite when a compared value is not a number."""
+        d = self.deviation[self.compared]
+        return float(np.sqrt(np.mean(d**2))) if d.size and np.isfinite(d).all() else float("inf")
+
+    @property
+    def measured_rms(self) -> float:
+        """Root mean square of measurement minus theory at the compared points; NaN without measurements."""
+        if self.measured is None:
+            return float("nan")
+        return float(np.sqrt(np.mean((self.measured - self.theory)[self.compared] ** 2)))
+
+    @property
+    def figure(self) -> float:
+        """Statistic of the deviation that the tolerance bounds."""
+        return self.rms if self.judged == "rms" else self.worst
+
+    @property
     def passed(self) -> bool:
-        """Whether the worst deviation stays within the tolerance."""
-        return self.worst <= self.tolerance
+        """Whether that statistic stays within the tolerance."""
+        return self.figure <= self.tolerance
 
     @property
     def index(self) -> int:
@@ -139,7 +165,7 @@ class Case:
     def failures(self) -> str:
         """One line per comparison that is out of tolerance; empty when all are within."""
         return "; ".join(
-            f"{self.name} [{c.label}]: worst deviation {c.worst:.3g} {c.unit} > {c.tolerance:g}"
+            f"{self.name} [{c.label}]: {c.judged} deviation {c.figure:.3g} {c.unit} > {c.tolerance:g}"
             for c in self.comparisons
             if not c.passed
         )

@@ -24,5 +24,7 @@ def _panel(c: Comparison) -> DeviationPanel:
         measured=c.simulated,
         compared=compared,
         tolerance=c.tolerance,
+        reference_name=c.reference,
+        beside=c.measured if c.measured is not None and np.isfinite(c.measured).any() else None,
         depth=c.drawn or (c.floor if in_db and np.isfinite(c.floor) and compared.any() else None),
     )

@@ -12,10 +12,10 @@ LIMITS = """## What the closed forms leave out, and so does the simulator
 
 - Diffraction, surface and creeping waves: physical optics and geometrical optics, both here and there. The
   exceptions are the cases of edges, which hold physical optics and fringe currents to exact wedges, the sphere,
-  which is also compared with the exact Mie series, and the three scenes of 6 wavelengths whose exact scattering is
-  stored. They show where physical optics ends. Glints and double bounces of flat parts
-  hold. A box off its glints, where edges and corners are all there is, returns far more than physical optics; what
-  its edges add is in `docs/diffraction.md`. Between
+  which is also compared with the exact Mie series, the three scenes of 6 wavelengths whose exact scattering is
+  stored, and the bodies that were measured. They show where physical optics ends. Glints and double bounces of
+  flat parts hold. A box off its glints, where edges and corners are all there is, returns far more than physical
+  optics; what its edges add is in `docs/diffraction.md`. Between
   plates VV is worse than HH. Between curved and flat metal a wavelength or two apart the mean power holds, single
   directions do not. The cross-polar return of metal with flat faces is an artefact of physical optics, not theirs.
 - Three diffuse scatterers in a row, and a diffuse scatterer seen out through one chain of mirrors and back through
@@ -86,10 +86,15 @@ def _table(cases: Sequence[Case]) -> list[str]:
             unit = f" {c.unit}" if c.unit else ""
             ratio = " dB" if c.unit == "dBsm" else unit
             mark = "" if c.passed else " **out of tolerance**"
+            third = f"{_short(c.median)} / {_short(c.worst)}{ratio}"
+            if c.judged == "rms":
+                third += f", rms {_short(c.rms)}"
+                third += f" (measurement {_short(c.measured_rms)})" if np.isfinite(c.measured_rms) else ""
+            bound = "rms " if c.judged == "rms" else ""
             rows.append(
                 f"| {name} | {_quote(c, c.theory)}{unit} | {_quote(c, c.simulated)}{unit} | "
-                f"{_short(c.median)} / {_short(c.worst)}{ratio} (n = {int(c.compared.sum())}){mark} | "
-                f"{_short(c.tolerance)}{ratio}: {c.reason} |"
+                f"{third} (n = {int(c.compared.sum())}){mark} | "
+                f"{bound}{_short(c.tolerance)}{ratio}: {c.reason} |"
             )
     return rows
 
@@ -113,7 +118,8 @@ def summary_lines(cases: Sequence[Case]) -> list[str]:
             state = "ok  " if c.passed else "FAIL"
             lines.append(
                 f"{state} {case.name:<20} {c.label:<58} {_quote(c, c.theory):>10} {_quote(c, c.simulated):>10} "
-                f"{_short(c.median):>8} {_short(c.worst):>8} {_short(c.tolerance):>8} {c.unit}"
+                f"{_short(c.median):>8} {_short(c.figure):>8} {_short(c.tolerance):>8} {c.unit}"
+                + (f" (rms; measurement {_short(c.measured_rms)})" if c.judged == "rms" else "")
             )
     total = summarise(cases)
     canonical = (

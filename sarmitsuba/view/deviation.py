@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 _COLUMNS = 4
-_REFERENCE, _MEASURED, _TOLERANCE = "0.45", "tab:red", "0.88"
+_REFERENCE, _MEASURED, _BESIDE, _TOLERANCE = "0.45", "tab:red", "tab:blue", "0.88"
 _TITLE_WIDTH = 44  # characters of a panel's title per line
 
 
@@ -32,6 +32,8 @@ class DeviationPanel:
     compared : (n,) bool, the points whose deviation counts
     tolerance : half the height of the grey band about zero deviation, in the curves' unit
     depth : range of the value axis below the peak of the reference; None shows all compared values
+    reference_name : in the legend
+    beside : (n,) float64, a further curve for orientation, such as a measurement; None: none
     """
 
     title: str
@@ -41,6 +43,8 @@ class DeviationPanel:
     compared: NDArray[np.bool_]
     tolerance: float
     depth: float | None = None
+    reference_name: str = "theory"
+    beside: F64 | None = None
 
     @property
     def deviation(self) -> F64:
@@ -102,7 +106,9 @@ def _draw(above: "Axes", below: "Axes", panel: DeviationPanel) -> None:
     """Curve and deviation of one panel."""
     n = panel.x.size
     line, size = ("_", 16) if n < 3 else ("-", 6)
-    above.plot(panel.x, panel.reference, line, color=_REFERENCE, lw=1.4, ms=size, label="theory")
+    if panel.beside is not None:
+        above.plot(panel.x, panel.beside, line, color=_BESIDE, lw=1.0, ms=size, label="measured")
+    above.plot(panel.x, panel.reference, line, color=_REFERENCE, lw=1.4, ms=size, label=panel.reference_name)
     above.plot(panel.x, panel.measured, ".", color=_MEASURED, ms=5 if n < 40 else 3, label="simulation")
     if panel.limits is not None:
         above.set_ylim(*panel.limits)

@@ -19,6 +19,8 @@ SLOW |= {"cross_polar_reciprocity", "double_glazing"}
 # test_look_modes, test_slabs, test_rcs_sweep, test_interferometry
 SLOW |= {"diffuse_laws", "edge_wedges", "link", "canopies", "polarimetric_targets", "point_rcs"}
 SLOW |= {"beam_gain", "corner_behind_pane", "traced_rcs", "sphere", "roof_height"}
+# the prism is a body of that topic, too
+SLOW |= {f"measured_{name}" for name in ("plate", "thick_plate", "dielectric_plate", "almond", "duct")}
 
 
 def marks(entry: CaseEntry) -> list[pytest.MarkDecorator]:

@@ -86,7 +86,7 @@ class Drawn:
         inward, normal = (np.array([[face[i] for face in pair] for pair in faces]) for i in (0, 1))
         one = np.ones(self.n)
         span = np.full((self.n, DIRECTIONS), np.inf)
-        edges = SharpEdges(np.zeros((self.n, 3)), length * one, self.angle, inward, normal, one, span)
+        edges = SharpEdges(np.zeros((self.n, 3)), length * one, self.angle, inward, normal, one, span, -one)
         constants = SimpleNamespace(wavenumber=mi.Float(2.0 * np.pi / wavelength))
         got = FringeCurrents(edges).amplitude(
             SimpleNamespace(constants=constants),

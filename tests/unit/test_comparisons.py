@@ -33,6 +33,20 @@ def test_only_points_near_the_peak_are_compared() -> None:
     assert not comparison(floor=60.0).passed  # the null is compared then, and is far off
 
 
+def test_the_root_mean_square_may_be_judged_with_a_measurement_beside() -> None:
+    measured = np.array([10.3, 5.0, 0.0, np.nan, np.nan])
+    c = comparison(judged="rms", tolerance=0.08, reference="solver", measured=measured, floor=8.0)
+    # of two points
+    assert c.rms == c.figure == pytest.approx(0.05) and c.measured_rms == pytest.approx(0.3 / np.sqrt(2.0))
+    assert c.passed and np.isnan(comparison().measured_rms)
+    bad = replace(c, tolerance=0.04)
+    assert not bad.passed and "rms deviation 0.05 dBsm > 0.04" in case(bad).failures()
+    page = report([case(c)], "command", {}, "images")
+    assert ", rms 0.05 (measurement 0.21) (n = 2)" in page and "| rms 0.08 dB: made up |" in page
+    assert "(rms; measurement 0.21)" in summary_lines([case(c)])[0]
+    assert not replace(c, simulated=c.simulated * np.nan).passed
+
+
 def test_a_value_that_is_no_number_never_passes() -> None:
     c = comparison()
     broken = Comparison(c.label, c.x, c.theory, c.simulated * np.nan, 1e9, "")
@@ -56,7 +70,10 @@ def test_summary_and_page() -> None:
 
 def test_plot(tmp_path: Path) -> None:
     single = Comparison("one value", np.zeros(1), np.zeros(1), np.array([0.1]), 0.2, "", unit="")
-    plot_case(case(comparison(), single, comparison(floor=np.inf, canonical=False)), tmp_path / "a.png")
+    beside = comparison(measured=np.full(5, 4.0), reference="solver")
+    plot_case(
+        case(comparison(), single, comparison(floor=np.inf, canonical=False), beside), tmp_path / "a.png"
+    )
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 

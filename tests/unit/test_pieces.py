@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.mesh.pieces import LEAST_SLANT, ROUND_RAYS, SLANTED, round_bodies, slant_factor
+from sarmitsuba.mesh.pieces import LEAST_SLANT, ROUND_RAYS, SLANTED, round_needs, slant_factor
 from sarmitsuba.mesh.welding import weld
 
 
@@ -35,8 +35,18 @@ def test_sides_and_ends_of_a_small_cylinder_are_round() -> None:
     part = np.unique(planes, axis=0, return_inverse=True)[1].reshape(-1)
     vertex = weld(corners.reshape(-1, 3))
     rod_faces = np.arange(len(corners)) < len(rod.triangles)
-    assert (round_bodies(corners, vertex, part, side, 0.2) == rod_faces).all()
+    assert (np.isfinite(round_needs(corners, vertex, part, side, 0.2)) == rod_faces).all()
     # the side alone has 8 pi m^2, an end pi m^2: short waves want more rays than there may be
     for area, found in ((8.0 * np.pi, rod_faces & ~side), (2.0 * np.pi, np.zeros_like(side))):
         wavelength = 9.0 * np.sqrt(0.24 * area / ROUND_RAYS)
-        assert (round_bodies(corners, vertex, part, side, wavelength) == found).all()
+        assert (np.isfinite(round_needs(corners, vertex, part, side, wavelength)) == found).all()
+
+
+def test_smaller_round_bodies_get_finer_rays() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+    corners = np.asarray(ball.triangles)
+    vertex, part, bent = weld(corners.reshape(-1, 3)), np.arange(len(corners)), np.ones(len(corners), bool)
+    for wavelengths, per_wavelength in ((1.4, 36.0), (1.6, 18.0), (5.9, 18.0), (6.2, 9.0), (24.0, 9.0)):
+        need = round_needs(corners, vertex, part, bent, 1.0 / wavelengths)
+        assert np.allclose(need * wavelengths * per_wavelength, 1.0)
+    assert np.isinf(round_needs(corners, vertex, part, bent, 1.0 / 24.6)).all()

@@ -17,7 +17,7 @@ from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
+from sarmitsuba.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
 
 # antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed
 POSITIONS, EDGES = 9, 2000
@@ -70,7 +70,7 @@ class EdgeDiffraction(Effect):
             return Assessment(
                 False, f"{found.metal.sum()} metal faces are too many to look for edges", float("nan")
             )
-        edges = sharp_edges(found.corners, found.metal)
+        edges = sharp_edges(found.corners, found.metal, WIDEST_GAP * scene.radar.waveform.wavelength)
         if not edges.n:
             return Assessment(False, "no sharp metal edge", -np.inf)
         bounces = decided["max_depth"].on and decided["max_depth"].value != 1
@@ -81,6 +81,8 @@ class EdgeDiffraction(Effect):
         what = f"metal edges up to {length(float(edges.length.max()))} add {cell:.0f} dB, {reference.name}"
         if np.isfinite(energy):
             what += f", and at most {energy:.0f} dB of the image's energy"
+        if edges.joined_text:
+            what += f"; {edges.joined_text}"
         if any(
             context.scene.materials[m].metallic
             for _, faces in context.scene.geometry.moving_meshes()

@@ -1,0 +1,204 @@
+"""Bodies of the Austin RCS Benchmark Suite over azimuth, with default settings, against measurement and full wave."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from sarmitsuba.loader.build import MaterialLike, SceneMesh, build_scene
+from sarmitsuba.materials.material import Material
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.validation.cases import CASES, CaseEntry
+from sarmitsuba.validation.comparison import Case, Comparison
+from sarmitsuba.validation.measured import bodies
+from sarmitsuba.validation.measured.azimuth_tables import azimuth_table
+from sarmitsuba.validation.targets import Mesh
+
+SMALL_PLATE = "diffraction between rims 2.3 wavelengths apart, and by the rims that the wave grazes"
+RIMS = "diffraction between rims 4.6 wavelengths apart and more"
+CHANNELS = ("HH", "VV")
+# dB below the solver's peak: what is compared and what the plot shows
+FLOOR, DRAWN = 20.0, 45.0
+# frequency, Hz, and angles of the quick form: one of so many
+QUICK, EVERY = 7e9, 2
+DIELECTRIC = Material(
+    "dielectric", permittivity=bodies.DIELECTRIC_PERMITTIVITY, thickness=bodies.DIELECTRIC_THICKNESS
+)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Tolerances of one frequency.
+
+    Parameters
+    ----------
+    frequency : Hz
+    rms_db : dB, HH and VV
+    reason : cause of a deviation of this size
+    sector : azimuths that are compared, deg; the levels then count from the peak in the sector
+    """
+
+    frequency: float
+    rms_db: tuple[float, float]
+    reason: str
+    sector: tuple[float, float] = (0.0, 180.0)
+
+    @property
+    def label(self) -> str:
+        """For headings."""
+        low, high = self.sector
+        part = f", {low:g} to {high:g} deg" if self.sector != (0.0, 180.0) else ""
+        return f"{self.frequency / 1e9:g} GHz{part}"
+
+
+@dataclass(frozen=True)
+class MeasuredBody:
+    """One body with its table.
+
+    Parameters
+    ----------
+    title : one line
+    table : name of its table
+    mesh : makes it
+    bounds : tolerances
+    material : of its surface
+    """
+
+    title: str
+    table: str
+    mesh: Callable[[], Mesh]
+    bounds: tuple[Bound, ...]
+    material: MaterialLike = "pec"
+
+
+BODIES = {
+    "plate": MeasuredBody(
+        "Metal plate without thickness, 0.267 m x 0.152 m",
+        "II_A_sx1",
+        bodies.plate,
+        (
+            Bound(2.56e9, (3.0, 3.4), SMALL_PLATE),
+            Bound(5.12e9, (0.6, 0.4), RIMS),
+            Bound(7e9, (0.35, 0.3), RIMS),
+            Bound(10.2e9, (0.35, 0.2), RIMS),
+        ),
+    ),
+    "thick_plate": MeasuredBody(
+        "Metal plate 1.6 mm thick",
+        "II_B_sx1",
+        bodies.thick_plate,
+        (
+            Bound(2.56e9, (5.7, 2.5), SMALL_PLATE + "; two wedges a seventieth of it apart are one rim"),
+            Bound(7e9, (0.8, 0.3), "two wedges a 26th of a wavelength apart are one rim"),
+        ),
+    ),
+    "dielectric_plate": MeasuredBody(
+        "Dielectric plate 1.5 mm thick",
+        "II_C_sx1",
+        bodies.plate,
+        (Bound(7e9, (0.35, 0.25), "its rims, which scatter as if black"),),
+        DIELECTRIC,
+    ),
+    "almond": MeasuredBody(
+        "NASA almond of 0.252 m",
+        "III_A_s1",
+        bodies.almond,
+        (
+            Bound(
+                7e9,
+                (12.0, 6.5),
+                "the tip's diffraction and the waves that creep and travel round a rim of 0.13 wavelengths' radius",
+            ),
+        ),
+    ),
+    "prism": MeasuredBody(
+        "Hexagonal prism of 0.4 m",
+        "IIIS_A_s1",
+        bodies.prism,
+        (
+            Bound(2.56e9, (1.0, 0.5), "diffraction by edges 1.1 to 3.4 wavelengths apart"),
+            Bound(7e9, (0.5, 0.2), "diffraction by edges 3 to 9 wavelengths apart"),
+        ),
+    ),
+    "duct": MeasuredBody(
+        "Prism with a curved duct",
+        "IIIS_B_s1",
+        bodies.duct,
+        (
+            Bound(7e9, (0.35, 0.2), "diffraction by edges 3 to 9 wavelengths apart"),
+            Bound(
+                7e9,
+                (9.0, 9.5),
+                "a duct of 2 to 2.6 wavelengths holds a few modes: geometrical optics and its caustics do not",
+                (0.0, 60.0),
+            ),
+        ),
+    ),
+}
+
+
+def swept(name: str, frequency: float, every: int = 1) -> RcsSweep:
+    """Sweep of a body over the azimuths of its table with default settings; ``every``: of these azimuths."""
+    body = BODIES[name]
+    vertices, faces = body.mesh()
+    scene = build_scene(
+        [SceneMesh(vertices, faces, body.material, name)],
+        radar=RadarDescription(center_frequency=frequency),
+        name=name,
+    )
+    azimuth = np.radians(azimuth_table(body.table, frequency, CHANNELS[0]).azimuth[::every])
+    return rcs_sweep(scene, Aspects(azimuth, np.zeros_like(azimuth)), channels=CHANNELS)
+
+
+def body_case(name: str, quick: bool = False) -> Case:
+    """One body at all its frequencies; quick: at 7 GHz, every second azimuth."""
+    body, every = BODIES[name], EVERY if quick else 1
+    comparisons, sweeps = [], {}
+    for bound in body.bounds:
+        if quick and bound.frequency != QUICK:
+            continue
+        if bound.frequency not in sweeps:
+            sweeps[bound.frequency] = swept(name, bound.frequency, every)
+        sweep = sweeps[bound.frequency]
+        for channel, tolerance in zip(CHANNELS, bound.rms_db, strict=True):
+            table = azimuth_table(body.table, bound.frequency, channel)
+            azimuth = table.azimuth[::every]
+            inside = (azimuth >= bound.sector[0]) & (azimuth <= bound.sector[1])
+            comparisons.append(
+                Comparison(
+                    f"{bound.label}, {channel}",
+                    azimuth[inside],
+                    table.solver[::every][inside],
+                    sweep.dbsm(channel)[inside],
+                    tolerance=tolerance,
+                    reason=bound.reason,
+                    floor=FLOOR,
+                    drawn=DRAWN,
+                    judged="rms",
+                    reference="solver",
+                    measured=table.chamber[::every][inside],
+                )
+            )
+    stated = "; ".join(
+        f"{f / 1e9:g} GHz {max(sweep.error_db):.0f} dB, {sweep.result.rays_per_direction} rays"
+        for f, sweep in sweeps.items()
+    )
+    return Case(
+        name=f"measured_{name}",
+        topic="measured",
+        title=body.title,
+        formula="converged surface-integral solver; measurement in an anechoic chamber",
+        source="Austin RCS Benchmark Suite, The University of Texas at Austin (2023)",
+        x_label="azimuth (deg)",
+        y_label="RCS (dBsm)",
+        comparisons=tuple(comparisons),
+        note=f"Default settings of `rcs`. Compared where the solver lies within {FLOOR:g} dB of its peak, by the rms "
+        "of the difference in dB; beside it the same of the measurement. Stated sampling error and rays per "
+        f"direction: {stated}.",
+    )
+
+
+for _name in BODIES:
+    CASES.register(CaseEntry(f"measured_{_name}", "measured", partial(body_case, _name)))
