@@ -8,7 +8,7 @@ import pytest
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.boundary_edges import boundary_edges, facets
+from sarmitsuba.mesh.boundary_edges import facets
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.raw import simulate
@@ -91,7 +91,7 @@ def test_every_triangle_of_a_rectangle_knows_its_four_sides(turn: float, shift: 
     a = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([np.column_stack([a, a + 9, a + 10]), np.column_stack([a, a + 10, a + 1])])
     point = np.array([1.0, 0.75, 0.0]) @ axes + [shift, shift, 0.0]
-    for side, triangle in zip(boundary_edges(grid[faces]), grid[faces], strict=True):
+    for side, triangle in zip(facets(grid[faces]).edges, grid[faces], strict=True):
         found = distances(side, triangle, point)
         assert found == pytest.approx([0.75, 1.0, 1.25, 3.0], abs=2e-4)  # m; float32 at 1 km is good to 6e-5
 
@@ -115,7 +115,7 @@ def test_an_l_is_cut_into_convex_parts() -> None:
 
 def test_a_lone_triangle_has_three_sides() -> None:
     corners = outline([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    found = distances(boundary_edges(corners)[0], corners[0], [0.25, 0.25])
+    found = distances(facets(corners).edges[0], corners[0], [0.25, 0.25])
     assert found == pytest.approx([0.25, 0.25, np.sqrt(0.125)], abs=1e-5)
 
 
