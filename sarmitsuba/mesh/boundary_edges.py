@@ -315,7 +315,9 @@ def _paired(edges: _TriangleEdges, faces: I64) -> _TriangleEdges:
     mate = np.where(inside[:, None], -1, edges.mate)
     height = np.zeros(len(inside))
     sides = edges.corners[faces, 1:] - edges.corners[faces, :1]
-    height[faces] = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / edges.length[faces].max(axis=1)
+    height[faces] = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / edges.length[faces].max(
+        axis=1
+    )
     narrowest = np.minimum(height[row], height[other])
     left = np.flatnonzero(convex)[np.lexsort((-edges.length[row, k][convex], narrowest[convex]))]
     while left.size:  # those that come first among all of both their triangles
@@ -415,14 +417,16 @@ def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
 
 
 def _around(edges: _TriangleEdges, faces: I64) -> I64:
-    """(n, m) boundary edges of the same plane up to ``RINGS`` triangles away, as three times the triangle's number plus k.
+    """(n, m) boundary edges of the same plane up to ``RINGS`` triangles away, three times the triangle's number plus k.
 
     Those of the triangle of the highest number first; -1 pads.
     """
     front = faces[:, None]
     rings = [front]
     for _ in range(RINGS):
-        front = np.where(front[:, :, None] >= 0, edges.mate[front], -1).reshape(len(faces), 3 * front.shape[1])
+        front = np.where(front[:, :, None] >= 0, edges.mate[front], -1).reshape(
+            len(faces), 3 * front.shape[1]
+        )
         rings.append(front)
     found = -np.sort(-np.concatenate(rings, axis=1), axis=1)
     found[:, 1:][found[:, 1:] == found[:, :-1]] = -1

@@ -86,7 +86,6 @@ def _mean_normals(corners: F64, normal: F64, vertex: I64, group: I32 | I64) -> F
 
 def _shape_operator(corners: F64, normal: F64, at_corner: F64, wavelength: float) -> F64:
     """(n, 3, 3) shape operator of each facet, from the mean normals at its corners; zero where it counts as flat."""
-    n = corners.shape[0]
     edge = np.roll(corners, -1, axis=1) - corners
     unit = edge / np.maximum(np.linalg.norm(edge, axis=2, keepdims=True), 1e-300)
     smooth = np.einsum("fki,fi->fk", at_corner, normal).min(axis=1, initial=1.0) > np.cos(LARGEST_LEAN)

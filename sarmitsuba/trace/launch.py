@@ -48,6 +48,7 @@ class LaunchGrid:
     levels : sets of rays of different spacings, where some faces need denser rays; empty: one spacing
     frame : launch plane of this lattice; None: that of the launch window
     pulses : first pulse that these rays serve, and the one after the last; None: all
+    n_own : number of the pulses whose rays ``x`` and ``y`` hold in turn, equally many each; 1: all have the same
     """
 
     x: F32
@@ -61,6 +62,7 @@ class LaunchGrid:
     frame: "LaunchFrame | None" = None
     levels: tuple[LatticeLevel, ...] = ()
     pulses: tuple[int, int] | None = None
+    n_own: int = 1
 
     def serves(self, pulse: int) -> bool:
         """Whether these rays are launched for a pulse."""
@@ -68,8 +70,8 @@ class LaunchGrid:
 
     @property
     def n_rays(self) -> int:
-        """Number of rays."""
-        return int(self.x.size)
+        """Number of rays of a pulse."""
+        return int(self.x.size) // self.n_own
 
     @property
     def every_level(self) -> tuple[LatticeLevel, ...]:
