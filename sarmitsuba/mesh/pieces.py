@@ -5,6 +5,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
+from sarmitsuba.boxes import box_of_each
 
 # bend of an edge below which the surface continues across it, rad
 SMOOTH_BEND = np.radians(20.0)
@@ -49,9 +50,11 @@ def piece_sizes(corners: F64, piece: I64) -> tuple[F64, F64]:
     total = np.bincount(piece, area, count)
     order = np.argsort(piece, kind="stable")
     start = np.flatnonzero(np.diff(piece[order], prepend=-1))
-    low = np.minimum.reduceat(corners.min(axis=1)[order], start) if len(piece) else np.zeros((0, 3))
-    high = np.maximum.reduceat(corners.max(axis=1)[order], start) if len(piece) else np.zeros((0, 3))
-    width = total / np.maximum(np.linalg.norm(high - low, axis=1), 1e-300)
+    extent = np.zeros((count, 3))
+    if len(piece):
+        low, high = box_of_each(corners)
+        extent = np.maximum.reduceat(high[order], start) - np.minimum.reduceat(low[order], start)
+    width = total / np.maximum(np.linalg.norm(extent, axis=1), 1e-300)
     return np.asarray(total[piece]), np.asarray(width[piece])
 
 
