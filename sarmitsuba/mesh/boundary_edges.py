@@ -175,7 +175,7 @@ class _TriangleEdges:
 
 
 @dataclass(frozen=True, eq=False)
-class _Outlines:
+class _FacetOutlines:
     """Boundary edges of selected triangles; arrays as in :class:`Facets`, of all triangles.
 
     Parameters
@@ -189,7 +189,7 @@ class _Outlines:
     fine: NDArray[np.bool_]
 
 
-def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _Outlines:
+def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _FacetOutlines:
     """Boundary edges of the triangles ``faces``, which are all those of some facets."""
     n = len(facet)
     boundary = np.zeros((n, N_EDGES, 4), dtype=np.float32)
@@ -220,7 +220,7 @@ def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _Outlines:
             rows = np.flatnonzero(count == most)
             for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
                 boundary[slab[some]] = _limits(edges, slab[some], near[some, :most])
-    return _Outlines(boundary, facet, inner, fine)
+    return _FacetOutlines(boundary, facet, inner, fine)
 
 
 def _largest(values: F64) -> F64:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -239,9 +238,17 @@ def run_pilot(
 
 def _up_to(result: PilotResult, incident: F64, orders: int) -> PilotResult:
     """Result of a pilot up to some order; ``incident`` (all orders,), largest share of a patch's power."""
-    names = ("mean", "deviation", "share", "peak", "incident", "in_phase", "in_phase_deviation")
-    first: dict[str, Any] = {name: getattr(result, name)[..., :orders] for name in names}
-    return replace(result, going_on=float(incident[orders - 1]), **first)
+    return replace(
+        result,
+        mean=result.mean[:, :orders],
+        deviation=result.deviation[:, :orders],
+        share=result.share[:orders],
+        peak=result.peak[:, :orders],
+        incident=result.incident[:orders],
+        in_phase=result.in_phase[:orders],
+        in_phase_deviation=result.in_phase_deviation[:orders],
+        going_on=float(incident[orders - 1]),
+    )
 
 
 def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:

@@ -211,7 +211,7 @@ def _launch(
     frame = LaunchFrame(
         *(np.concatenate([getattr(f, name) for f in frames]) for name in ("center", "axis_x", "axis_y"))
     )
-    states = AntennaStates(position, velocity, pick)
+    states = AntennaStates(position, velocity, pick)  # type: ignore[arg-type]  # numbers index as a slice does
     batch = pulse_batch(radar, states, frame, patterned=flags.antenna_pattern)
     distance = np.array(
         [np.linalg.norm(w.center - p) for w, p in zip(windows, position, strict=True)], dtype=np.float64

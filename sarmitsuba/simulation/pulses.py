@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C64, F64, I64
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise
 from sarmitsuba.echo.direct import DirectPlan, finish, plan_direct
 from sarmitsuba.echo.sub_bands import RangeFilter
@@ -28,7 +28,7 @@ class AntennaStates:
 
     position: F64
     velocity: F64
-    pick: slice | I64
+    pick: slice
     receiver: tuple[F64, F64] | None = None
 
     @classmethod

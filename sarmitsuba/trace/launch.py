@@ -129,10 +129,11 @@ def project(points: F64, antenna: F64, frame: LaunchFrame) -> F64:
     """(..., 2) coordinates in the first launch plane of scene points (..., 3) seen from the antenna, m."""
     c, ux, uy = frame.center[0], frame.axis_x[0], frame.axis_y[0]
     w = cross(ux, uy)
-    ray = points - antenna
-    t = ((c - antenna) @ w) / (ray @ w)
-    hit = antenna + ray * t[..., None] - c
-    return np.stack([hit @ ux, hit @ uy], axis=-1)
+    # columns: products of many rows of three with a vector are slow
+    ray = [points[..., k] - antenna[k] for k in range(3)]
+    t = ((c - antenna) @ w) / (ray[0] * w[0] + ray[1] * w[1] + ray[2] * w[2])
+    hit = [antenna[k] + ray[k] * t - c[k] for k in range(3)]
+    return np.stack([hit[0] * u[0] + hit[1] * u[1] + hit[2] * u[2] for u in (ux, uy)], axis=-1)
 
 
 def window_of(points: F64, antenna: F64, frame: LaunchFrame) -> tuple[F64, F64]:
