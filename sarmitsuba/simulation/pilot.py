@@ -113,7 +113,7 @@ def examine(
     known = SceneContext(scene, sampling.for_effects(), known_shape=shape)
     if not paired and not traced:
         return known
-    draft = plan_effects(scene, shape=shape, warn=False)
+    draft = plan_effects(scene, shape=shape, warn=False, draft=True)
     if paired:
         trace_scene = trace_scene or build_trace_scene(
             scene.geometry, scene.materials, scene.radar.waveform.wavelength

@@ -119,6 +119,25 @@ def test_a_lone_triangle_has_three_sides() -> None:
     assert found == pytest.approx([0.25, 0.25, np.sqrt(0.125)], abs=1e-5)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_boundaries_without_creases_are_those_of_a_smooth_surface(seed: int) -> None:
+    """Hills of flat patches: creases below 20 degrees bound the facets only, steps bound both."""
+    rng = np.random.default_rng(seed)
+    n = 13
+    x, y = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    height = 0.12 * np.abs((x // 3 + rng.integers(0, 4)) % 5 - 2) * x + 0.3 * rng.random((n, n)) * (y > 7)
+    height += 2.0 * (x > 9)
+    grid = np.stack([x, y, height], axis=-1).reshape(-1, 3).astype(float)
+    a = (x[:-1, :-1] * n + y[:-1, :-1]).ravel()
+    faces = np.concatenate([np.column_stack([a, a + n, a + n + 1]), np.column_stack([a, a + n + 1, a + 1])])
+    corners = grid[rng.permutation(faces)]
+    found = facets(corners, wavelength=0.03)
+    smooth = facets(corners, curved=np.ones(len(corners), dtype=bool))
+    assert smooth.uncreased is None and found.uncreased is not None
+    assert (found.edges != found.uncreased).any() and (found.edges == found.uncreased).all(axis=(1, 2)).any()
+    np.testing.assert_array_equal(found.uncreased, smooth.edges)
+
+
 # m; patterns do not depend on it
 WAVELENGTH = 0.03
 

@@ -70,7 +70,7 @@ class EdgeDiffraction(Effect):
             return Assessment(
                 False, f"{found.metal.sum()} metal faces are too many to look for edges", float("nan")
             )
-        if context.sampling is None:
+        if context.draft:
             return Assessment(True, "sharp edges of metal are possible", float("nan"))
         edges = sharp_edges(found.corners, found.metal)
         if not edges.n:
