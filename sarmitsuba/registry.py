@@ -40,6 +40,13 @@ def _installed() -> tuple[str, ...]:
     return tuple(point.value for point in importlib.metadata.entry_points(group=ENTRY_POINTS))
 
 
+def png_of(figure: object) -> bytes:
+    """PNG of a figure of the view layer, for results that show themselves in notebooks."""
+    png = getattr(figure, "_repr_png_")()  # noqa: B009 - the layer below knows no figure
+    assert isinstance(png, bytes)
+    return png
+
+
 Value = TypeVar("Value")
 
 
