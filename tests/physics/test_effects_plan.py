@@ -239,6 +239,7 @@ def test_pilot_power_is_in_square_metres(base: Scene) -> None:
     assert 0.2 * rcs < result.peak[0, 2] < 1.2 * rcs
 
 
+@pytest.mark.slow
 def test_pulses_launched_together_return_as_those_launched_alone(base: Scene) -> None:
     target = scene(base, plain(90.0), trihedral(base, [13.0, -21.0, 0.05], 0.6))
     sampling = SamplingPlan.of(target)
@@ -263,6 +264,7 @@ def test_pulses_launched_together_return_as_those_launched_alone(base: Scene) ->
     assert together[0].power[0].max() > 0.0 and together[0].power[1].max() > 0.0
 
 
+@pytest.mark.slow
 def test_a_deep_pilot_has_as_few_bounces_as_settle_it(base: Scene) -> None:
     target = scene(base, plain(90.0), trihedral(base, [13.0, -21.0, 0.05], 0.6))
     draft = plan_effects(target, warn=False)
