@@ -5,6 +5,7 @@ entry is one new file there. A user's module registers its entries when it is im
 command line by ``--extension``, if installed by an entry point of the group ``sarmitsuba.extensions``.
 """
 
+import functools
 import importlib
 import importlib.metadata
 import importlib.util
@@ -31,6 +32,12 @@ def late(module: str, name: str) -> Callable[..., object]:
     """
     function: Callable[..., object] = getattr(importlib.import_module(module), name)
     return function
+
+
+@functools.cache
+def _installed() -> tuple[str, ...]:
+    """Modules of installed extensions; looking through all packages takes longer than importing a registry."""
+    return tuple(point.value for point in importlib.metadata.entry_points(group=ENTRY_POINTS))
 
 
 def png_of(figure: object) -> bytes:
@@ -215,8 +222,8 @@ class Registry(Generic[T]):
                 package = importlib.import_module(self._package)
                 for module in pkgutil.iter_modules(package.__path__):
                     importlib.import_module(f"{self._package}.{module.name}")
-                for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
-                    importlib.import_module(point.value)
+                for module_name in _installed():
+                    importlib.import_module(module_name)
                 self._loaded = True
             finally:
                 self._in_work = False

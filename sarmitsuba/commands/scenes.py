@@ -51,11 +51,11 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
         One of the files exists already, or cannot be written. Nothing is copied then.
     """
     from sarmitsuba.io.atomic import atomic_path, make_folder
-    from sarmitsuba.loader.references import check_document
+    from sarmitsuba.loader.references import document_files
     from sarmitsuba.regular_files import is_inside
 
     root = Path(os.path.realpath(scene.parent))
-    sources = check_document(scene, strict=True)
+    sources = document_files(scene, strict=True)
     for source in sources:
         if not source.is_relative_to(root) or ".." in source.parts or not is_inside(source, root):
             raise SceneError(f"{scene}: refers to {source}, outside its own folder; copy that file by hand")

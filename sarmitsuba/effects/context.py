@@ -243,6 +243,7 @@ class SceneContext:
     pilot : result of the pilot trace, None without one
     known_shape : analysis of the geometry, None to compute it
     pairs : power of pairs of diffuse scatterers; None if not estimated
+    draft : the decisions only prepare a pilot trace: effects that do not change it may stay on without assessment
     """
 
     scene: Scene
@@ -250,6 +251,7 @@ class SceneContext:
     pilot: PilotResult | None = None
     known_shape: ShapeAnalysis | None = None
     pairs: PairLevel | None = None
+    draft: bool = False
 
     @property
     def tolerance_db(self) -> float:

@@ -192,6 +192,7 @@ def plan_effects(
     pairs: PairLevel | None = None,
     warn: bool = True,
     up_to: int | None = None,
+    draft: bool = False,
 ) -> EffectsPlan:
     """Effects plan of a scene; explicit settings take precedence, with a warning where they cost accuracy.
 
@@ -204,8 +205,9 @@ def plan_effects(
     pairs : power of pairs of diffuse scatterers; without it they are on where there may be any
     warn : issue a ``SarmitsubaWarning`` for explicit settings that cost more than the tolerance
     up_to : last rank to decide, None for all; effects not decided stay on
+    draft : see :class:`SceneContext`
     """
-    context = SceneContext(scene, sampling, pilot, shape, pairs)
+    context = SceneContext(scene, sampling, pilot, shape, pairs, draft)
     wanted = scene.settings.effects
     _check_switches(scene)
     decided: dict[str, Decision] = {}

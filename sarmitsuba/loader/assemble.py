@@ -205,8 +205,9 @@ def _check_angle(label: str, material: Material, radar: Radar, image: ImageReque
 def _geometry(label: str, surfaces: Sequence[MeshSurface]) -> tuple[Geometry, list[str]]:
     if not surfaces:
         return Geometry.empty(), []
-    for surface in surfaces:
-        _check_size(f'{label}: mesh "{surface.name}"', surface.vertices)
+    if not (np.abs(np.concatenate([s.vertices for s in surfaces])) <= MAX_COORDINATE).all():
+        for surface in surfaces:
+            _check_size(f'{label}: mesh "{surface.name}"', surface.vertices)
     try:
         joined = clean_meshes(
             [s.name for s in surfaces], [s.vertices for s in surfaces], [s.faces for s in surfaces]

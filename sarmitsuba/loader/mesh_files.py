@@ -85,9 +85,9 @@ class MeshPart:
 def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
     """Triangles of a ply, obj or stl file, vertices as stored."""
     with _reading(path, where):
-        check_regular(path)
         if path.suffix.lower() == ".ply" and (read := read_ply(path)) is not None:
             return read[0], _checked(*read, path, where)
+        check_regular(path)
         if path.suffix.lower() == ".obj":
             mesh = read_obj(path)
             return mesh.vertices, _checked(mesh.vertices, mesh.faces, path, where)

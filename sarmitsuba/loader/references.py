@@ -1,6 +1,7 @@
 """Checks of a scene file's references: no file outside its own folder, unless allowed, and no document type."""
 
 import os
+import stat
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -25,7 +26,7 @@ _MOST_REPEATED, _MOST_EXPANDED = 100_000, 1 << 24
 _LARGEST_SPECTRUM = 1 << 20
 
 
-def check_document(path: Path, *, allow_outside: bool = False, strict: bool = False) -> list[Path]:
+def check_document(path: Path, *, allow_outside: bool = False, strict: bool = False) -> None:
     """Check a scene file and its includes before the parser opens them.
 
     Parameters
@@ -33,11 +34,6 @@ def check_document(path: Path, *, allow_outside: bool = False, strict: bool = Fa
     path : of the scene file, which exists
     allow_outside : files may lie outside its folder
     strict : malformed files are refused, not left to the parser
-
-    Returns
-    -------
-    the file, what it includes and every file that any of them names, once each, by the scene's folder with its links
-    followed; files that ``<string>`` elements name may be missing
 
     Raises
     ------
@@ -51,10 +47,21 @@ def check_document(path: Path, *, allow_outside: bool = False, strict: bool = Fa
     Which of several files of one name the parser takes depends on the ``<path>`` elements and the folders of the
     including files so far: all of them are checked and counted. Includes whose name holds a parameter are not followed.
     """
+    _Included(path, allow_outside, strict).checked_files()
+
+
+def document_files(path: Path, *, allow_outside: bool = False, strict: bool = False) -> list[Path]:
+    """Files of a scene, checked as by :func:`check_document`, which has the parameters.
+
+    Returns
+    -------
+    the file, what it includes and every file that any of them names, once each, by the scene's folder with its links
+    followed; files that ``<string>`` elements name may be missing
+    """
     included = _Included(path, allow_outside, strict)
-    named = included.check_named()
-    included.check_expanded()
-    return named
+    found = included.checked_files()
+    found += [included.folder / name for text in included.texts.values() for name in text.strings if name]
+    return list(dict.fromkeys(found))
 
 
 class _Included:
@@ -118,8 +125,8 @@ class _Included:
             _check_named(places, what, LARGEST_SCENE if tag == "include" else _LARGEST_SPECTRUM)
         return places
 
-    def check_named(self) -> list[Path]:
-        """Files that are read or named; raise a SceneError where one that the parser opens is not allowed."""
+    def checked_files(self) -> list[Path]:
+        """Files that the parser reads; raise a SceneError where one is not allowed, or all expand beyond the bounds."""
         found = [self.folder / self.name, *[text.path for text in self.texts.values()][1:]]
         for text in self.texts.values():
             for tag, name in dict.fromkeys(text.references):
@@ -127,10 +134,10 @@ class _Included:
                 found += places if tag not in _FOLLOWED else []
                 if tag == "include":
                     self.found[name] = list(map(_real, places))
-            found += [self.folder / name for name in text.strings if name]
-        return list(dict.fromkeys(found))
+        self._check_expanded()
+        return found
 
-    def check_expanded(self) -> None:
+    def _check_expanded(self) -> None:
         """Raise a SceneError where expanded includes and parameters exceed the bounds.
 
         How often each file is read is the sum over those that include it, along the graph of includes; nothing is
@@ -196,18 +203,19 @@ def check_meshes(elements: Iterable[Element]) -> None:
             raise SceneError(
                 f'{texture.where}: bitmap "{one_line(file.name)}" lies outside the folder of the scene; {_REMEDY}'
             )
-    inside: dict[Path, bool] = {}
+    inside: dict[str, bool] = {}
     shipped = scenes_dir()  # meshes that copies of shipped scenes refer to
     for element in elements:
         name = element.values.get("filename")
         if element.kind != "shape" or not isinstance(name, str):
             continue
-        path = element.folder / name
+        path = os.path.join(element.folder, name)
+        parent = os.path.dirname(path)
         # a folder is resolved once for all its files that are not links
-        plain = ".." not in path.parts and not os.path.islink(path) if _exists(path) else False
-        if plain and path.parent not in inside:
-            inside[path.parent] = any(is_inside(path.parent, one) for one in (element.folder, shipped))
-        if not (inside[path.parent] if plain else is_inside(name, element.folder)):
+        plain = ".." not in path and _plainly_there(path)
+        if plain and parent not in inside:
+            inside[parent] = any(is_inside(parent, one) for one in (element.folder, shipped))
+        if not (inside[parent] if plain else is_inside(name, element.folder)):
             raise SceneError(
                 f'{element.where}: mesh file "{one_line(name)}" lies outside the folder of the scene; {_REMEDY}'
             )
@@ -220,6 +228,14 @@ def _check_named(places: Iterable[Path], what: str, most: int) -> None:
             check_regular(place, most)
         except OSError as error:
             raise SceneError(f"{what}: {error.strerror}") from error
+
+
+def _plainly_there(path: str) -> bool:
+    """Whether there is a file of that name that is not a link."""
+    try:
+        return not stat.S_ISLNK(os.lstat(path).st_mode)
+    except (OSError, ValueError):
+        return False
 
 
 def _exists(path: Path) -> bool:

@@ -41,6 +41,7 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
 }
 _OBJECTS = ("bsdf", "shape", "emitter", "medium", "texture", "sensor", "volume")
 _MAX_NESTING = 16
+_IDENTITY = np.eye(4)
 _MAX_POINT = 1e15  # bound, m; beyond, distances between points overflow
 
 
@@ -63,6 +64,8 @@ class Placed:
 
     def moved(self, vertices: F64) -> F64:
         """(n, 3) points of the shape's own coordinates in the file frame, m."""
+        if self.to_world is _IDENTITY:
+            return vertices + 0.0  # no negative zeros, as from the product
         with np.errstate(over="ignore", invalid="ignore"):  # refused when the mesh is checked
             return np.asarray(vertices @ self.to_world[:3, :3].T + self.to_world[:3, 3])
 
@@ -173,7 +176,7 @@ def placed_shapes(root: Element) -> Iterator[Placed]:
     """
     taken: dict[str, int] = {}
     for element in root.of_kind("shape"):
-        yield from _expand(element, np.eye(4), STILL, taken, 0)
+        yield from _expand(element, _IDENTITY, STILL, taken, 0)
 
 
 def sphere_center(element: Element) -> F64:
@@ -205,12 +208,12 @@ def mesh_path(element: Element) -> Path:
     name = element.values.get("filename")
     if not isinstance(name, str) or not name:
         raise SceneError(f'{element.where}: no mesh file is named; give <string name="filename" value=.../>')
-    path = element.folder / name
+    path = os.path.join(element.folder, name)
     if not os.path.isfile(path):
         raise SceneError(
             f'{element.where}: mesh file "{one_line(name)}" not found in {element.folder}; check filename'
         )
-    return path
+    return Path(path)
 
 
 def _expand(
@@ -232,10 +235,12 @@ def _expand(
             )
     if depth > _MAX_NESTING:
         raise SceneError(f"{element.where}: shapes are nested more than {_MAX_NESTING} deep; flatten them")
-    with np.errstate(over="ignore", invalid="ignore"):
-        matrix = outer @ _matrix(element)
-    if not np.isfinite(matrix).all():
-        raise SceneError(f"{element.where}: nested to_world transforms overflow; check their numbers")
+    matrix = outer
+    if "to_world" in element.values:
+        with np.errstate(over="ignore", invalid="ignore"):
+            matrix = outer @ _matrix(element)
+        if not np.isfinite(matrix).all():
+            raise SceneError(f"{element.where}: nested to_world transforms overflow; check their numbers")
     motion = _motion(element, carried)
     if plugin in ("instance", "merge"):
         inner = list(element.of_kind("shape"))

@@ -9,7 +9,7 @@ from sarmitsuba.arrays import F64
 Correlation = Literal["exponential", "gaussian"]
 
 
-def roughness_spectrum(order: F64, wavenumber: float, length: float, correlation: Correlation) -> F64:
+def roughness_spectrum(order: F64, wavenumber: float | F64, length: float, correlation: Correlation) -> F64:
     r"""Spectrum of the n-th power of the normalised surface correlation, m^2.
 
     .. math::
@@ -20,7 +20,7 @@ def roughness_spectrum(order: F64, wavenumber: float, length: float, correlation
     Parameters
     ----------
     order : n >= 1, float64
-    wavenumber : K, rad/m
+    wavenumber : K, rad/m; an array of the shape of ``order``, or that broadcasts with it
     length : correlation length l, m
     """
     scaled = wavenumber * length

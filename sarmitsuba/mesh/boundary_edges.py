@@ -7,7 +7,8 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F32, F64, I64
-from sarmitsuba.mesh.pieces import SMOOTH_BEND, piece_sizes
+from sarmitsuba.mesh.edge_pairs import edge_pairs, twins
+from sarmitsuba.mesh.pieces import SMOOTH_BEND, connected, piece_sizes
 from sarmitsuba.mesh.welding import weld
 
 # bend (rad) times width (wavelengths) below which narrow flat strips count as one surface: pi / 8 of phase
@@ -37,27 +38,17 @@ class Facets:
     ----------
     edges : (n_faces, 4, 4) float32, up to four boundary edges ``(m_x, m_y, m_z, c)`` with ``m`` the unit vector in the
         plane, into the facet, and ``m . (p - corner 0) - c`` the distance from the edge in m; unused: ``(0, 0, 0, -1)``
-    part : (n_faces,) number of the facet, or of its convex part, to which these edges belong
-    creased : whether some boundary bends less than ``SMOOTH_BEND``
-    closed : (n_faces,) whether these edges enclose the part, and are the same for all its triangles
-    inner : (n_faces, 4) cuts between convex parts: the facet continues in its plane beyond them
+    uncreased : the same if every bend below ``SMOOTH_BEND`` continued the surface; None where no boundary bends less
+    part : (n_faces,) number of the facet, or of its convex part, to which ``edges`` belong
+    closed : (n_faces,) whether ``edges`` enclose the part, and are the same for all its triangles
+    inner : (n_faces, 4) ``edges`` that are cuts between convex parts: the facet continues in its plane beyond them
     """
 
     edges: F32
+    uncreased: F32 | None
     part: I64
-    creased: bool
     closed: NDArray[np.bool_]
     inner: NDArray[np.bool_]
-
-
-def boundary_edges(
-    corners: F64,
-    vertex: I64 | None = None,
-    curved: NDArray[np.bool_] | None = None,
-    wavelength: float = 0.0,
-) -> F32:
-    """Boundary edges of each triangle, see :func:`facets`."""
-    return facets(corners, vertex, curved, wavelength).edges
 
 
 def facets(
@@ -65,6 +56,7 @@ def facets(
     vertex: I64 | None = None,
     curved: NDArray[np.bool_] | None = None,
     wavelength: float = 0.0,
+    pairs: tuple[I64, I64] | None = None,
 ) -> Facets:
     """Flat facet of each triangle, and its boundary edges.
 
@@ -85,6 +77,7 @@ def facets(
     vertex : (3 n_faces,) welded vertex of every corner; None: computed here
     curved : (n_faces,) triangles that approximate a curved surface, see :mod:`sarmitsuba.mesh.curvature`; None: none
     wavelength : m; 0 makes every bend a boundary
+    pairs : of :func:`sarmitsuba.mesh.edge_pairs.edge_pairs`; None: computed here
 
     Notes
     -----
@@ -92,65 +85,59 @@ def facets(
     boundary edges that limit only part of a triangle.
     """
     n = corners.shape[0]
+    vertex = weld(corners.reshape(-1, 3)) if vertex is None else vertex
+    pairs = edge_pairs(vertex) if pairs is None else pairs
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    start, end = corners, np.roll(corners, -1, axis=1)
-    along = end - start
+    along = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(along, axis=2)
     along /= np.maximum(length, 1e-300)[:, :, None]
     inward = np.cross(normal[:, None, :], along)
-
-    vertex = weld(corners.reshape(-1, 3)) if vertex is None else vertex
-    mate, mates_inward = _neighbours(vertex, inward)
-    bend = np.einsum("fki,fki->fk", inward, mates_inward)  # -1: flat
-    goes_on = (mate >= 0) & (bend < -np.cos(SMOOTH_BEND))
-    # sine of a tiny bend from the difference of the normals: the cosine loses all digits
-    off_plane = np.abs(np.einsum("fki,fi->fk", mates_inward, normal))
     # float32 files rotate small triangles far from the origin
-    rounding = FLOAT32 * np.abs(corners).max(axis=(1, 2))
-    height = np.linalg.norm(np.cross(along[:, 0], start[:, 2] - start[:, 0]), axis=1) * length[:, 0]
+    rounding = FLOAT32 * _largest(corners)
+    height = np.linalg.norm(np.cross(along[:, 0], corners[:, 2] - corners[:, 0]), axis=1) * length[:, 0]
     height /= np.maximum(length.max(axis=1), 1e-300)
     tilt = rounding / np.maximum(height, 1e-300)
-    # of both triangles, so that they agree
-    flat = goes_on & (off_plane < FLAT_BEND + np.maximum(tilt[:, None], tilt[mate]))
-    smooth = flat if curved is None else flat | (goes_on & curved[:, None] & curved[mate])
-    if wavelength > 0.0 and (goes_on & ~smooth).any():
-        width = piece_sizes(corners, _connected(np.where(flat, mate, -1)))[1]
-        across = off_plane * np.maximum(width[:, None], width[mate])
-        smooth = smooth | (goes_on & (across < LARGEST_BEND * wavelength))
 
-    sharp = ~smooth
-    boundary = _unused(n)
-    inner = np.zeros((n, N_EDGES), dtype=bool)
-    offset = np.einsum("fki,fki->fk", inward, start - corners[:, :1])
-    boundary[:, :3][sharp] = np.concatenate([inward, offset[:, :, None]], axis=2)[sharp]
+    # both sides of the edges that the surface may continue across, one side after the other
+    one, two = pairs
+    sides = inward.reshape(-1, 3)
+    inward_1, inward_2 = sides[one], sides[two]
+    bend = np.einsum("ei,ei->e", inward_1, inward_2)  # -1: flat
+    goes_on = np.flatnonzero(bend < -np.cos(SMOOTH_BEND))
+    one, two = one[goes_on], two[goes_on]
+    here, there = np.concatenate([one, two]), np.concatenate([two, one])
+    own, other = here // 3, there // 3
+    # sine of a tiny bend from the difference of the normals: the cosine loses all digits
+    across = np.concatenate([inward_2[goes_on], inward_1[goes_on]])
+    off_plane = np.abs(np.einsum("ei,ei->e", across, normal[own]))
+    flat = off_plane < FLAT_BEND + np.maximum(tilt[own], tilt[other])  # tilt of both, so that they agree
+    mate = np.full(3 * n, -1, dtype=np.int64)
+    mate[here[flat]] = other[flat]
+    facet = connected(own[flat], other[flat], n)
+    smooth = flat if curved is None else flat | (curved[own] & curved[other])
+    if wavelength > 0.0 and not smooth.all():
+        width = piece_sizes(corners, facet)[1]
+        narrow = off_plane * np.maximum(width[own], width[other]) < LARGEST_BEND * wavelength
+        smooth = smooth | narrow
 
-    ids = vertex.reshape(n, 3)
-    edges = _TriangleEdges(corners, ids, along, inward, length, rounding, sharp, np.where(flat, mate, -1))
-    part = edges.facet()
-    shared = np.flatnonzero(flat.any(axis=1))
-    if shared.size:
-        shared = shared[~_simple_facets(edges, shared, boundary)]
-    whole = _without_inner_vertices(edges, part, shared)
-    if whole.any():
-        pairs = _paired(edges, shared[whole])
-        part = pairs.facet()
-        _simple_facets(pairs, shared[whole], boundary)
-        inner[shared[whole]] = _cuts(pairs, edges.mate, shared[whole], boundary)
-        shared = shared[~whole]
-    closed = ~(smooth & ~flat).any(axis=1)
+    sharp = np.ones(3 * n, dtype=bool)
+    sharp[here[smooth]] = False
+    ids, mate = vertex.reshape(n, 3), mate.reshape(n, 3)
+    edges = _TriangleEdges(corners, ids, along, inward, length, rounding, sharp.reshape(n, 3), mate)
+    outlines = _outlines(edges, facet, np.arange(n))
     # the whole facet, where a neighbour in the plane continues as a curved surface
-    closed = np.bincount(part, ~closed)[part] == 0
-    closed[shared] = False
-    for slab in np.array_split(shared, 1 + shared.size // SLAB):
-        near = _around(edges.mate, slab)
-        near = np.where((near >= 0) & sharp[near].any(axis=2), near, -1)
-        count = (near >= 0).sum(axis=1)
-        for most in np.unique(count[count > 0]):
-            rows = np.flatnonzero(count == most)
-            for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
-                boundary[slab[some]] = _limits(edges, slab[some], -np.sort(-near[some], axis=1)[:, :most])
-    return Facets(boundary.astype(np.float32), part, bool((goes_on & ~smooth).any()), closed, inner)
+    opens = np.bincount(outlines.part[own[smooth & ~flat]], minlength=int(outlines.part.max(initial=-1)) + 1)
+    closed = ~outlines.fine & (opens[outlines.part] == 0)
+    uncreased = None
+    if not smooth.all():
+        sharp[here] = False
+        bounded = np.zeros(n, dtype=bool)
+        bounded[facet[own[~smooth]]] = True  # by a crease
+        faces = np.flatnonzero(bounded[facet])
+        uncreased = outlines.edges.copy()
+        uncreased[faces] = _outlines(replace(edges, sharp=sharp.reshape(n, 3)), facet, faces).edges[faces]
+    return Facets(outlines.edges, uncreased, outlines.part, closed, outlines.inner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,34 +164,96 @@ class _TriangleEdges:
     sharp: NDArray[np.bool_]
     mate: I64
 
-    def facet(self) -> I64:
-        """(n,) number of the facet of each triangle."""
-        return _connected(self.mate)
+    def own(self, faces: I64) -> F64:
+        """(len(faces), N_EDGES, 4) boundary edges of each triangle alone."""
+        lines = np.tile([0.0, 0.0, 0.0, -1.0], (faces.size, N_EDGES, 1))
+        row, k = np.nonzero(self.sharp[faces])
+        inward, start = self.inward[faces[row], k], self.corners[faces[row], k]
+        offset = np.einsum("ei,ei->e", inward, start - self.corners[faces[row], 0])
+        lines[row, k] = np.column_stack([inward, offset])
+        return lines
 
 
-def _connected(mate: I64) -> I64:
-    """Connected part of each triangle, with ``mate`` (n, 3) across its edges, -1 for none."""
-    row, k = np.nonzero(mate >= 0)
-    links = scipy.sparse.coo_matrix((np.ones(row.size), (row, mate[row, k])), shape=(len(mate), len(mate)))
-    return np.asarray(scipy.sparse.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
+@dataclass(frozen=True, eq=False)
+class _FacetOutlines:
+    """Boundary edges of selected triangles; arrays as in :class:`Facets`, of all triangles.
+
+    Parameters
+    ----------
+    fine : (n,) selected triangles of finely meshed facets, whose triangles have different boundary edges
+    """
+
+    edges: F32
+    part: I64
+    inner: NDArray[np.bool_]
+    fine: NDArray[np.bool_]
 
 
-def _simple_facets(edges: _TriangleEdges, faces: I64, boundary: F64) -> NDArray[np.bool_]:
-    """Fill in the rows of ``faces`` whose facet is convex with at most ``N_EDGES`` boundary edges; returns which."""
-    facet = np.unique(edges.facet()[faces], return_inverse=True)[1]
+def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _FacetOutlines:
+    """Boundary edges of the triangles ``faces``, which are all those of some facets."""
+    n = len(facet)
+    boundary = np.zeros((n, N_EDGES, 4), dtype=np.float32)
+    boundary[:, :, 3] = -1.0
+    inner, fine = np.zeros((n, N_EDGES), dtype=bool), np.zeros(n, dtype=bool)
+    alone = (edges.mate[faces] < 0).all(axis=1)
+    boundary[faces[alone]] = edges.own(faces[alone])
+    shared = faces[~alone]
+    simple, lines = _simple_facets(edges, facet, shared)
+    boundary[shared[simple]] = lines[simple]
+    shared = shared[~simple]
+    whole = _without_inner_vertices(edges, facet, shared)
+    if whole.any():
+        cut = shared[whole]
+        pairs = _paired(edges, cut)
+        row, k = np.nonzero(pairs.mate >= 0)
+        facet = connected(row, pairs.mate[row, k], n)
+        simple, lines = _simple_facets(pairs, facet, cut)
+        lines[~simple] = edges.own(cut[~simple])
+        inner[cut] = _cuts(pairs, edges.mate, cut, lines)
+        boundary[cut] = lines
+        shared = shared[~whole]
+    fine[shared] = True
+    for slab in np.array_split(shared, 1 + shared.size // SLAB):
+        near = _around(edges, slab)
+        count = (near >= 0).sum(axis=1)
+        for most in np.unique(count[count > 0]):
+            rows = np.flatnonzero(count == most)
+            for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
+                boundary[slab[some]] = _limits(edges, slab[some], near[some, :most])
+    return _FacetOutlines(boundary, facet, inner, fine)
+
+
+def _largest(values: F64) -> F64:
+    """Largest modulus in each row (n,) of an array (n, 3, 3)."""
+    columns = np.abs(values.reshape(-1, 9).T)
+    return np.asarray(np.maximum.reduce(columns))
+
+
+def _simple_facets(edges: _TriangleEdges, facet: I64, faces: I64) -> tuple[NDArray[np.bool_], F64]:
+    """Which of ``faces`` lie in a convex facet with at most ``N_EDGES`` boundary edges, and these edges (others: any).
+
+    Returns
+    -------
+    simple : (len(faces),)
+    lines : (len(faces), N_EDGES, 4) float64, as in :class:`Facets`
+    """
+    if not faces.size:
+        return np.zeros(0, dtype=bool), np.zeros((0, N_EDGES, 4))
+    facet = _renumbered(facet[faces])
     count = int(facet.max()) + 1
     origin = np.zeros((count, 3))
     origin[facet] = edges.corners[faces, 0]
-    size = np.zeros(count)
     points = edges.corners[faces] - origin[facet][:, None]
-    np.maximum.at(size, facet, np.abs(points).max(axis=(1, 2)))
+    size = np.zeros(count)
+    np.maximum.at(size, facet, _largest(points))
     rounding = np.zeros(count)
     np.maximum.at(rounding, facet, edges.rounding[faces])
     slack = 1e-6 * size + 2.0 * rounding
 
     own, k = np.nonzero(edges.sharp[faces])
     line = _straight(edges, facet, faces, own, k)
-    first = np.unique(line, return_index=True)[1]  # an edge of every line
+    first = np.zeros(int(line.max(initial=-1)) + 1, dtype=np.int64)  # an edge of every line
+    first[line[::-1]] = np.arange(line.size)[::-1]
     share = edges.length[faces[own], k]
     inward = _sums(line, edges.inward[faces[own], k] * share[:, None])
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-300)
@@ -216,19 +265,26 @@ def _simple_facets(edges: _TriangleEdges, faces: I64, boundary: F64) -> NDArray[
     lines = np.bincount(of, minlength=count)
     column = np.arange(order.size) - np.repeat(np.cumsum(lines) - lines, lines)
     few = (lines <= N_EDGES)[of[order]]
-    table = _unused(count)
+    table = np.tile([0.0, 0.0, 0.0, -1.0], (count, N_EDGES, 1))
     kept = order[few]
     table[of[kept], column[few]] = np.column_stack([inward[kept], offset[kept]])
 
-    mine = table[facet]
-    height = np.einsum("fsi,fpi->fsp", mine[:, :, :3], points) - mine[:, :, 3:]
+    found = table[facet]
+    x, y, z = np.ascontiguousarray(points.T)  # by corner and triangle
     outside = np.zeros(count, dtype=bool)
-    np.logical_or.at(outside, facet, (height < -slack[facet][:, None, None]).any(axis=(1, 2)))
-    simple = ((lines <= N_EDGES) & ~outside)[facet]
-    used = (mine[:, :, :3] != 0.0).any(axis=2)
-    mine[:, :, 3] -= np.where(used, np.einsum("fsi,fi->fs", mine[:, :, :3], points[:, 0]), 0.0)
-    boundary[faces[simple]] = mine[simple]
-    return np.asarray(simple)
+    for line_of in np.moveaxis(found, 1, 0):
+        m_x, m_y, m_z, c = np.ascontiguousarray(line_of.T)
+        low = np.minimum.reduce(m_x * x + m_y * y + m_z * z) - c
+        outside[facet[low < -slack[facet]]] = True
+    found[:, :, 3] -= np.einsum("fsi,fi->fs", found[:, :, :3], points[:, 0])
+    return ((lines <= N_EDGES) & ~outside)[facet], found
+
+
+def _renumbered(label: I64) -> I64:
+    """Labels without gaps, in the same order; they are small and not negative."""
+    occurs = np.zeros(int(label.max()) + 1, dtype=bool)
+    occurs[label] = True
+    return np.asarray((np.cumsum(occurs) - 1)[label])
 
 
 def _without_inner_vertices(edges: _TriangleEdges, facet: I64, faces: I64) -> NDArray[np.bool_]:
@@ -257,22 +313,29 @@ def _paired(edges: _TriangleEdges, faces: I64) -> _TriangleEdges:
         height = np.einsum("ei,ei->e", edges.inward[row, side], point - edges.corners[row, side])
         convex &= height > -slack
     mate = np.where(inside[:, None], -1, edges.mate)
-    free = inside.copy()
-    sides = edges.corners[:, 1:] - edges.corners[:, :1]
-    height = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / edges.length.max(axis=1)
+    height = np.zeros(len(inside))
+    sides = edges.corners[faces, 1:] - edges.corners[faces, :1]
+    height[faces] = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / edges.length[faces].max(
+        axis=1
+    )
     narrowest = np.minimum(height[row], height[other])
-    for e in np.flatnonzero(convex)[np.lexsort((-edges.length[row, k][convex], narrowest[convex]))]:
-        a, b = int(row[e]), int(other[e])
-        if free[a] and free[b]:
-            free[a] = free[b] = False
-            mate[a, k[e]] = b
-            mate[b, (edges.mate[b] == a).argmax()] = a
+    left = np.flatnonzero(convex)[np.lexsort((-edges.length[row, k][convex], narrowest[convex]))]
+    while left.size:  # those that come first among all of both their triangles
+        rank, best = np.arange(left.size), np.full(len(inside), left.size)
+        a, b = row[left], other[left]
+        np.minimum.at(best, a, rank)
+        np.minimum.at(best, b, rank)
+        chosen = (best[a] == rank) & (best[b] == rank)
+        mate[a[chosen], k[left[chosen]]] = b[chosen]
+        mate[b[chosen], (edges.mate[b[chosen]] == a[chosen, None]).argmax(axis=1)] = a[chosen]
+        taken = np.zeros(len(inside), dtype=bool)
+        taken[a[chosen]] = taken[b[chosen]] = True
+        left = left[~(taken[a] | taken[b])]
     return replace(edges, mate=mate, sharp=np.where(inside[:, None], mate < 0, edges.sharp))
 
 
-def _cuts(pairs: _TriangleEdges, mate: I64, faces: I64, boundary: F64) -> NDArray[np.bool_]:
+def _cuts(pairs: _TriangleEdges, mate: I64, faces: I64, lines: F64) -> NDArray[np.bool_]:
     """(len(faces), N_EDGES) boundary edges that are cuts within a facet; ``mate`` (n, 3): of the uncut facets."""
-    lines = boundary[faces]
     found = {cut: np.zeros(lines.shape[:2], dtype=bool) for cut in (True, False)}
     # edges of the triangle itself and of its mate in the convex part
     other = np.where(pairs.mate[faces] >= 0, pairs.mate[faces], -1).max(axis=1)
@@ -302,7 +365,7 @@ def _straight(
     ends = np.concatenate([edges.ids[face, k], edges.ids[face, (k + 1) % 3]])
     edge = np.tile(np.arange(n), 2)
     key = np.tile(facet[own], 2) * (int(edges.ids.max()) + 1) + ends
-    a, b = (edge[end] for end in _twins(key))  # corners of the facet where just two of its edges meet
+    a, b = (edge[end] for end in twins(key))  # corners of the facet where just two of its edges meet
     inward, length = edges.inward[face, k], edges.length[face, k]
     bend = np.linalg.norm(np.cross(inward[a], inward[b]), axis=1)
     allowed = FLAT_BEND + 2.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
@@ -313,26 +376,22 @@ def _straight(
 
 def _sums(group: I64, rows: F64) -> F64:
     """Sums of the rows of each group."""
-    out = np.zeros((int(group.max(initial=-1)) + 1, rows.shape[1]))
-    np.add.at(out, group, rows)
-    return out
+    return np.stack([np.bincount(group, column) for column in rows.T], axis=1)
 
 
 def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
-    """(len(faces), N_EDGES, 4) boundary edges of each triangle, chosen from those of ``near`` (n, m), nearest first."""
+    """(len(faces), N_EDGES, 4) boundary edges of each triangle, chosen from edges ``near`` (n, m), nearest first."""
     n = len(faces)
-    valid = edges.sharp[near].reshape(n, -1)
-    inward = edges.inward[near].reshape(n, -1, 3)
-    along = edges.along[near].reshape(n, -1, 3)
-    length = edges.length[near].reshape(n, -1)
+    inward, along = edges.inward.reshape(-1, 3)[near], edges.along.reshape(-1, 3)[near]
+    length = edges.length.reshape(-1)[near]
     corner = edges.corners[faces, 0]
-    start = edges.corners[near].reshape(n, -1, 3) - corner[:, None]
+    start = edges.corners.reshape(-1, 3)[near] - corner[:, None]
     offset = np.einsum("nsi,nsi->ns", inward, start)
     points = edges.corners[faces] - corner[:, None]
     slack = 1e-6 * np.abs(points).max(axis=(1, 2)) + 2.0 * edges.rounding[faces]
 
     height = np.einsum("nsi,npi->nsp", inward, points) - offset[:, :, None]
-    valid &= (height > -slack[:, None, None]).all(axis=2)
+    valid = (height > -slack[:, None, None]).all(axis=2)
     lowest = height.min(axis=2)
     # share of the triangle's width along the edge that the edge covers; pieces of one straight edge together
     position = np.einsum("nsi,npi->nsp", along, points) - np.einsum("nsi,nsi->ns", along, start)[:, :, None]
@@ -345,7 +404,7 @@ def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
     covered = np.einsum("nsr,nr->ns", same, np.where(valid, cover, 0.0))
     valid &= covered > FACING
 
-    out = _unused(n)
+    out = np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
     row = np.arange(n)
     for k in range(N_EDGES):
         best = np.where(valid, lowest, np.inf).argmin(axis=1)
@@ -357,41 +416,23 @@ def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
     return out
 
 
-def _around(mate: I64, faces: I64) -> I64:
-    """(n, m) triangles of the same plane up to ``RINGS`` edges away, with the triangle itself; -1 pads."""
+def _around(edges: _TriangleEdges, faces: I64) -> I64:
+    """(n, m) boundary edges of the same plane up to ``RINGS`` triangles away, three times the triangle's number plus k.
+
+    Those of the triangle of the highest number first; -1 pads.
+    """
     front = faces[:, None]
-    rings = []
+    rings = [front]
     for _ in range(RINGS):
-        front = np.where(front[:, :, None] >= 0, mate[front], -1).reshape(len(faces), 3 * front.shape[1])
+        front = np.where(front[:, :, None] >= 0, edges.mate[front], -1).reshape(
+            len(faces), 3 * front.shape[1]
+        )
         rings.append(front)
-    found = np.sort(np.concatenate([faces[:, None], *rings], axis=1), axis=1)
+    found = -np.sort(-np.concatenate(rings, axis=1), axis=1)
     found[:, 1:][found[:, 1:] == found[:, :-1]] = -1
-    return found
-
-
-def _neighbours(vertex: I64, inward: F64) -> tuple[I64, F64]:
-    """Face across each edge (-1: none, or more than one) and that face's inward vector at the common edge."""
-    n = inward.shape[0]
-    ids = vertex.reshape(n, 3)
-    start, end = ids, np.roll(ids, -1, axis=1)
-    key = (np.minimum(start, end) * (ids.max() + 1) + np.maximum(start, end)).ravel()
-    a, b = _twins(key)
-    mate = np.full(3 * n, -1, dtype=np.int64)
-    mate[a], mate[b] = b // 3, a // 3
-    across = np.zeros((3 * n, 3))
-    flat_inward = inward.reshape(-1, 3)
-    across[a], across[b] = flat_inward[b], flat_inward[a]
-    return mate.reshape(n, 3), across.reshape(n, 3, 3)
-
-
-def _twins(key: I64) -> tuple[I64, I64]:
-    """First and second index of every value that occurs exactly twice; values are not negative."""
-    order = np.argsort(key, kind="stable")
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    pair = first[np.diff(first, append=len(key)) == 2]
-    return order[pair], order[pair + 1]
-
-
-def _unused(n: int) -> F64:
-    """(n, N_EDGES, 4) boundary edges that limit nothing."""
-    return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
+    sharp = edges.sharp[found] & (found >= 0)[:, :, None]
+    row, near, k = np.nonzero(sharp)
+    count = sharp.sum(axis=(1, 2))
+    out = np.full((len(faces), int(count.max(initial=0))), -1, dtype=np.int64)
+    out[row, np.arange(row.size) - np.repeat(np.cumsum(count) - count, count)] = 3 * found[row, near] + k
+    return out

@@ -10,6 +10,7 @@ LARGEST_SAGITTA = 1.0 / 8.0
 # largest angle between a corner's mean normal and the facet's normal in a smooth surface
 LARGEST_LEAN = np.radians(30.0)
 _FLAT = 1e-6  # rad, bend below which a facet counts as flat
+_SAME = 1e-8  # difference of normals that cannot bend a facet by that much
 
 
 def facet_curvature(
@@ -43,26 +44,51 @@ def facet_curvature(
     -----
     Ignores groups whose facets are not wound alike (their normals cancel; they stay flat).
     """
-    n = corners.shape[0]
-    edge = np.roll(corners, -1, axis=1) - corners
-    normal = np.cross(edge[:, 0], -edge[:, 2])
+    side_1, side_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(side_1, side_2)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     if not _bent(normal, group):
         return None
+    first = np.zeros(int(group.max()) + 1, dtype=np.int64)
+    first[group[::-1]] = np.arange(group.size)[::-1]
+    differs = (np.abs(normal - normal[first[group]]) > _SAME).any(axis=1)
+    curved = np.zeros(first.size, dtype=bool)
+    curved[group[differs]] = True
+    faces = np.flatnonzero(curved[group])
+    vertex = weld(corners[faces].reshape(-1, 3)) if vertex is None else vertex.reshape(-1, 3)[faces].ravel()
+    mean = _mean_normals(corners[faces], normal[faces], vertex, group[faces])
+    lean = np.abs(mean - normal[faces, None]) > _SAME
+    rows = np.flatnonzero(lean.any(axis=(1, 2)))
+    faces = faces[rows]
+    operator = _shape_operator(corners[faces], normal[faces], mean[rows], wavelength)
+    if not operator.any():
+        return None
+    out = np.zeros((group.size, 8))
+    out[faces, :3] = operator[:, [0, 1, 2], [0, 1, 2]]
+    out[faces, 3:6] = operator[:, [0, 0, 1], [1, 2, 2]]
+    return out
+
+
+def _mean_normals(corners: F64, normal: F64, vertex: I64, group: I32 | I64) -> F64:
+    """(n, 3, 3) mean normals at the corners of each facet, of all facets of its group there."""
+    edge = np.roll(corners, -1, axis=1) - corners
     unit = edge / np.maximum(np.linalg.norm(edge, axis=2, keepdims=True), 1e-300)
     angle = np.arccos(np.clip(-np.einsum("fki,fki->fk", unit, np.roll(unit, 1, axis=1)), -1.0, 1.0))
-
     # one label per vertex and group: surfaces that meet at an edge keep their own normals there
-    vertex = weld(corners.reshape(-1, 3)) if vertex is None else vertex
-    _, label = np.unique(
-        vertex * (int(group.max()) + 1) + np.repeat(group.astype(np.int64), 3), return_inverse=True
-    )
+    key = vertex * (int(group.max()) + 1) + np.repeat(group.astype(np.int64), 3)
+    _, label = np.unique(key, return_inverse=True)
     label = label.reshape(-1)
     weighted = (angle[:, :, None] * normal[:, None, :]).reshape(-1, 3)
     mean = np.stack([np.bincount(label, weighted[:, i]) for i in range(3)], axis=1)
     mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
-    at_corner = mean[label].reshape(n, 3, 3)
-    smooth = np.einsum("fki,fi->fk", at_corner, normal).min(axis=1) > np.cos(LARGEST_LEAN)
+    return np.asarray(mean[label].reshape(-1, 3, 3))
+
+
+def _shape_operator(corners: F64, normal: F64, at_corner: F64, wavelength: float) -> F64:
+    """(n, 3, 3) shape operator of each facet, from the mean normals at its corners; zero where it counts as flat."""
+    edge = np.roll(corners, -1, axis=1) - corners
+    unit = edge / np.maximum(np.linalg.norm(edge, axis=2, keepdims=True), 1e-300)
+    smooth = np.einsum("fki,fi->fk", at_corner, normal).min(axis=1, initial=1.0) > np.cos(LARGEST_LEAN)
 
     # 2 x 2 in the facet's plane: S E = D for the two edges from corner 0
     t1 = unit[:, 0]
@@ -83,13 +109,7 @@ def facet_curvature(
     longest = np.linalg.norm(edge, axis=2).max(axis=1)
     flat = (bend / np.maximum(longest, 1e-300) < _FLAT) | (bend / 8.0 > LARGEST_SAGITTA * wavelength)
     s[flat] = 0.0
-    if not s.any():
-        return None
-    full = np.einsum("fai,fab,fbj->fij", frame, s, frame)
-    out = np.zeros((n, 8))
-    out[:, :3] = full[:, [0, 1, 2], [0, 1, 2]]
-    out[:, 3:6] = full[:, [0, 0, 1], [1, 2, 2]]
-    return out
+    return np.asarray(np.einsum("fai,fab,fbj->fij", frame, s, frame))
 
 
 def _bent(normal: F64, group: I32 | I64) -> bool:

@@ -5,18 +5,20 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
+from sarmitsuba.boxes import box_of_each
 
 # bend of an edge below which the surface continues across it, rad
 SMOOTH_BEND = np.radians(20.0)
 
 
-def piece_of(corners: F64, vertex: I64) -> I64:
+def piece_of(corners: F64, vertex: I64, pairs: tuple[I64, I64]) -> I64:
     """Smooth piece of surface to which each triangle belongs, as a number.
 
     Parameters
     ----------
     corners : (n, 3, 3) float64, m
     vertex : (3 n,) label of each corner's vertex; equal where corners coincide
+    pairs : of :func:`sarmitsuba.mesh.edge_pairs.edge_pairs`
 
     Notes
     -----
@@ -25,20 +27,17 @@ def piece_of(corners: F64, vertex: I64) -> I64:
     n = len(corners)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    ids = vertex.reshape(n, 3)
-    ends = np.sort(np.stack([ids, np.roll(ids, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    key = ends[:, 0] * (int(ids.max(initial=0)) + 1) + ends[:, 1]
-    order = np.argsort(key, kind="stable")
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    pair = first[np.diff(first, append=len(key)) == 2]
-    a, b = order[pair], order[pair + 1]
+    a, b = pairs
     # two neighbours of the same winding traverse their edge in opposite directions
     alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)
     bend = alike * np.einsum("ei,ei->e", normal[a // 3], normal[b // 3])
     joined = bend > np.cos(SMOOTH_BEND)
-    links = scipy.sparse.coo_matrix(
-        (np.ones(int(joined.sum())), (a[joined] // 3, b[joined] // 3)), shape=(n, n)
-    )
+    return connected(a[joined] // 3, b[joined] // 3, n)
+
+
+def connected(row: I64, other: I64, n: int) -> I64:
+    """Connected part of each of ``n`` triangles, (n,), those of ``row`` being connected to those of ``other``."""
+    links = scipy.sparse.coo_matrix((np.ones(row.size, dtype=np.int8), (row, other)), shape=(n, n))
     return np.asarray(scipy.sparse.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
 
 
@@ -51,9 +50,11 @@ def piece_sizes(corners: F64, piece: I64) -> tuple[F64, F64]:
     total = np.bincount(piece, area, count)
     order = np.argsort(piece, kind="stable")
     start = np.flatnonzero(np.diff(piece[order], prepend=-1))
-    low = np.minimum.reduceat(corners.min(axis=1)[order], start) if len(piece) else np.zeros((0, 3))
-    high = np.maximum.reduceat(corners.max(axis=1)[order], start) if len(piece) else np.zeros((0, 3))
-    width = total / np.maximum(np.linalg.norm(high - low, axis=1), 1e-300)
+    extent = np.zeros((count, 3))
+    if len(piece):
+        low, high = box_of_each(corners)
+        extent = np.maximum.reduceat(high[order], start) - np.minimum.reduceat(low[order], start)
+    width = total / np.maximum(np.linalg.norm(extent, axis=1), 1e-300)
     return np.asarray(total[piece]), np.asarray(width[piece])
 
 

@@ -1,21 +1,23 @@
 """PLY meshes: writing, and fast reading of the plain binary layout."""
 
 import re
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.arrays import F64, I64
+from sarmitsuba.regular_files import read_bytes
 
-# positions, normals and colours of vertices, x, y and z first (texture coordinates split vertices), and faces as lists
-# only: the layout that exporters of triangles write
+# positions and any other numbers of vertices, x, y and z first, and faces as lists only (texture coordinates of corners
+# split vertices): the layout that exporters of triangles write
 _HEADER = re.compile(
     rb"ply\r?\nformat binary_little_endian 1\.0\r?\n"
     rb"((?:comment [^\n]*\n|obj_info [^\n]*\n)*)"
     rb"element vertex (\d{1,10})\r?\n"
     rb"((?:property (?:float|float32|double|float64|uchar|uint8)"
-    rb" (?:[xyz]|n[xyz]|red|green|blue|alpha)\r?\n)+)"
+    rb" \w+\r?\n)+)"
     rb"element face (\d{1,10})\r?\n"
     rb"property list (?:uchar|uint8) (int|uint|int32|uint32) vertex_ind(?:ices|ex)\r?\n"
     rb"end_header\r?\n"
@@ -64,27 +66,33 @@ def read_ply(path: Path) -> tuple[F64, I64] | None:
     vertices : (n_v, 3) float64, unit and axes of the file
     faces : (n_f, 3) int64, not checked against the number of vertices
     """
-    with path.open("rb") as file:
-        data = file.read(_LONGEST_HEADER)
-        header = _HEADER.match(data)
-        if header is None:
-            return None
-        data += file.read()
-    properties = [tuple(line.split()[1:]) for line in header[3].splitlines()]
-    if [name for _, name in properties[:3]] != [b"x", b"y", b"z"] or len({k for k, _ in properties[:3]}) > 1:
+    data = read_bytes(path)
+    header = _HEADER.match(data, 0, _LONGEST_HEADER)
+    layout = None if header is None else _vertex_layout(header[3])
+    if header is None or layout is None:
         return None
-    kind = _TYPES[properties[0][0]]
-    stride = sum(np.dtype(_TYPES[each]).itemsize for each, _ in properties)
+    kind, stride = layout
     n_vertices, n_faces = int(header[2]), int(header[4])
     first_face = header.end() + n_vertices * stride
     # a count byte of three, and three indices; lists of other lengths give another size
-    if kind == "u1" or len(data) != first_face + 13 * n_faces:
+    if len(data) != first_face + 13 * n_faces:
         return None
     rows = np.frombuffer(data, _FACE, n_faces, first_face)
     if not (rows["n"] == 3).all():
         return None
-    corners = np.ndarray((n_vertices, 3), kind, data, header.end(), (stride, np.dtype(kind).itemsize))
+    corners = np.ndarray((n_vertices, 3), kind, data, header.end(), (stride, kind.itemsize))
     faces = rows["corner"]
     if header[5].startswith(b"u"):
         faces = faces.view("<u4")
     return corners.astype(np.float64), faces.astype(np.int64)
+
+
+@lru_cache(maxsize=64)
+def _vertex_layout(properties: bytes) -> "tuple[np.dtype[np.float64], int] | None":
+    """Type of the coordinates and bytes per vertex, from the lines of the header; None: not of the plain layout."""
+    kinds, names = zip(*(line.split()[1:] for line in properties.splitlines()), strict=True)
+    plain = names[:3] == (b"x", b"y", b"z") and len(set(kinds[:3])) == 1 and len(set(names)) == len(names)
+    kind = np.dtype(_TYPES[kinds[0]])
+    if not plain or kind.itemsize == 1:
+        return None
+    return kind, sum(np.dtype(_TYPES[each]).itemsize for each in kinds)

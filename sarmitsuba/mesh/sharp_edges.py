@@ -115,6 +115,13 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) 
     another triangle is a rim: :func:`sarmitsuba.trace.edges.uncovered` removes rims that touch another object.
     """
     corners = np.asarray(corners, dtype=np.float64)
+    ids = weld(corners.reshape(-1, 3)).reshape(-1, 3)
+    of_metal = np.zeros(int(ids.max(initial=-1)) + 1, dtype=bool)
+    of_metal[ids[metal]] = True
+    near = (
+        of_metal[ids[:, 0]] | of_metal[ids[:, 1]] | of_metal[ids[:, 2]]
+    )  # all others share no edge with metal
+    corners, metal, ids = corners[near], metal[near], ids[near]
     side = np.roll(corners, -1, axis=1) - corners
     normal = np.cross(side[:, 0], -side[:, 2])
     area = np.linalg.norm(normal, axis=1)
@@ -122,7 +129,6 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) 
     whole = area > SLIVER * size
     normal /= np.where(area > 0.0, area, 1.0)[:, None]
 
-    ids = weld(corners.reshape(-1, 3)).reshape(-1, 3)
     ends = np.sort(np.stack([ids, np.roll(ids, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     key = ends[:, 0] * (int(ids.max(initial=0)) + 1) + ends[:, 1]
     order = np.argsort(key, kind="stable")

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64, U32
+from sarmitsuba.boxes import box_of_each
 
 # cells processed at a time; bounds the temporary arrays
 CHUNK = 2_000_000
@@ -138,9 +139,8 @@ class _Flattened:
 
     def rectangles(self, box: F64) -> tuple[F64, F64]:
         """Least and greatest coordinate along the two axes, (n, 2) m, within a box (2, 3)."""
-        low = np.maximum(self.corner.min(axis=1), np.take(box[0], self.axes))
-        high = np.minimum(self.corner.max(axis=1), np.take(box[1], self.axes))
-        return low, high
+        low, high = box_of_each(self.corner)
+        return np.maximum(low, np.take(box[0], self.axes)), np.minimum(high, np.take(box[1], self.axes))
 
 
 def _in_cells(

@@ -55,7 +55,7 @@ class Motion:
     @property
     def still(self) -> bool:
         """True without velocity and acceleration."""
-        return not (np.any(self.velocity) or np.any(self.acceleration))
+        return not (any(self.velocity) or any(self.acceleration))
 
     def displacement(self, time: ArrayLike) -> F64:
         """Displacement (..., 3) float64, m, from the place at time zero, for times (...,) in s."""

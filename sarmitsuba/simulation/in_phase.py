@@ -71,11 +71,9 @@ def in_phase_power(returns: PatchReturns) -> tuple[F64, F64]:
             continue
         field = returns.field[picked, order]
         scale = returns.scale / (n - 1)
-        signed, unsigned = np.zeros(picked.size), np.zeros(picked.size)
-        for shift in _SHIFTS:
-            bins = _bins(returns, picked, order, shift)
-            signed += scale / len(_SHIFTS) * _partners(field, bins)
-            unsigned += scale / len(_SHIFTS) * _partners(np.abs(field).astype(np.complex128), bins)
+        bins = _bins(returns, picked, order)
+        signed = scale * _partners(field, bins)
+        unsigned = scale * _partners(np.abs(field).astype(np.complex128), bins)
         mean[order] = signed.sum() / n
         for partners in (signed, unsigned):
             spread = float(np.square(partners).sum()) / n - (float(partners.sum()) / n) ** 2
@@ -84,21 +82,27 @@ def in_phase_power(returns: PatchReturns) -> tuple[F64, F64]:
 
 
 def _partners(field: C128, bins: I64) -> F64:
-    """Product of each field (n, n_channels) with the sum of the others of its bin, mean over the channels, (n,)."""
-    sums = np.empty((bins.max() + 1, field.shape[1]), dtype=np.complex128)
-    for channel, column in enumerate(field.T):
-        sums[:, channel] = np.bincount(bins, column.real) + 1j * np.bincount(bins, column.imag)
-    products: F64 = ((sums[bins] - field) * field.conj()).real.mean(axis=1)
-    return products
+    """Product of each field (n, n_channels) with the sum of the others of its bin, mean over channels and grids, (n,).
+
+    ``bins`` : (n_grids, n) of :func:`_bins`.
+    """
+    products = np.zeros(bins.shape)
+    for column in field.T:
+        many = np.broadcast_to(column, bins.shape).ravel()
+        sums = np.bincount(bins.ravel(), many.real) + 1j * np.bincount(bins.ravel(), many.imag)
+        products += ((sums[bins] - column) * column.conj()).real
+    return np.asarray(products.mean(axis=0) / field.shape[1])
 
 
-def _bins(returns: PatchReturns, picked: I64, order: int, shift: tuple[float, float]) -> I64:
-    """Number of the bin of each picked return, from zero, in a grid at one of the places."""
-    row = np.floor(returns.slant_range[picked, order] / returns.range_bin + shift[0]).astype(np.int64)
-    column = np.floor(returns.range_rate[picked, order] / returns.rate_bin + shift[1]).astype(np.int64)
-    columns = int(column.max() - column.min()) + 1
-    bins: I64 = np.unique((row - row.min()) * columns + column - column.min(), return_inverse=True)[1].ravel()
-    return bins
+def _bins(returns: PatchReturns, picked: I64, order: int) -> I64:
+    """Number of the bin of each picked return, (n_grids, n), in grids at all places; no two grids share a bin."""
+    shifts = np.array(_SHIFTS)[:, :, None]
+    row = np.floor(returns.slant_range[picked, order] / returns.range_bin + shifts[:, 0]).astype(np.int64)
+    column = np.floor(returns.range_rate[picked, order] / returns.rate_bin + shifts[:, 1]).astype(np.int64)
+    columns, rows = int(np.ptp(column)) + 1, int(np.ptp(row)) + 1
+    grid = np.arange(len(shifts))[:, None]
+    bins = np.unique(((grid * rows + row - row.min()) * columns + column - column.min()), return_inverse=True)
+    return np.asarray(bins[1].reshape(row.shape), dtype=np.int64)
 
 
 def azimuth_bin(fade: F64, spacing: float, azimuth_cell: float) -> tuple[float, float]:

@@ -10,41 +10,35 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
+from sarmitsuba.backend import ensure_backend
+from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
-from sarmitsuba.radar.polarisation import linear_letters
-from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.in_phase import PatchReturns, azimuth_bin, in_phase_power
+from sarmitsuba.simulation.in_phase import in_phase_power
+from sarmitsuba.simulation.pilot_patches import (
+    CHANNELS,
+    SIDE,
+    fade_of_patch,
+    features_of,
+    patch_echoes,
+    place_patches,
+)
 from sarmitsuba.simulation.prediction.speed import run_seconds
-from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.simulation.sources.site import RunSite
-from sarmitsuba.simulation.tracing import polarisation_up, pulse_batch
 from sarmitsuba.timing import Clock
-from sarmitsuba.trace.accumulators import phase_factor
-from sarmitsuba.trace.device_arrays import device_array
-from sarmitsuba.trace.kernel import KernelSettings, trace
-from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
-from sarmitsuba.trace.stage import KernelRecording
-from sarmitsuba.trace.state import COHERENT, RECIPROCAL, Contribution, Hit, Kernel, RayState
 
 # bounces traced at first, and at most where the last of them still returns too much
 ORDERS, MOST_ORDERS = 8, 128
-CHANNELS = ("HH", "VV")
-# rays on a side of a patch: enough for the taper to suppress its edge by 30 dB
-SIDE = 8
 # share of the full run's rays, and upper bound of the rays. A pilot's ray costs two to three of the run's: all
 # effects, two polarisations, patches in random order
 RAY_SHARE = 0.006
@@ -57,8 +51,6 @@ SHORTEST_RUN = 2.0
 PROOF_SHARE = 0.05
 # effects up to this rank decide the kinds of return, on which the sampling depends
 KINDS_RANK = 20
-# a feature hit by this many random patches needs no patch of its own
-ENOUGH_PATCHES = 8.0
 
 
 def plan_scene(
@@ -121,7 +113,7 @@ def examine(
     known = SceneContext(scene, sampling.for_effects(), known_shape=shape)
     if not paired and not traced:
         return known
-    draft = plan_effects(scene, shape=shape, warn=False)
+    draft = plan_effects(scene, shape=shape, warn=False, draft=True)
     if paired:
         trace_scene = trace_scene or build_trace_scene(
             scene.geometry, scene.materials, scene.radar.waveform.wavelength
@@ -130,10 +122,9 @@ def examine(
         known = replace(known, pairs=pair_level(site))
     if not traced:
         return known
-    result, orders = None, ORDERS
-    while result is None or (orders <= MOST_ORDERS and not result.settled(scene.settings.tolerance_db)):
-        result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock, orders=orders)
-        orders *= 2
+    result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock)
+    if not result.settled(scene.settings.tolerance_db):
+        result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock, orders=MOST_ORDERS)
     return replace(known, pilot=result)
 
 
@@ -163,15 +154,6 @@ def _by_key_pulses(sampling: SamplingPlan) -> SamplingPlan:
     return replace(sampling, scene=replace(scene, settings=settings))
 
 
-@dataclass(frozen=True, eq=False)
-class _Patches:
-    """Patches of rays of one pulse: ``grid`` holds SIDE^2 rays of each in turn; the first ``n_random`` are random."""
-
-    grid: LaunchGrid
-    n_random: int
-    n_features: int
-
-
 def run_pilot(
     draft: EffectsPlan,
     sampling: SamplingPlan,
@@ -192,7 +174,7 @@ def run_pilot(
     pulses : numbers of the pulses; default first, quarter, middle, three quarters, last
     shape : analysis of the geometry, None to compute it
     clock : of the seconds in the result
-    orders : bounces to trace
+    orders : bounces to trace. Of more than ``ORDERS``, the result has as few, doubled step by step, as settle it
 
     Notes
     -----
@@ -216,44 +198,56 @@ def run_pilot(
     per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), LEAST_PATCHES, 4096))
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
     shape = shape or SceneContext(scene).shape
-    points, sizes = _features(shape, sampling, per_pulse * len(chosen))
-    powers, shares, randoms, seconds = [], [], [], 0.0
-    in_phase, variance = np.zeros(orders), np.zeros(orders)
-    features = 0
+    points, sizes = features_of(shape, sampling, per_pulse * len(chosen))
     flags = _flags(scene, draft)
-    for pulse in chosen:
-        patches = _place(sampling, pulse, per_pulse, points, sizes, rng)
-        before = clock()
-        power, share, returns = _trace(trace_scene, sampling, flags, pulse, patches, orders)
-        adding, spread = in_phase_power(returns)
-        in_phase, variance = in_phase + adding / len(chosen), variance + spread / len(chosen) ** 2
-        powers.append(power)
-        shares.append(share)
-        seconds += clock() - before
-        randoms.append(np.arange(patches.n_random + patches.n_features) < patches.n_random)
-        features += patches.n_features
-    power = np.concatenate(powers, axis=1)  # (4, patches, orders)
-    incident, random = np.concatenate(shares), np.concatenate(randoms)
-    count = int(random.sum())
-    rays = power.shape[1] * SIDE**2
-    return PilotResult(
+    patches = [place_patches(sampling, pulse, per_pulse, points, sizes, rng) for pulse in chosen]
+    before = clock()
+    echoes = patch_echoes(trace_scene, sampling, flags, chosen, patches, orders)
+    seconds = clock() - before
+    some = patches[0]
+    random = np.tile(np.arange(some.n_random + some.n_features) < some.n_random, len(chosen))
+    power = np.concatenate([echo.power for echo in echoes], axis=1)  # (4, patches, orders)
+    incident = np.concatenate([echo.incident for echo in echoes])
+    adding, spread = (
+        np.sum(sums, axis=0) for sums in zip(*(in_phase_power(echo.returns) for echo in echoes), strict=True)
+    )
+    rays, count = power.shape[1] * SIDE**2, int(random.sum())
+    traced = PilotResult(
         pulses=tuple(int(p) for p in chosen),
         rays=rays,
         n_patches=count,
-        n_features=features,
-        n_skipped=max(0, len(points) - features // len(chosen)),
+        n_features=some.n_features * len(chosen),
+        n_skipped=max(0, len(points) - some.n_features),
         mean=power[:, random].mean(axis=1),
         deviation=power[:, random].std(axis=1) / np.sqrt(count),
         share=(power[3, random] > 0).mean(axis=0),
         peak=power.max(axis=1),
         rays_per_second=rays / seconds if seconds > 0 else 0.0,
-        going_on=float(incident[:, -1].max()),
-        incident=incident[random].mean(axis=0),
         seconds=clock() - start,
-        in_phase=in_phase,
-        in_phase_deviation=np.sqrt(variance),
-        patch_area=float(np.square(_fade()).sum()) * sampling.spacings.coherent**2,
+        incident=incident[random].mean(axis=0),
+        in_phase=adding / len(chosen),
+        in_phase_deviation=np.sqrt(spread / len(chosen) ** 2),
+        patch_area=float(np.square(fade_of_patch()).sum()) * sampling.spacings.coherent**2,
         lit_area=float(np.mean([4.0 * w.half_x * w.half_y for w in map(sampling.window_at, chosen)])),
+    )
+    most, kept = incident.max(axis=0), min(orders, 2 * ORDERS if orders > ORDERS else ORDERS)
+    while kept < orders and not _up_to(traced, most, kept).settled(scene.settings.tolerance_db):
+        kept = min(2 * kept, orders)
+    return _up_to(traced, most, kept)
+
+
+def _up_to(result: PilotResult, incident: F64, orders: int) -> PilotResult:
+    """Result of a pilot up to some order; ``incident`` (all orders,), largest share of a patch's power."""
+    return replace(
+        result,
+        mean=result.mean[:, :orders],
+        deviation=result.deviation[:, :orders],
+        share=result.share[:orders],
+        peak=result.peak[:, :orders],
+        incident=result.incident[:orders],
+        in_phase=result.in_phase[:orders],
+        in_phase_deviation=result.in_phase_deviation[:orders],
+        going_on=float(incident[orders - 1]),
     )
 
 
@@ -276,183 +270,4 @@ def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
         taper=False,
         slabs=draft.flags.slabs,
         transmission=draft.flags.transmission,
-    )
-
-
-def _features(shape: ShapeAnalysis, sampling: SamplingPlan, n_patches: int) -> tuple[F64, F64]:
-    """Small features that random patches would not hit often enough, strongest first: points, sizes."""
-    points, sizes = shape.features
-    if not len(points):
-        return points, sizes
-    window, spacing = sampling.window, sampling.spacings.coherent
-    middle = sampling.scene.radar.track.center_position
-    met = n_patches * sizes**2 / (4.0 * window.half_x * window.half_y)
-    xy = project(points, middle, window.frame)
-    inside = (np.abs(xy) <= [window.half_x, window.half_y]).all(axis=1)
-    keep = inside & (met < ENOUGH_PATCHES) & (sizes > 0.5 * spacing)
-    points, sizes = points[keep], sizes[keep]
-    # features larger than a patch get several
-    repeat = np.clip(np.ceil(sizes / (0.5 * SIDE * spacing)), 1, 4).astype(int)
-    return np.repeat(points, repeat, axis=0), np.repeat(sizes, repeat)
-
-
-def _place(
-    sampling: SamplingPlan,
-    pulse: int,
-    per_pulse: int,
-    points: F64,
-    sizes: F64,
-    rng: np.random.Generator,
-) -> _Patches:
-    window, spacing = sampling.window_at(pulse), sampling.spacings.coherent
-    n_features = min(len(points), per_pulse // 2)
-    n_random = per_pulse - n_features
-    half = np.array([window.half_x, window.half_y])
-    centre = rng.uniform(-half, half, (n_random, 2))
-    if n_features:
-        aim = project(points[:n_features], sampling.scene.radar.track.position[pulse], window.frame)
-        # the first patch of a feature is centred on it; further patches of a larger one are spread over it
-        first = np.ones(n_features, dtype=bool)
-        first[1:] = (np.diff(points[:n_features], axis=0) != 0).any(axis=1)
-        spread = np.where(first, 0.0, 0.5 * sizes[:n_features])[:, None]
-        aim = np.clip(aim + rng.uniform(-1.0, 1.0, aim.shape) * spread, -half, half)
-        centre = np.concatenate([centre, aim])
-    turn = 0.15 + (LATTICE_TURN % (0.25 * np.pi - 0.3))
-    step = (np.arange(SIDE) - 0.5 * (SIDE - 1)) * spacing
-    i, j = (a.ravel() for a in np.meshgrid(step, step, indexing="ij"))
-    x = centre[:, :1] + (i * np.cos(turn) - j * np.sin(turn))
-    y = centre[:, 1:] + (i * np.sin(turn) + j * np.cos(turn))
-    grid = LaunchGrid(
-        x.astype(np.float32).ravel(),
-        y.astype(np.float32).ravel(),
-        spacing,
-        turn,
-        window.half_x,
-        window.half_y,
-        window.taper,
-    )
-    return _Patches(grid, n_random, n_features)
-
-
-def _fade() -> F64:
-    """Amplitude taper of a patch, (SIDE, SIDE)."""
-    fade = np.cos(np.pi * (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE) ** 2
-    return np.outer(fade, fade)
-
-
-class _PatchAccumulator:
-    """Accumulator of coherent sums by patch, kind of return and bounce order; two channels."""
-
-    def __init__(self, n_patches: int, orders: int, wavelength: float, reference_range: float) -> None:
-        self.n_lanes, self.orders = n_patches * SIDE**2, orders
-        self.wavelength, self.reference_range = wavelength, reference_range
-        self.memory = dr.zeros(mi.Float, 4 * n_patches * len(KINDS) * orders)
-        self.moments = dr.zeros(mi.Float, 4 * n_patches * orders)
-        self.incident = dr.zeros(mi.Float, n_patches * orders)
-        self.fade = device_array(mi.Float, _fade().astype(np.float32))
-
-    def begin(self) -> tuple[Any, ...]:
-        """The lane's number."""
-        return (dr.arange(mi.UInt32, self.n_lanes),)
-
-    def visit(
-        self, state: tuple[mi.UInt32, ...], ray: RayState, hit: Hit
-    ) -> tuple[tuple[mi.UInt32, ...], mi.UInt32 | None]:
-        """Add up the power incident at every bounce; see :class:`sarmitsuba.trace.kernel.Follower`."""
-        power = sum(dr.squared_norm(re) + dr.squared_norm(im) for re, im in ray.fields)
-        share = power / (len(ray.fields) * SIDE**2)
-        row = (state[0] // SIDE**2) * dr.opaque(mi.UInt32, self.orders) + hit.order - 1
-        dr.scatter_add(self.incident, share, row, hit.active)
-        return state, ray.trail
-
-    def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
-        """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
-        (lane,), active = state, contribution.active
-        patch = lane // SIDE**2
-        weight = dr.gather(mi.Float, self.fade, lane - patch * SIDE**2, active)
-        offset = contribution.slant_range - dr.opaque(mi.Float64, self.reference_range)
-        phase = phase_factor(offset, self.wavelength)
-        hh, vv = (a * phase * weight for a in contribution.amplitudes)
-        orders = dr.opaque(mi.UInt32, self.orders)
-        # of a path back along its chain: the bounce at which it turns, which is as deep as rays are followed for it
-        turns = contribution.kind == RECIPROCAL
-        order = dr.minimum(dr.select(turns, (contribution.order + 1) >> 1, contribution.order), orders)
-        row = (patch * len(KINDS) + contribution.kind) * orders + order - 1
-        dr.scatter_add(self.memory, mi.Vector4f(hh.real, hh.imag, vv.real, vv.imag), row, active)
-        # place of the coherent return in the image: amplitude, and slant range and range rate weighted by it
-        strength = dr.sqrt(dr.squared_norm(hh) + dr.squared_norm(vv))
-        moments = mi.Vector4f(
-            strength, strength * mi.Float(offset), strength * mi.Float(contribution.range_rate), 0.0
-        )
-        row = patch * orders + order - 1
-        dr.scatter_add(self.moments, moments, row, active & (contribution.kind == COHERENT))
-        return state
-
-
-def _trace(
-    trace_scene: TraceScene,
-    sampling: SamplingPlan,
-    flags: KernelFlags,
-    pulse: int,
-    patches: _Patches,
-    orders: int,
-) -> tuple[F64, F64, PatchReturns]:
-    """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, reciprocal, and their coherent sum.
-
-    And the share (patches, orders) of a patch's launched power that is incident at each bounce, and the coherent
-    returns of the random patches.
-    """
-    radar, window = sampling.scene.radar, sampling.window_at(pulse)
-    pick = slice(pulse, pulse + 1)
-    position, velocity = radar.track.position[pick], radar.track.velocity[pick]
-    states = AntennaStates(position, velocity, pick)
-    batch = pulse_batch(radar, states, window.frame, patterned=flags.antenna_pattern)
-    reference = float(np.linalg.norm(window.center - position[0]))
-    settings = KernelSettings(
-        wavelength=radar.waveform.wavelength,
-        max_depth=orders,
-        cell=sampling.scatterer_cell,
-        seed=sampling.scene.settings.seed,
-        amplitude=reference**2,
-        reference_range=reference,
-        up=polarisation_up(radar, window.center, position[0]),
-    )
-    n = patches.n_random + patches.n_features
-    accumulator = _PatchAccumulator(n, orders, radar.waveform.wavelength, reference)
-    kernel = Kernel.of(trace_scene, patches.grid, batch, flags, settings)
-    with KernelRecording(kernel.flags):
-        _, state = trace(kernel, radar.antenna, accumulator)
-    dr.eval(state, accumulator.memory, accumulator.moments, accumulator.incident)
-    sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), orders, len(CHANNELS), 2)
-    field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
-    letters = linear_letters(radar.channels)
-    used = [i for i, c in enumerate(CHANNELS) if c[0] in letters]
-    field = field[..., used]
-    power = np.zeros((4, n, orders))
-    power[:3] = np.square(np.abs(field)).mean(axis=-1).swapaxes(0, 1)
-    power[3] = np.square(np.abs(field.sum(axis=1))).mean(axis=-1)
-    moments = accumulator.moments.numpy().astype(np.float64).reshape(n, orders, 4)[: patches.n_random]
-    place = moments[..., 1:3] / np.maximum(moments[..., :1], np.finfo(np.float64).tiny)
-    fade, spacing = _fade().sum(axis=0), sampling.spacings.coherent
-    width, correction = azimuth_bin(fade, spacing, sampling.azimuth_cell)
-    returns = PatchReturns(
-        field[: patches.n_random, KINDS.index("coherent")],
-        place[..., 0],
-        place[..., 1],
-        sampling.range_cell,
-        width * _turn_rate(radar, window.center, pulse),
-        correction * window.area / spacing**2 * float(np.square(_fade()).sum() / np.square(_fade().sum())),
-    )
-    return power, accumulator.incident.numpy().astype(np.float64).reshape(n, orders), returns
-
-
-def _turn_rate(radar: Radar, point: F64, pulse: int) -> float:
-    """Angular rate of the line of sight, mean over the antennas, rad/s: range rate over distance along azimuth."""
-    return float(
-        np.mean(
-            [
-                np.linalg.norm(t.velocity[pulse]) / np.linalg.norm(t.position[pulse] - point)
-                for t in radar.tracks
-            ]
-        )
     )

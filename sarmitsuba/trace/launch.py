@@ -48,6 +48,7 @@ class LaunchGrid:
     levels : sets of rays of different spacings, where some faces need denser rays; empty: one spacing
     frame : launch plane of this lattice; None: that of the launch window
     pulses : first pulse that these rays serve, and the one after the last; None: all
+    n_own : number of the pulses whose rays ``x`` and ``y`` hold in turn, equally many each; 1: all have the same
     """
 
     x: F32
@@ -61,6 +62,7 @@ class LaunchGrid:
     frame: "LaunchFrame | None" = None
     levels: tuple[LatticeLevel, ...] = ()
     pulses: tuple[int, int] | None = None
+    n_own: int = 1
 
     def serves(self, pulse: int) -> bool:
         """Whether these rays are launched for a pulse."""
@@ -68,8 +70,8 @@ class LaunchGrid:
 
     @property
     def n_rays(self) -> int:
-        """Number of rays."""
-        return int(self.x.size)
+        """Number of rays of a pulse."""
+        return int(self.x.size) // self.n_own
 
     @property
     def every_level(self) -> tuple[LatticeLevel, ...]:
@@ -127,10 +129,11 @@ def project(points: F64, antenna: F64, frame: LaunchFrame) -> F64:
     """(..., 2) coordinates in the first launch plane of scene points (..., 3) seen from the antenna, m."""
     c, ux, uy = frame.center[0], frame.axis_x[0], frame.axis_y[0]
     w = cross(ux, uy)
-    ray = points - antenna
-    t = ((c - antenna) @ w) / (ray @ w)
-    hit = antenna + ray * t[..., None] - c
-    return np.stack([hit @ ux, hit @ uy], axis=-1)
+    # columns: products of many rows of three with a vector are slow
+    ray = [points[..., k] - antenna[k] for k in range(3)]
+    t = ((c - antenna) @ w) / (ray[0] * w[0] + ray[1] * w[1] + ray[2] * w[2])
+    hit = [antenna[k] + ray[k] * t - c[k] for k in range(3)]
+    return np.stack([hit[0] * u[0] + hit[1] * u[1] + hit[2] * u[2] for u in (ux, uy)], axis=-1)
 
 
 def window_of(points: F64, antenna: F64, frame: LaunchFrame) -> tuple[F64, F64]:

@@ -41,7 +41,8 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     n_rays = dr.opaque(u32, grid.n_rays)
     pulse = number // n_rays
     ray = number - pulse * n_rays
-    gx, gy = (dr.gather(f32, device_array(f32, x), ray) for x in (grid.x, grid.y))
+    row = number if grid.n_own > 1 else ray
+    gx, gy = (dr.gather(f32, device_array(f32, x), row) for x in (grid.x, grid.y))
     plane = pulse if pulses.frame.center.shape[0] > 1 else dr.zeros(u32, 1)
     center, axis_x, axis_y = (
         dr.gather(v64, vector_rows(rows), plane)

@@ -14,8 +14,9 @@ from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.boundary_edges import N_EDGES, boundary_edges, facets
+from sarmitsuba.mesh.boundary_edges import N_EDGES, facets
 from sarmitsuba.mesh.curvature import facet_curvature
+from sarmitsuba.mesh.edge_pairs import edge_pairs
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_needs, slant_factor
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
@@ -271,19 +272,19 @@ def build_trace_scene(
     vertex = weld(triangles.reshape(-1, 3))
     if movers is not None:  # surfaces with different motions share no edge
         vertex = movers.apart(vertex)
-    piece = piece_of(triangles, vertex)
+    pairs = edge_pairs(vertex)
+    piece = piece_of(triangles, vertex, pairs)
     area, width = piece_sizes(triangles, piece)
     largest = np.minimum(width, np.sqrt(area / LEAST_SCATTERERS)).astype(np.float32)
     group = geometry.face_group[rows_kept]
     bend = facet_curvature(triangles, group, wavelength, vertex)
     curved = None if bend is None else np.asarray((bend != 0.0).any(axis=1))
-    flat = facets(triangles, vertex, curved, wavelength)
+    flat = facets(triangles, vertex, curved, wavelength, pairs)
     sizes = part_sizes(triangles, flat.part, area, width, curved)
     round_need = None if curved is None else round_needs(triangles, vertex, flat.part, curved, wavelength)
     needs = ray_needs(area, width, sizes, bend, round_need, wavelength)
     if antenna is not None:
         needs = (needs[0], needs[1] * slant_factor(triangles, antenna))
-    pieces = boundary_edges(triangles, vertex, np.ones(len(triangles), dtype=bool)) if flat.creased else None
     info = np.stack(
         [
             material
@@ -304,7 +305,7 @@ def build_trace_scene(
         mi_scene=intersector(corners),
         face_table=device_array(mi.Float64, _packed(triangles)),
         edge_table=_table32(flat.edges),
-        piece_table=None if pieces is None else _table32(pieces),
+        piece_table=None if flat.uncreased is None else _table32(flat.uncreased),
         face_info=device_array(mi.UInt32, info.astype(np.uint32)),
         material_table=material_table,
         diffuse_table=diffuse_table,
@@ -423,9 +424,15 @@ def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[
     Where faces of different material overlap in one plane, which of them a ray hits depends on their order; a
     fixed order makes that choice, and with it the image, the same however the file lists its faces.
     """
-    centroid = geometry.vertices[geometry.faces[visible]].mean(axis=1)
-    keys = (geometry.face_material[visible], centroid[:, 2], centroid[:, 1], centroid[:, 0])
-    return np.lexsort(keys)
+    a, b, c = (geometry.vertices[corner] for corner in geometry.faces[visible].T)
+    x, y, z = ((a + b + c) / 3.0).T
+    order = np.argsort(x, kind="stable")
+    repeated = np.zeros(order.size, dtype=bool)
+    repeated[1:] = x[order[1:]] == x[order[:-1]]
+    repeated[:-1] |= repeated[1:]
+    rest = order[repeated]  # the other keys decide
+    order[repeated] = rest[np.lexsort((geometry.face_material[visible][rest], z[rest], y[rest], x[rest]))]
+    return order
 
 
 __all__ = [

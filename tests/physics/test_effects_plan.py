@@ -17,7 +17,9 @@ from sarmitsuba.mesh.tessellate import cube, sphere
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene, run_pilot
+from sarmitsuba.simulation.pilot_patches import CHANNELS, patch_echoes, place_patches
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.trace.scene_tables import build_trace_scene
 
 PEC = Material("pec", pec=True)
 SOIL = Material(
@@ -235,6 +237,42 @@ def test_pilot_power_is_in_square_metres(base: Scene) -> None:
     rcs = 4 * np.pi * side**4 / (3 * base.radar.waveform.wavelength**2)
     # tol: the fade-out over the reflector, at most a factor 4 in power; discretisation
     assert 0.2 * rcs < result.peak[0, 2] < 1.2 * rcs
+
+
+@pytest.mark.slow
+def test_pulses_launched_together_return_as_those_launched_alone(base: Scene) -> None:
+    target = scene(base, plain(90.0), trihedral(base, [13.0, -21.0, 0.05], 0.6))
+    sampling = SamplingPlan.of(target)
+    built = build_trace_scene(target.geometry, target.materials, base.radar.waveform.wavelength)
+    flags = replace(sampling.flags, channels=CHANNELS, taper=False)
+    pulses = [0, base.radar.track.n_pulses // 3, base.radar.track.n_pulses - 1]
+    point, size = np.array([[13.0, -21.0, 0.05]]), np.array([1.0])
+    rng = np.random.default_rng(5)
+    patches = [place_patches(sampling, pulse, 40, point, size, rng) for pulse in pulses]
+    together = patch_echoes(built, sampling, flags, pulses, patches, 4)
+    for pulse, patch, found in zip(pulses, patches, together, strict=True):
+        (alone,) = patch_echoes(built, sampling, flags, [pulse], [patch], 4)
+        # tol: float32 sums, of phases relative to another range
+        for name in ("power", "incident"):
+            scale = getattr(alone, name).max()
+            np.testing.assert_allclose(
+                getattr(found, name), getattr(alone, name), rtol=1e-3, atol=1e-5 * scale
+            )
+        # tol: ranges in m, weighted in float32
+        lit = alone.returns.slant_range != 0.0
+        assert found.returns.slant_range[lit] == pytest.approx(alone.returns.slant_range[lit], abs=1e-3)
+    assert together[0].power[0].max() > 0.0 and together[0].power[1].max() > 0.0
+
+
+@pytest.mark.slow
+def test_a_deep_pilot_has_as_few_bounces_as_settle_it(base: Scene) -> None:
+    target = scene(base, plain(90.0), trihedral(base, [13.0, -21.0, 0.05], 0.6))
+    draft = plan_effects(target, warn=False)
+    sampling = SamplingPlan.of(target, draft.flags)
+    deep, shallow = (run_pilot(draft, sampling, orders=n) for n in (64, 16))
+    assert deep.n_orders == shallow.n_orders == 16 and deep.settled(target.settings.tolerance_db)
+    # tol: float32 sums of more lanes in another order
+    np.testing.assert_allclose(deep.mean, shallow.mean, rtol=1e-4, atol=1e-6 * shallow.mean.max())
 
 
 def test_explicit_choices_are_obeyed_and_said(base: Scene) -> None:

@@ -8,7 +8,7 @@ import pytest
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.boundary_edges import boundary_edges, facets
+from sarmitsuba.mesh.boundary_edges import facets
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.raw import simulate
@@ -91,7 +91,7 @@ def test_every_triangle_of_a_rectangle_knows_its_four_sides(turn: float, shift: 
     a = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([np.column_stack([a, a + 9, a + 10]), np.column_stack([a, a + 10, a + 1])])
     point = np.array([1.0, 0.75, 0.0]) @ axes + [shift, shift, 0.0]
-    for side, triangle in zip(boundary_edges(grid[faces]), grid[faces], strict=True):
+    for side, triangle in zip(facets(grid[faces]).edges, grid[faces], strict=True):
         found = distances(side, triangle, point)
         assert found == pytest.approx([0.75, 1.0, 1.25, 3.0], abs=2e-4)  # m; float32 at 1 km is good to 6e-5
 
@@ -115,8 +115,27 @@ def test_an_l_is_cut_into_convex_parts() -> None:
 
 def test_a_lone_triangle_has_three_sides() -> None:
     corners = outline([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    found = distances(boundary_edges(corners)[0], corners[0], [0.25, 0.25])
+    found = distances(facets(corners).edges[0], corners[0], [0.25, 0.25])
     assert found == pytest.approx([0.25, 0.25, np.sqrt(0.125)], abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_boundaries_without_creases_are_those_of_a_smooth_surface(seed: int) -> None:
+    """Hills of flat patches: creases below 20 degrees bound the facets only, steps bound both."""
+    rng = np.random.default_rng(seed)
+    n = 13
+    x, y = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    height = 0.12 * np.abs((x // 3 + rng.integers(0, 4)) % 5 - 2) * x + 0.3 * rng.random((n, n)) * (y > 7)
+    height += 2.0 * (x > 9)
+    grid = np.stack([x, y, height], axis=-1).reshape(-1, 3).astype(float)
+    a = (x[:-1, :-1] * n + y[:-1, :-1]).ravel()
+    faces = np.concatenate([np.column_stack([a, a + n, a + n + 1]), np.column_stack([a, a + n + 1, a + 1])])
+    corners = grid[rng.permutation(faces)]
+    found = facets(corners, wavelength=0.03)
+    smooth = facets(corners, curved=np.ones(len(corners), dtype=bool))
+    assert smooth.uncreased is None and found.uncreased is not None
+    assert (found.edges != found.uncreased).any() and (found.edges == found.uncreased).all(axis=(1, 2)).any()
+    np.testing.assert_array_equal(found.uncreased, smooth.edges)
 
 
 # m; patterns do not depend on it

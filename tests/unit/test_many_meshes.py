@@ -63,7 +63,8 @@ def test_plain_files_are_read_as_trimesh_reads_them(seed: int, tmp_path: Path) -
     rng = np.random.default_rng(seed)
     v, f = drawn_mesh(rng)
     kind = rng.choice(list(FLOATS))
-    extra = [("nx", kind), ("ny", kind), ("nz", kind), ("red", "uchar"), ("alpha", "uchar")]
+    extra = [("nx", kind), ("ny", kind), ("nz", kind), ("s", "float"), ("t", "float"), ("Col_0", kind)]
+    extra += [("red", "uchar"), ("alpha", "uchar")]
     extra = extra[: rng.integers(0, len(extra) + 1)]
     types = [("x", FLOATS[kind]), ("y", FLOATS[kind]), ("z", FLOATS[kind])]
     types += [(name, "u1" if each == "uchar" else FLOATS[each]) for name, each in extra]
@@ -82,7 +83,7 @@ def test_plain_files_are_read_as_trimesh_reads_them(seed: int, tmp_path: Path) -
     path.write_bytes(end.join(lines).encode() + rows.tobytes() + faces.tobytes())
     found = read_ply(path)
     assert found is not None
-    general = trimesh.load_mesh(path, process=False)
+    general = trimesh.load_mesh(path, process=False, fix_texture=False)  # vertices as stored
     np.testing.assert_array_equal(found[0], np.asarray(general.vertices, dtype=np.float64))
     np.testing.assert_array_equal(found[1], general.faces)
 
@@ -101,7 +102,8 @@ def test_other_layouts_are_left_to_the_general_reader(tmp_path: Path) -> None:
         "another order": whole.replace(b"double x", b"double q"),
         "a quad": whole[:-13] + b"\x04" + whole[-12:],
         "many vertices": whole.replace(b"vertex 8", b"vertex 9999999999"),
-        "texture coordinates": whole.replace(b"double z", b"double z\nproperty float s"),
+        "a coordinate twice": whole.replace(b"double z", b"double z\nproperty double z"),
+        "one number too many": whole.replace(b"double z", b"double z\nproperty float s"),
         "empty": b"",
     }
     for name, content in others.items():

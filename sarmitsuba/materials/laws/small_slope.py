@@ -56,9 +56,8 @@ def small_slope_spectrum(
         # (Q s)^2n e^-(Q s)^2 / n! over Q^2, with s^2 of the first order taken out: no 0/0 at grazing
         weight = s * s * np.exp((n - 1.0) * np.log(phase2) - gammaln(n + 1.0) - phase2)
         kept = weight > 1e-17 * weight.max()
-        for column, x in enumerate(sine):
-            spectrum = roughness_spectrum(n[kept], 2.0 * k * float(x), correlation_length, "exponential")
-            out[row, column] = 8.0 * k**4 * float(weight[kept] @ spectrum)
+        spectra = roughness_spectrum(n[kept], 2.0 * k * sine[:, None], correlation_length, "exponential")
+        out[row] = [8.0 * k**4 * float(weight[kept] @ spectrum) for spectrum in spectra]
     return out
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.boxes import box_of_each
 from sarmitsuba.scene.scene import Scene
 
 # largest share of rays that ground in front of the image may add to a launch window
@@ -102,7 +103,7 @@ def bounce_ground(scene: Scene, axes: F64, middle: F64, away: F64, incidence: fl
     if not _overlap(vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0), half, reach, toward):
         return None
     corner = vertices[geometry.faces]
-    low, high = corner.min(axis=1), corner.max(axis=1)
+    low, high = box_of_each(corner)
     (steep, _), visible = steep_faces(scene), visible_faces(scene)
     tall = visible & steep & (high[:, 2] > 1e-6)
     tall &= (low[:, :2] < half).all(axis=1) & (high[:, :2] > -half).all(axis=1)

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
-from sarmitsuba.boxes import box_corners
+from sarmitsuba.boxes import box_corners, box_of_each
 from sarmitsuba.trace.launch import LaunchFrame, project
 
 # largest length of the parts into which triangles are cut, steps of the lattice: the motion between the antenna
@@ -167,7 +167,7 @@ class _Outlines:
         rows = np.arange(len(points))
         left, right = _hull_lines(points, combinations(range(points.shape[1]), 2))
         at_left, at_right = (points[rows, pick(points[..., 1], axis=1), 0] for pick in (np.argmin, np.argmax))
-        return _Outlines(points.min(axis=1), points.max(axis=1), left, right, at_left, at_right)
+        return _Outlines(*box_of_each(points), left, right, at_left, at_right)
 
     @staticmethod
     def of_ring(ring: F64) -> "_Outlines":
@@ -234,8 +234,8 @@ def _stretches(corners: F64, piece: I64, longest: float) -> I64:
     _, number = np.unique(piece, return_inverse=True)
     order = np.argsort(number, kind="stable")
     start = np.flatnonzero(np.diff(number[order], prepend=-1))
-    low = np.minimum.reduceat(corners.min(axis=1)[order], start)
-    high = np.maximum.reduceat(corners.max(axis=1)[order], start)
+    least, most = box_of_each(corners)
+    low, high = np.minimum.reduceat(least[order], start), np.maximum.reduceat(most[order], start)
     axis = (high - low).argmax(axis=1)[number]
     row = np.arange(len(corners))
     along = (corners.mean(axis=1)[row, axis] - low[number, axis]) / longest
@@ -332,9 +332,9 @@ def _may_reach(
     box = box_corners(np.stack([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))]))
     if all((np.abs(project(box, antenna, frame)) <= reach).all() for antenna in antennas):
         return np.ones(len(triangles), dtype=bool)
-    seen = [project(triangles, antenna, frame) for antenna in antennas]
-    least = np.min([corners.min(axis=1) for corners in seen], axis=0)
-    most = np.max([corners.max(axis=1) for corners in seen], axis=0)
+    least, most = box_of_each(
+        np.concatenate([project(triangles, antenna, frame) for antenna in antennas], axis=1)
+    )
     return np.asarray((least <= reach).all(axis=1) & (most >= -np.asarray(reach)).all(axis=1))
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.boxes import box_of_each, boxes_meet
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.map_materials import with_parts
@@ -59,7 +60,7 @@ class PairEstimate:
 
 def run_pairs(site: Site, pilot: PairEstimate) -> SurfacePairs:
     """SurfacePairs of a run, as many as their sampling error requires."""
-    return scene_pairs(site, _cell_of_run(site, pilot))
+    return scene_pairs(site, _cell_of_run(site, pilot, _pair_areas(site)))
 
 
 def pair_level(site: Site) -> PairLevel:
@@ -69,7 +70,8 @@ def pair_level(site: Site) -> PairLevel:
     ----------
     site : of the run
     """
-    pilot = estimate_pairs(site, pilot_cell(site, PILOT_POINTS))
+    areas = _pair_areas(site)
+    pilot = estimate_pairs(site, _cell_for(areas, PILOT_POINTS))
     total = float(pilot.power.sum())
     count = int((pilot.power > 0.0).sum())
     if not total or not pilot.pairs.clutter:
@@ -83,7 +85,7 @@ def pair_level(site: Site) -> PairLevel:
             cell=pilot.cell,
         )
     strongest, square = _strongest(site, pilot)
-    cell = _cell_of_run(site, pilot)
+    cell = _cell_of_run(site, pilot, areas)
     finer = cell / pilot.cell
     share = total / pilot.pairs.clutter
     return PairLevel(
@@ -111,8 +113,8 @@ def scene_pairs(site: Site, cell: float) -> SurfacePairs:
     if not site.flags.texture:
         trace_scene = replace(trace_scene, surfaces=None)
     usable = _usable(site)
-    rows = np.flatnonzero(usable)
     box = site.box + np.array([[-cell], [cell]])
+    rows = np.flatnonzero(usable & boxes_meet(trace_scene.triangles, box))
     seed = site.scene.settings.seed
     samples = surface_samples(trace_scene.triangles[rows], cell, box, seed)
     samples = replace(samples, face=rows[samples.face])
@@ -149,27 +151,30 @@ def pilot_cell(site: Site, points: float) -> float:
     Similar looks and passes have the same. Oblique slivers have many more cells in their bounding rectangle than
     points: at most ``MOST_CELLS`` for each point are visited.
     """
-    area = max(*_pair_areas(site), 1e-6)
-    return _rounded_down(float(np.sqrt(area / points)))
+    return _cell_for(_pair_areas(site), points)
+
+
+def _cell_for(areas: tuple[float, float], points: float) -> float:
+    """As :func:`pilot_cell`, from the areas of :func:`_pair_areas`."""
+    return _rounded_down(float(np.sqrt(max(*areas, 1e-6) / points)))
 
 
 def expected_pair_points(site: Site) -> float:
     """Estimated number of points for the pairs of a run; the upper bound where no level is known."""
-    finest = max(pilot_cell(site, MOST_POINTS), FINEST * site.scatterer_cell)
+    areas = _pair_areas(site)
+    finest = max(_cell_for(areas, MOST_POINTS), FINEST * site.scatterer_cell)
     cell = site.pairs.cell if site.pairs is not None else finest
-    return _pair_areas(site)[0] / cell**2
+    return areas[0] / cell**2
 
 
 def _pair_areas(site: Site) -> tuple[float, float]:
     """Area on which points are drawn, in the planes of their cells, and area of the visited cells, m^2."""
-    triangles = _geometry(site).triangles[_usable(site)]
-    low, high = (
-        np.maximum(triangles.min(axis=1), site.box[0]),
-        np.minimum(triangles.max(axis=1), site.box[1]),
-    )
-    whole = np.prod(np.partition(triangles.max(axis=1) - triangles.min(axis=1), 1, axis=1)[:, 1:], axis=1)
-    size = np.maximum(high - low, 0.0)
-    within = np.prod(np.partition(size, 1, axis=1)[:, 1:], axis=1) * ~(high < low).any(axis=1)
+    triangles = _geometry(site).triangles
+    triangles = triangles[_usable(site) & boxes_meet(triangles, site.box)]
+    least, most = box_of_each(triangles)
+    whole = np.prod(np.partition(most - least, 1, axis=1)[:, 1:], axis=1)
+    size = np.minimum(most, site.box[1]) - np.maximum(least, site.box[0])
+    within = np.prod(np.partition(size, 1, axis=1)[:, 1:], axis=1)
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = 0.5 * np.linalg.norm(cross, axis=1) * within / np.maximum(whole, 1e-12)
     return float(area.sum()), spanned_area(triangles, site.box) / MOST_CELLS
@@ -192,14 +197,14 @@ def _realisation_error(site: Site, found: PairEstimate) -> float:
     return 0.25 * resolved * float((fourth[lit] / power[lit]).sum()) / found.pairs.clutter
 
 
-def _cell_of_run(site: Site, pilot: PairEstimate) -> float:
+def _cell_of_run(site: Site, pilot: PairEstimate, areas: tuple[float, float]) -> float:
     """Edge of the cells of a run, m: the sampling error equals the tolerance, or the cells are as fine as allowed."""
     error = _realisation_error(site, pilot)
     if error == 0.0:
         return pilot.cell
     tolerance = 10.0 ** (site.scene.settings.tolerance_db / 10.0)
     wanted = _rounded_down(pilot.cell * float(np.sqrt(tolerance / error)))
-    finest = max(pilot_cell(site, MOST_POINTS), FINEST * site.scatterer_cell)
+    finest = max(_cell_for(areas, MOST_POINTS), FINEST * site.scatterer_cell)
     return min(pilot.cell, max(wanted, finest))
 
 

@@ -60,7 +60,7 @@ def limited(
 
     Parameters
     ----------
-    edges : 4-vectors of :func:`sarmitsuba.mesh.boundary_edges.boundary_edges`
+    edges : 4-vectors of :func:`sarmitsuba.mesh.boundary_edges.facets`
     point : hit point from the triangle's vertex 0, m
     u, v : edges of the tube's footprint, m
     """
