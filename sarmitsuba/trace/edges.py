@@ -210,7 +210,9 @@ class FringeCurrents(Scatterers):
                 self._wedge = self._wedge.reversed
             else:
                 rows = [self._row(index, i) for i in range(4)]
-                self._wedge = _Wedge.of(kernel, rows, incident, scattered, lambda leg: self._width(index, leg))
+                self._wedge = _Wedge.of(
+                    kernel, rows, incident, scattered, lambda leg: self._width(index, leg)
+                )
         return self._wedge.amplitude(e, q)
 
     def _width(self, index: mi.UInt32, turn: mi.Float) -> mi.Float:
