@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F32, F64, I64
+from sarmitsuba.mesh.connected import connected
 from sarmitsuba.mesh.pieces import SMOOTH_BEND, piece_sizes
 from sarmitsuba.mesh.welding import weld
 
@@ -185,8 +185,7 @@ class _TriangleEdges:
 def _connected(mate: I64) -> I64:
     """Connected part of each triangle, with ``mate`` (n, 3) across its edges, -1 for none."""
     row, k = np.nonzero(mate >= 0)
-    links = scipy.sparse.coo_matrix((np.ones(row.size), (row, mate[row, k])), shape=(len(mate), len(mate)))
-    return np.asarray(scipy.sparse.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
+    return connected(len(mate), row, mate[row, k])
 
 
 def _simple_facets(edges: _TriangleEdges, faces: I64, boundary: F64) -> NDArray[np.bool_]:
@@ -307,8 +306,7 @@ def _straight(
     bend = np.linalg.norm(np.cross(inward[a], inward[b]), axis=1)
     allowed = FLAT_BEND + 2.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
     go_on = (bend < allowed) & (np.einsum("ei,ei->e", inward[a], inward[b]) > 0.0)
-    links = scipy.sparse.coo_matrix((np.ones(int(go_on.sum())), (a[go_on], b[go_on])), shape=(n, n))
-    return np.asarray(scipy.sparse.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
+    return connected(n, a[go_on], b[go_on])
 
 
 def _sums(group: I64, rows: F64) -> F64:
