@@ -104,7 +104,7 @@ def test_auto_says_when_nothing_is_good_enough() -> None:
     assert "auto" not in FOCUSERS and isinstance(parse_focuser("auto"), Auto)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4, 5))])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 2, 3, 4, 5))])
 def test_stated_errors_hold(seed: int) -> None:
     """Of every focuser that states one, against the kernel of eight taps, which is at the end of float32."""
     rng = np.random.default_rng(seed)
