@@ -130,7 +130,7 @@ def ensure_backend(prefer: str | None = None) -> Backend:
 
 def _refuse_old_llvm(version: str | None) -> None:
     """Raise a BackendError where the LLVM that Dr.Jit has loaded cannot compile for this processor."""
-    if version and has_avx512() and int(version.partition(".")[0]) < _OLDEST_LLVM_AVX512:
+    if version and int(version.partition(".")[0]) < _OLDEST_LLVM_AVX512 and has_avx512():
         # it would end the process at the first kernel: "LLVM ERROR: Cannot select: fminimum"
         raise BackendError(
             f"LLVM {version} cannot compile for this processor (AVX-512), and Dr.Jit uses it already; call "
@@ -157,7 +157,7 @@ def _replace_llvm(dr: ModuleType) -> LlvmChoice | None:
     """
     version = llvm_version()
     major = int(version.partition(".")[0]) if version else 0
-    if dr.has_backend(dr.JitBackend.LLVM) and not (has_avx512() and major < _OLDEST_LLVM_AVX512):
+    if dr.has_backend(dr.JitBackend.LLVM) and not (major < _OLDEST_LLVM_AVX512 and has_avx512()):
         return None
     choice = find_llvm()
     at_work = dr.has_backend(dr.JitBackend.CUDA) or "No variables" not in dr.whos(as_string=True)

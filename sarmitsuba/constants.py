@@ -1,11 +1,10 @@
-"""Physical constants in SI units (CODATA values from SciPy), and conventions common to several stages."""
+"""Physical constants in SI units, and conventions common to several stages."""
 
-from scipy import constants as _codata
-
-SPEED_OF_LIGHT: float = _codata.c  # m/s, exact
-BOLTZMANN: float = _codata.k  # J/K, exact
-VACUUM_PERMITTIVITY: float = _codata.epsilon_0  # F/m
-VACUUM_IMPEDANCE: float = _codata.physical_constants["characteristic impedance of vacuum"][0]  # ohm
+# CODATA 2022 (Mohr et al., Rev. Mod. Phys. 97, 025002, 2025); the same with every version of SciPy
+SPEED_OF_LIGHT = 299792458.0  # m/s, exact
+BOLTZMANN = 1.380649e-23  # J/K, exact
+VACUUM_PERMITTIVITY = 8.8541878188e-12  # F/m
+VACUUM_IMPEDANCE = 376.730313412  # ohm
 
 # WGS-84: NIMA TR8350.2, 3rd ed. (2000), tables 3.1 and 3.2, with the gravitational constant refined in 1994
 EARTH_RADIUS = 6378137.0  # m, equatorial

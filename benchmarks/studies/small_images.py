@@ -3,7 +3,8 @@
 Usage: python benchmarks/studies/small_images.py [--images N]
 
 Each image is made twice in turn: by one thread, as short runs are, and by all threads of the pool. The pixels of both
-have the same bits. Medians of all images but the first quarter, which compiles and loads kernels.
+have the same bits. Medians of all images but the first quarter, which compiles and loads kernels. The last columns are
+the launches of an image by one thread and the part of its time in which Python records their kernels.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import tempfile
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,26 +61,44 @@ def measure(name: str, images: int) -> None:
     """Print one row."""
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.render import render
+    from sarmitsuba.trace.source import Launch
 
     run = importlib.import_module("sarmitsuba.simulation.run")
-    usual = run.ONE_THREAD
+    usual, record = run.ONE_THREAD, Launch.record
     taken: dict[str, list[float]] = {"one thread": [], "pool": []}
+    recorded: list[float] = []
+    recordings: list[tuple[int, float]] = []
+
+    def timed(self: Launch, *arguments: Any) -> Any:
+        before = time.process_time()
+        found = record(self, *arguments)
+        recorded.append(1e3 * (time.process_time() - before))
+        return found
+
+    Launch.record = timed  # type: ignore[method-assign]
     differ = 0
     for i in range(images):
         pixels = []
         for way in taken:
             run.ONE_THREAD = usual if way == "one thread" else 0.0
+            recorded.clear()
             before = time.process_time()
             scene = load_scene(name, parameters={"sar_antenna.heading_deg": str((7 + 13 * i) % 360)})
             image = render(scene)
             taken[way].append(1e3 * (time.process_time() - before))
             pixels.append(image.data)
+            if way == "one thread":
+                recordings.append((len(recorded), sum(recorded)))
         differ += int(not np.array_equal(*pixels))
-    run.ONE_THREAD = usual
+    run.ONE_THREAD, Launch.record = usual, record  # type: ignore[method-assign]
     one, pool = (statistics.median(values[images // 4 :]) for values in taken.values())
+    launches, recording = (
+        statistics.median(column) for column in zip(*recordings[images // 4 :], strict=True)
+    )
     size, pulses = " x ".join(str(n) for n in image.data.shape[1:]), scene.radar.track.n_pulses
     print(
         f"{Path(name).stem:12} {size:>10} {pulses:>7} {one:>12.0f} {pool:>10.0f} {one / pool:>6.2f} {differ:>8}"
+        f" {launches:>9.0f} {recording:>10.0f}"
     )
 
 
@@ -91,8 +111,9 @@ def main() -> None:
     warnings.simplefilter("ignore")
     print(
         f"{'scene':12} {'pixels':>10} {'pulses':>7} {'one thread':>12} {'pool':>10} {'ratio':>6} {'differ':>8}"
+        f" {'launches':>9} {'recording':>10}"
     )
-    print(f"{'':12} {'':>10} {'':>7} {'CPU ms':>12} {'CPU ms':>10}")
+    print(f"{'':12} {'':>10} {'':>7} {'CPU ms':>12} {'CPU ms':>10} {'':>6} {'':>8} {'':>9} {'CPU ms':>10}")
     with tempfile.TemporaryDirectory() as folder:
         car = Path(folder) / "car.xml"
         car.write_text(CAR, encoding="utf-8")

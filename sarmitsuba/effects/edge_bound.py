@@ -10,6 +10,8 @@ from sarmitsuba.mesh.sharp_edges import SharpEdges
 
 # margin of the fringe coefficients between two examined positions, amplitude
 MARGIN = 1.15
+# fringe amplitudes computed at once: few edges from all positions, or many from one
+_TOGETHER = 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,16 +122,26 @@ def _examine(
     """Replace the largest fringe amplitudes (positions, n) of the edges with the largest bounds by their own."""
     rank = (size * part).max(axis=0, initial=0.0)
     rows = np.arange(edges.n) if most >= edges.n else np.argpartition(-rank, most)[:most]
-    chosen, middle = edges.of(rows), edges.middle[rows, None]
+    if not rows.size:
+        return
+    chosen, middle = edges.of(rows), edges.middle[None, rows]
     same = aperture.receivers is aperture.places and mirrors[0] == mirrors[1]
-    for i, (place, receiver) in enumerate(zip(aperture.places, aperture.receivers, strict=True)):
-        out = _looks(middle, place, mirrors[0])[:, 0]
-        home = out if same else _looks(middle, receiver, mirrors[1])[:, 0]
-        size[i, rows] = fringe_bound(chosen.angle, chosen.inward, chosen.normal, out, home)
+    step = max(1, _TOGETHER // rows.size)
+    for first in range(0, len(size), step):
+        some = slice(first, first + step)
+        out = _looks(middle, aperture.places[some, None], mirrors[0])
+        count, out = len(out), out.reshape(-1, 3)
+        home = out
+        if not same:
+            home = _looks(middle, aperture.receivers[some, None], mirrors[1]).reshape(-1, 3)
+        angle, inward, normal = (
+            np.concatenate([values] * count) for values in (chosen.angle, chosen.inward, chosen.normal)
+        )
+        size[some, rows] = fringe_bound(angle, inward, normal, out, home).reshape(count, -1)
 
 
 def _looks(points: F64, place: F64, mirrored: bool) -> F64:
-    """Unit vectors (n, m, 3) from points to an antenna, or to its image in level ground."""
+    """Unit vectors (n, m, 3) from points to an antenna, or to its image in level ground; both may be broadcast."""
     look = place - points
     look /= np.linalg.norm(look, axis=2, keepdims=True)
     return look * np.array([1.0, 1.0, -1.0]) if mirrored else look

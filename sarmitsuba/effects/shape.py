@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.mesh.closed import enclosed_volume, is_closed
+from sarmitsuba.mesh.connected import connected
 from sarmitsuba.mesh.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
 from sarmitsuba.scene.geometry import Geometry
 
@@ -319,10 +320,7 @@ class ShapeAnalysis:
         n = int(f.max()) + 1
         rows = np.concatenate([f[:, 0], f[:, 1]])
         columns = np.concatenate([f[:, 1], f[:, 2]])
-        _, label = scipy.sparse.csgraph.connected_components(
-            scipy.sparse.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n)), directed=False
-        )
-        _, number = np.unique(label[f[:, 0]], return_inverse=True)
+        _, number = np.unique(connected(n, rows, columns)[f[:, 0]], return_inverse=True)
         return np.asarray(number.reshape(-1), dtype=np.int32)
 
     @property

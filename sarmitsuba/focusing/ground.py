@@ -1,7 +1,7 @@
 """Conversion from the slant grid of a straight track to a ground grid by band-limited interpolation over range."""
 
 import numpy as np
-import scipy.sparse
+import scipy
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.focusing.grid import natural_spacing

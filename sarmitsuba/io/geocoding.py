@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+import scipy
 
 from sarmitsuba.arrays import F32, F64
 from sarmitsuba.image.averaging import sliding_means
@@ -100,7 +100,7 @@ def north_up(image: SarImage, spacing: float = 0.0) -> NorthUp:
     column = (distance - grid.range[0]) / grid.range_spacing
     widths = (float(spacing / steps[0]), float(spacing / steps[1]))
     out = [
-        map_coordinates(
+        scipy.ndimage.map_coordinates(
             sliding_means(image.sigma0(channel), widths, "nearest"), [row, column], order=1, cval=np.nan
         )
         for channel in image.channels

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
@@ -313,7 +312,9 @@ def _aim_point(history: PhaseHistory, swath: float) -> F64:
     if float(np.abs(miss(np.zeros(2))).max()) < 0.01 * swath:
         return np.zeros(3)
     scale = float(np.median(wanted))
-    found = least_squares(miss, np.zeros(2), x_scale=scale, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    found = scipy.optimize.least_squares(
+        miss, np.zeros(2), x_scale=scale, xtol=1e-14, ftol=1e-14, gtol=1e-14
+    ).x
     if float(np.abs(miss(found)).max()) > 0.5 * swath:
         warnings.warn(
             f"{history.source}: no point at height 0 lies at the distances r0 (they are off by up to "

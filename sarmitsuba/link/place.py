@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.aperture_weights import (
@@ -186,4 +186,4 @@ def half_power_width(frequency: F64, weights: F64) -> float:
         last += _STEP
         if last > _REACH:
             return float("inf")
-    return 2.0 * float(brentq(above_half, last - _STEP, last, xtol=1e-6)) / spread
+    return 2.0 * float(scipy.optimize.brentq(above_half, last - _STEP, last, xtol=1e-6)) / spread

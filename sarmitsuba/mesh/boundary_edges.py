@@ -3,12 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F32, F64, I64
+from sarmitsuba.mesh.connected import connected
 from sarmitsuba.mesh.edge_pairs import edge_pairs, twins
-from sarmitsuba.mesh.pieces import SMOOTH_BEND, connected, piece_sizes
+from sarmitsuba.mesh.pieces import SMOOTH_BEND, piece_sizes
 from sarmitsuba.mesh.welding import weld
 
 # bend (rad) times width (wavelengths) below which narrow flat strips count as one surface: pi / 8 of phase
@@ -114,7 +114,7 @@ def facets(
     flat = off_plane < FLAT_BEND + np.maximum(tilt[own], tilt[other])  # tilt of both, so that they agree
     mate = np.full(3 * n, -1, dtype=np.int64)
     mate[here[flat]] = other[flat]
-    facet = connected(own[flat], other[flat], n)
+    facet = connected(n, own[flat], other[flat])
     smooth = flat if curved is None else flat | (curved[own] & curved[other])
     if wavelength > 0.0 and not smooth.all():
         width = piece_sizes(corners, facet)[1]
@@ -206,7 +206,7 @@ def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _FacetOutlines:
         cut = shared[whole]
         pairs = _paired(edges, cut)
         row, k = np.nonzero(pairs.mate >= 0)
-        facet = connected(row, pairs.mate[row, k], n)
+        facet = connected(n, row, pairs.mate[row, k])
         simple, lines = _simple_facets(pairs, facet, cut)
         lines[~simple] = edges.own(cut[~simple])
         inner[cut] = _cuts(pairs, edges.mate, cut, lines)
@@ -370,8 +370,7 @@ def _straight(
     bend = np.linalg.norm(np.cross(inward[a], inward[b]), axis=1)
     allowed = FLAT_BEND + 2.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
     go_on = (bend < allowed) & (np.einsum("ei,ei->e", inward[a], inward[b]) > 0.0)
-    links = scipy.sparse.coo_matrix((np.ones(int(go_on.sum())), (a[go_on], b[go_on])), shape=(n, n))
-    return np.asarray(scipy.sparse.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
+    return connected(n, a[go_on], b[go_on])
 
 
 def _sums(group: I64, rows: F64) -> F64:

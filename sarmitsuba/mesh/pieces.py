@@ -1,11 +1,11 @@
 """Smooth pieces of surface without a crease, and their sizes."""
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.boxes import box_of_each
+from sarmitsuba.mesh.connected import connected
 
 # bend of an edge below which the surface continues across it, rad
 SMOOTH_BEND = np.radians(20.0)
@@ -32,13 +32,7 @@ def piece_of(corners: F64, vertex: I64, pairs: tuple[I64, I64]) -> I64:
     alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)
     bend = alike * np.einsum("ei,ei->e", normal[a // 3], normal[b // 3])
     joined = bend > np.cos(SMOOTH_BEND)
-    return connected(a[joined] // 3, b[joined] // 3, n)
-
-
-def connected(row: I64, other: I64, n: int) -> I64:
-    """Connected part of each of ``n`` triangles, (n,), those of ``row`` being connected to those of ``other``."""
-    links = scipy.sparse.coo_matrix((np.ones(row.size, dtype=np.int8), (row, other)), shape=(n, n))
-    return np.asarray(scipy.sparse.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
+    return connected(n, a[joined] // 3, b[joined] // 3)
 
 
 def piece_sizes(corners: F64, piece: I64) -> tuple[F64, F64]:

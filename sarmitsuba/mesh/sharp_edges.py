@@ -1,6 +1,7 @@
 """Sharp edges of metal: edges of open sheets and wedges between two facets."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ class SharpEdges:
         """Number of edges."""
         return int(self.length.size)
 
-    @property
+    @cached_property
     def along(self) -> F64:
         """(n, 3) unit vectors of the edges."""
         return np.cross(self.inward[:, 0], self.normal[:, 0])

@@ -1,10 +1,10 @@
 """Smooth groups: sets of faces that represent one curved or flat surface."""
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from sarmitsuba.arrays import F64, I32, I64
+from sarmitsuba.mesh.connected import connected
 from sarmitsuba.mesh.welding import weld
 
 # edges with more faces than this (hubs of fans of billboards) join no faces
@@ -76,9 +76,7 @@ def smooth_groups(
         cols.append(b[smooth])
     row = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
     col = np.concatenate(cols) if cols else np.zeros(0, dtype=np.int64)
-    graph = scipy.sparse.coo_matrix((np.ones(row.size, dtype=np.int8), (row, col)), shape=(n_f, n_f))
-    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    return np.asarray(label, dtype=np.int32)
+    return connected(n_f, row, col).astype(np.int32)
 
 
 def _unit_normals(v: F64, f: I64) -> F64:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 from sarmitsuba.arrays import C64
@@ -69,25 +70,39 @@ class BatchTracer:
         self.tracer, self.rays, self.n_layers, self.max_order = tracer, rays, n_layers, max_order
 
     def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
-        """Trace one batch, with the lattices of its ray subset or with given ones."""
+        """Trace one batch.
+
+        Parameters
+        ----------
+        batch : pulses and ray subset
+        lattices : other rays than those of the subset; without the echoes of scatterers at known positions, which do
+            not depend on the rays
+        """
+        only_rays = lattices is not None
         if lattices is None:
             middle = batch.start + (batch.stop - batch.start) // 2
             lattices = self.rays.at(middle if batch.together else batch.start)[batch.subset]
         n_pulses = 1 if batch.together else batch.stop - batch.start
+
+        def wanted(part: Part, *, every_pulse: bool) -> bool:
+            return part.every_pulse == every_pulse and (part.rays > 0 or not only_rays)
+
         if batch.together:
             block = KeyPulse(self.tracer.sampling, batch.start, batch.stop)
-            profiles, statistics = self._profiles(block, lattices, lambda part: not part.every_pulse)
-            if any(launch.part.every_pulse for launch in self.tracer.launches(lattices, 1)):
+            profiles, statistics = self._profiles(block, lattices, partial(wanted, every_pulse=False))
+            if any(wanted(launch.part, every_pulse=True) for launch in self.tracer.launches(lattices, 1)):
                 step = self.pulses_per_launch(0)
                 for start in range(batch.start, batch.stop, step):
                     stop = min(start + step, batch.stop)
                     pulses = EveryPulse(self.tracer.sampling, start, stop)
-                    apart, more = self._profiles(pulses, lattices, lambda part: part.every_pulse)
+                    apart, more = self._profiles(pulses, lattices, partial(wanted, every_pulse=True))
                     profiles[:, start - batch.start : stop - batch.start] += apart
                     statistics = statistics.plus(more)
         else:
             pulses = EveryPulse(self.tracer.sampling, batch.start, batch.stop)
-            profiles, statistics = self._profiles(pulses, lattices, lambda part: True)
+            profiles, statistics = self._profiles(
+                pulses, lattices, lambda part: part.rays > 0 or not only_rays
+            )
         # the subsets after the first have the same pulses
         statistics = replace(statistics, key_pulses=0 if batch.subset else n_pulses)
         return Traced(batch, profiles, statistics, self.tracer.largest_grid)

@@ -383,7 +383,7 @@ class Blocks:
         return out
 
     def _at(self, rays: Sequence[LaunchGrid], pulse: int) -> C64:
-        """Profiles (n_layers, n_samples) of one pulse with given rays."""
+        """Profiles (n_layers, n_samples) of one pulse with given rays: echoes of surfaces."""
         return self.batches.trace(Batch(0, pulse, pulse + 1, together=True), rays).profiles[:, 0]
 
 

@@ -206,9 +206,14 @@ class FringeCurrents(Scatterers):
     ) -> mi.Complex2f:
         """See the class."""
         if self._wedge is None or not self._wedge.sees(incident, scattered):
-            # one wedge for all channels of two legs
-            rows = [self._row(index, i) for i in range(4)]
-            self._wedge = _Wedge.of(kernel, rows, incident, scattered, lambda leg: self._width(index, leg))
+            # one wedge for all channels of two legs, and for the reversed path
+            if self._wedge is not None and self._wedge.sees(scattered, incident):
+                self._wedge = self._wedge.reversed
+            else:
+                rows = [self._row(index, i) for i in range(4)]
+                self._wedge = _Wedge.of(
+                    kernel, rows, incident, scattered, lambda leg: self._width(index, leg)
+                )
         return self._wedge.amplitude(e, q)
 
     def _width(self, index: mi.UInt32, turn: mi.Float) -> mi.Float:
@@ -232,13 +237,13 @@ class _Wedge:
     strips : fringe currents of both faces, for the path and for the reversed one
     gain : m, length of the piece times its normalised phase integral over twice the root of pi; 0 where either
         direction lies inside the metal
-    along : transition factor of waves that graze the sheet to or from the edge, electric field across the sheet
+    along : transition factors of the waves that graze the sheet to and from the edge, electric field across the sheet
     """
 
     legs: tuple[Leg, Leg]
     strips: tuple[tuple[_Strip, _Strip], ...]
     gain: mi.Float
-    along: mi.Complex2f
+    along: tuple[mi.Complex2f, mi.Complex2f]
 
     @staticmethod
     def of(
@@ -264,8 +269,16 @@ class _Wedge:
         gain = (0.5 / float(np.sqrt(np.pi))) * length * rows[2].w * _sinc(turn)
         k = kernel.constants.wavenumber
         there = _along_sheet(faces[0], n, source, k, width)
-        along = there * (there if incident is scattered else _along_sheet(faces[0], n, observer, k, width))
-        return _Wedge((incident, scattered), tuple(strips), dr.select(outside, gain, 0.0), along)
+        back = there if incident is scattered else _along_sheet(faces[0], n, observer, k, width)
+        return _Wedge((incident, scattered), tuple(strips), dr.select(outside, gain, 0.0), (there, back))
+
+    @property
+    def reversed(self) -> _Wedge:
+        """The same wedge for the reversed path."""
+        incident, scattered = self.legs
+        there, back = self.along
+        strips = tuple((into, out) for out, into in self.strips)
+        return _Wedge((scattered, incident), strips, self.gain, (back, there))
 
     def sees(self, incident: Leg, scattered: Leg) -> bool:
         """Whether the wedge was made for these two legs."""
@@ -273,9 +286,9 @@ class _Wedge:
 
     def amplitude(self, e: field.ComplexVector, q: field.ComplexVector) -> mi.Complex2f:
         """Square root of the RCS with its phase, m: mean of the path and of the reversed one."""
-        total = mi.Complex2f(0.0)
+        total, along = mi.Complex2f(0.0), self.along[0] * self.along[1]
         for out, into in self.strips:
-            total += out.current(e, q, self.along) + into.current(q, e, self.along)
+            total += out.current(e, q, along) + into.current(q, e, along)
         return mi.Complex2f(-total.imag, total.real) * self.gain
 
 

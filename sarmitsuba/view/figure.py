@@ -5,6 +5,9 @@ import io
 import matplotlib.figure
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+# options of PNG files: the usual compression level 6 takes twice the time for 4 % less
+PACKED = {"compress_level": 3}
+
 
 class Figure(matplotlib.figure.Figure):
     """Matplotlib figure that a notebook displays as PNG whether or not ``matplotlib.pyplot`` was imported.
@@ -15,7 +18,7 @@ class Figure(matplotlib.figure.Figure):
     def png(self) -> bytes:
         """The figure as PNG with its own dots per inch."""
         buffer = io.BytesIO()
-        FigureCanvasAgg(self).print_figure(buffer, format="png", dpi=self.dpi)
+        FigureCanvasAgg(self).print_figure(buffer, format="png", dpi=self.dpi, pil_kwargs=PACKED)
         return buffer.getvalue()
 
     _repr_png_ = png

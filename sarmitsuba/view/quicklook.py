@@ -19,7 +19,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
-from sarmitsuba.view.figure import Figure
+from sarmitsuba.view.figure import PACKED, Figure
 
 # function that draws a picture on demand
 Drawing = Callable[[], Figure]
@@ -67,7 +67,8 @@ def quicklook(
     _colour_bar(figure, picture, left + width + 18, _BOTTOM, height, display.label)
     first = title if title is not None else str(image.metadata.get("scene", ""))
     lines = (first, *_subtitle(image, options, display))
-    axes.set_title("\n".join(line for line in lines if line), fontsize=9, parse_math=False)
+    # a given height: Matplotlib would measure all labels to find that none is in the way
+    axes.set_title("\n".join(line for line in lines if line), fontsize=9, y=1.0, parse_math=False)
     return figure
 
 
@@ -181,7 +182,7 @@ def bounce_orders(image: SarImage) -> tuple[int, ...]:
 def save(figure: Figure, path: Path | str) -> None:
     """Write a figure as PNG, completely or not at all."""
     with atomic_path(path) as temporary:
-        FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=_DPI)
+        FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=_DPI, pil_kwargs=PACKED)
 
 
 def _filled(image: SarImage, options: PictureOptions | None, channel: str | None) -> PictureOptions:

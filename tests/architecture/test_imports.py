@@ -98,6 +98,23 @@ BACKEND_USERS = {
     "validation",
 }
 FOREIGN = {"mitsuba", "drjit"}
+# libraries, and parts of SciPy, that most runs do without: importing one takes up to 0.2 s of processor time
+ON_USE = {
+    "scipy.constants",
+    "scipy.integrate",
+    "scipy.interpolate",
+    "scipy.io",
+    "scipy.linalg",
+    "scipy.ndimage",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.sparse",
+    "scipy.spatial",
+    "scipy.stats",
+    "trimesh",
+}
+# rooms that no run of ``render``, ``focus`` or ``explain`` imports
+APART_FROM_RUNS = {"cost", "page", "studio", "theory", "validation"}
 
 
 def test_every_module_has_its_floor(house: Any) -> None:
@@ -149,6 +166,18 @@ def test_only_what_is_checked_against_it_takes_theory(house: Any) -> None:
         if (found.target in house.modules and house.modules[found.target].room == "theory")
         or (found.target, found.name) == ("sarmitsuba", "theory")
         if house.modules[found.source].room not in THEORY_USERS
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_runs_import_a_library_when_they_use_it(house: Any) -> None:
+    """``import scipy`` is enough: SciPy imports ``scipy.optimize`` when the name is first used."""
+    wrong = [
+        f"{house.modules[found.source].where}:{found.line} imports {found.target} at its top"
+        for found in house.imports
+        if found.when == "top"
+        and house.modules[found.source].room not in APART_FROM_RUNS
+        and ON_USE & {found.target, f"{found.target}.{found.name}"}
     ]
     assert not wrong, "\n".join(wrong)
 

@@ -8,6 +8,7 @@ import pytest
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.mesh.cleaning import clean_mesh
+from sarmitsuba.mesh.connected import connected
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.mesh.tessellate import cube, cylinder, rectangle, sphere
 
@@ -191,3 +192,29 @@ def test_one_triangle():
     cv, cf, _ = clean_mesh("one", v, f[:1])
     assert cv.shape == (3, 3)
     assert smooth_groups(cv, cf).tolist() == [0]
+
+
+def test_connected_parts_are_those_found_by_walking():
+    """Random graphs, chains in any order and stars; parts are numbered by their first nodes."""
+    rng = np.random.default_rng(4)
+    order = rng.permutation(300)
+    graphs = [(0, order[:0], order[:0]), (5, order[:0], order[:0]), (300, order[:-1], order[1:])]
+    graphs.append((300, np.full(299, 299), np.arange(299)))
+    graphs += [
+        (n, rng.integers(n, size=m), rng.integers(n, size=m)) for n in (1, 40, 200) for m in (1, 30, 150)
+    ]
+    for count, first, second in graphs:
+        beside = {node: [] for node in range(count)}
+        for a, b in zip(first.tolist(), second.tolist(), strict=True):
+            beside[a].append(b)
+            beside[b].append(a)
+        part, parts = np.full(count, -1), 0
+        for start in range(count):
+            walk = [start] if part[start] < 0 else []
+            parts += len(walk)
+            while walk:
+                here = walk.pop()
+                if part[here] < 0:
+                    part[here] = parts - 1
+                    walk += beside[here]
+        np.testing.assert_array_equal(connected(count, first, second), part)

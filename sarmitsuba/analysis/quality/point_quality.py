@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
+import scipy
 
 from sarmitsuba.analysis.quality.carrier import Carrier
 from sarmitsuba.analysis.quality.widths import grid_cells, predicted_irw

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTask, without_trend

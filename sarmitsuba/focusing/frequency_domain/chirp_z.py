@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.fft
-import scipy.sparse
+import scipy
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.gridding import gridding_kernel
@@ -71,7 +70,7 @@ class ChirpZ:
         return np.asarray(work[tuple(pick)] * after)
 
 
-def kernel_matrix(position: F64, n: int) -> scipy.sparse.csr_array:
+def kernel_matrix(position: F64, n: int) -> "scipy.sparse.csr_array":
     """Interpolation matrix of the gridding kernel; its transpose grids values onto the lines.
 
     Parameters
@@ -100,7 +99,7 @@ def kernel_matrix(position: F64, n: int) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array((weight.reshape(-1), index.reshape(-1), starts), shape=shape)
 
 
-def apply(matrix: scipy.sparse.sparray, values: C64) -> C64:
+def apply(matrix: "scipy.sparse.sparray", values: C64) -> C64:
     """Product of a real float32 matrix with complex64 values."""
     parts = np.ascontiguousarray(values).reshape(-1).view(np.float32).reshape(-1, 2)
     return np.asarray(np.ascontiguousarray(matrix @ parts)).view(np.complex64)[:, 0]

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import scipy.io
+import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64

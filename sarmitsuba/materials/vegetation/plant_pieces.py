@@ -436,7 +436,7 @@ def _series(angle: F64, size: float, permittivity: complex, turn: float | F64) -
 @lru_cache(maxsize=16)
 def _splines(
     size: float, permittivity: complex
-) -> tuple[scipy.interpolate.CubicSpline, scipy.interpolate.CubicSpline]:
+) -> "tuple[scipy.interpolate.CubicSpline, scipy.interpolate.CubicSpline]":
     """Spline coefficients of the series, cached for all angles of a piece."""
     nodes = np.linspace(0.0, 0.5 * np.pi, _NODES)
     first, second = (
