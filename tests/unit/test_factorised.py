@@ -223,5 +223,7 @@ def test_auto_takes_it_for_large_images_on_curved_tracks() -> None:
     request = ImageRequest(grid="ground", extent_azimuth=200.0, extent_range=200.0)
     chosen, reason = parse_focuser("auto").resolved(radar, default_grid(radar, request))
     assert chosen.name == "factorised" and "backprojection" in reason
+    chosen, _ = parse_focuser("auto,error=-50").resolved(radar, default_grid(radar, request))
+    assert chosen.name == "factorised"
     chosen, _ = parse_focuser("auto,error=-95").resolved(radar, default_grid(radar, request))
     assert chosen.name == "backprojection"
