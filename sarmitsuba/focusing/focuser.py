@@ -230,7 +230,7 @@ def _sum_of_pulses(radar: Radar, grid: ImageGrid, data_error_db: Callable[[], fl
                 f"{FAST} backprojection, at most {error:.0f} dB{own}, about {other:.2g} instead of {seconds:.2g} CPU s "
                 "per layer"
             )
-    return exact, f"{EXACT}, exact: not {FAST} ({refusal})"
+    return exact, f"{EXACT}, exact: not {FAST} ({refusal.partition(';')[0]})"
 
 
 def parse_focuser(text: str | Focuser) -> Focuser:
