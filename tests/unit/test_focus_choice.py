@@ -149,7 +149,9 @@ def test_the_error_of_the_data_is_that_between_their_subsets(shares: tuple[float
     layers = tuple(Layer("VV", subset=i + 1) for i in range(2))
     raw = RawData(np.array(planes, dtype=np.complex64), layers, "compressed", radar)
     apart = 10.0 * math.log10(0.25 * sum(10.0 ** (share / 10.0) for share in shares))
-    assert data_error_db(raw) == pytest.approx(apart, abs=0.2)  # tol: three standard errors of the noise's energy
+    assert data_error_db(raw) == pytest.approx(
+        apart, abs=0.2
+    )  # tol: three standard errors of the noise's energy
     blocks = dataclasses.replace(raw, metadata={"sampling": {"block_error_db": apart}})
     assert data_error_db(blocks) == pytest.approx(apart + 3.0, abs=0.2)  # tol: the same
     alone = RawData(raw.data[:1], (Layer("VV"),), "compressed", radar)
