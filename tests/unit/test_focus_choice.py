@@ -114,8 +114,13 @@ def large() -> tuple[Radar, ImageGrid]:
 
 @pytest.mark.parametrize(
     ("own", "method", "at_most"),
-    [(math.nan, "factorised", -60.0), (-20.0, "factorised", -60.0), (-45.0, "factorised", -65.0)]
-    + [(-90.0, "backprojection", -100.0), (-math.inf, "backprojection", -100.0)],
+    [
+        (math.nan, "factorised", -60.0),
+        (-20.0, "factorised", -60.0),
+        (-45.0, "factorised", -65.0),
+        (-90.0, "backprojection", -100.0),
+        (-math.inf, "backprojection", -100.0),
+    ],
 )
 def test_the_default_never_errs_as_much_as_the_data(own: float, method: str, at_most: float) -> None:
     radar, grid = large()

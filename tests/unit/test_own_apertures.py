@@ -1,4 +1,4 @@
-"""Weights and cells of pixels with apertures of their own are those of a sum over all pulses, though few are looked at."""
+"""Weights and cells of pixels with apertures of their own are those of a sum over all pulses."""
 
 import dataclasses
 
@@ -43,7 +43,7 @@ def drawn_strip(rng: np.random.Generator) -> Radar:
 
 
 def weights_of_all(radar: Radar, point: np.ndarray) -> np.ndarray:
-    """w g^2 of every pulse, by its definition, without a window."""
+    """W g^2 of every pulse, by its definition, without a window."""
     track, pointing = radar.track, radar.pointing
     speed = np.linalg.norm(track.velocity, axis=1)
     forward = track.velocity / speed[:, None]
@@ -84,7 +84,7 @@ def test_pulses_outside_the_band_change_nothing(seed: int) -> None:
         found, exact = matched_weights(radar, point), weights_of_all(radar, point)
         # tol: rounding of sines, over steps of 1e-4 between pulses
         np.testing.assert_allclose(found, exact, rtol=0.0, atol=1e-9)
-        both = matched_weights(radar, np.array([point, point + [3.0, 40.0, 0.0]]))
+        both = matched_weights(radar, np.array([point, point + np.array([3.0, 40.0, 0.0])]))
         np.testing.assert_allclose(both[0], exact, rtol=0.0, atol=1e-9)  # tol: the same
         assert (exact > 0.0).any() == (place != 3.0)
         if place != 3.0:
