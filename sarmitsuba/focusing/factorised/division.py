@@ -52,6 +52,8 @@ class Section:
     n_ranges : samples
     levels : finest subimages first; the last is that of the whole section
     rows : of the image to which it contributes
+    on_rows : whether pixels are interpolated in angle on the image's rows first and in range then, because the range
+        changes along all rows; else in both at once
     """
 
     first: int
@@ -64,6 +66,7 @@ class Section:
     n_ranges: int
     levels: tuple[SubimageLevel, ...]
     rows: slice
+    on_rows: bool
 
     def local(self, positions: F64) -> F64:
         """Positions (..., 3) in the section's frame, whose origin is that of the polar grid."""
