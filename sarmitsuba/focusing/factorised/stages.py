@@ -317,7 +317,9 @@ def plan_bytes(plan: Plan, profiles: ProfilePlan, grid: ImageGrid, n_layers: int
     """Peak memory in bytes beyond raw data and image: profiles of a batch, subimages, sums and a launch's pixels."""
     group = 8 * n_layers * profiles.n_stored * max(section.levels[0].n_pulses for section in plan.sections)
     pixels = int(np.prod(grid.shape))
-    return _COPIES * max(group, BATCH_BYTES) + n_layers * (plan.n_bytes + 8 * pixels) + 16 * TILE_PIXELS
+    # a launch's pixels: sums before and after, and the subimage on their rows
+    launch = (16 + 24 * n_layers) * min(pixels, TILE_PIXELS)
+    return _COPIES * max(group, BATCH_BYTES) + n_layers * (plan.n_bytes + 8 * pixels) + launch
 
 
 def make_job(raw: RawData, profiles: ProfilePlan, plan: Plan, window: Window, grid: ImageGrid) -> Job:
