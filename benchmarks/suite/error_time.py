@@ -1,13 +1,23 @@
 """What accuracy costs: error against seconds on the shipped city and on Munich, one setting varied at a time."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import _support
 import harness
 import numpy as np
 from methods import intensity_error_db
 from speed import thinned
+
+from sarmitsuba.cost.report import pareto
+from sarmitsuba.cost.trial import TrialSetting, run_trial
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.raw import echoes, simulate
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.sampling.piece import crop
 
 FACTORS = (4.0, 2.83, 2.0, 1.41, 1.0, 0.71)
 DEPTHS = tuple(range(1, 9))
@@ -27,8 +37,7 @@ MARKS = {
 }
 
 
-@dataclass(frozen=True)
-class Point:
+class Point(NamedTuple):
     """One run: what was varied, to what, its seconds and its error, dB."""
 
     curve: str
@@ -38,9 +47,6 @@ class Point:
 
 
 def scenes(quick: bool) -> dict[str, Any]:
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.sampling.piece import crop
-
     block = load_scene("urban_block")
     if quick:
         return {"urban_block": crop(block, 0.3, 0.1)}
@@ -52,13 +58,6 @@ class Study:
     """Runs of one scene against one converged reference of the same scatterers."""
 
     def __init__(self, name: str, scene: Any, quick: bool) -> None:
-        from sarmitsuba.cost.trial import TrialSetting, run_trial
-        from sarmitsuba.focusing import default_grid, focus
-        from sarmitsuba.simulation.pilot import plan_scene
-        from sarmitsuba.simulation.raw import echoes
-        from sarmitsuba.simulation.run import Run
-        from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
-
         self.name, self.scene, self.quick = name, scene, quick
         self.grid = default_grid(scene.radar, scene.image)
         plan = plan_scene(scene)
@@ -81,8 +80,6 @@ class Study:
 
     def run(self, curve: str, value: object, **changes: Any) -> None:
         """Run the automatic setting with some changes."""
-        from sarmitsuba.cost.trial import run_trial
-
         trial = run_trial(self.scene, self.auto.but(**changes), self.grid)
         self.points.append(Point(curve, str(value), trial.seconds, trial.error_db(self.reference)))
 
@@ -100,36 +97,16 @@ class Study:
         self._methods()
 
     def _interpolations(self, few: int | None) -> None:
-        """The automatic run's raw data, focused with other interpolations."""
-        from sarmitsuba.focusing import focus
-        from sarmitsuba.simulation.raw import simulate
-
-        raw = simulate(self.auto.apply(self.scene))
-        traced = self.base.seconds - self.base.stages["focus"]
-        images: dict[str, Any] = {}
-
-        def job(name: str) -> Any:
-            def work() -> None:
-                images[name] = focus(raw, self.grid, focuser=f"backprojection,interpolation={name}").total()
-
-            return work
-
-        timing = harness.interleave(
-            {name: job(name) for name in INTERPOLATIONS[:few]},
-            harness.ROUNDS_QUICK if self.quick else harness.ROUNDS,
-        )
-        from sarmitsuba.image.metrics import image_error_db
-
-        for name, taken in timing.items():
-            error = image_error_db(images[name], self.reference)
-            self.points.append(Point("interpolation", name, traced + taken.median, error))
+        """The automatic run's echoes, focused with other interpolations; the median of some rounds."""
+        rounds = harness.ROUNDS_QUICK if self.quick else harness.ROUNDS
+        for name in INTERPOLATIONS[:few]:
+            setting = self.auto.but(interpolation=name)
+            trials = [run_trial(self.scene, setting, self.grid, echoes_of=self.base) for _ in range(rounds)]
+            seconds = float(np.median([trial.seconds for trial in trials]))
+            self.points.append(Point("interpolation", name, seconds, trials[0].error_db(self.reference)))
 
     def _methods(self) -> None:
         """The other methods; raw on some pulses against the reference's echoes of the same, its time scaled."""
-        from sarmitsuba.cost.trial import run_trial
-        from sarmitsuba.image.metrics import image_error_db
-        from sarmitsuba.simulation.raw import simulate
-
         self.run("method", "image", method="image")
         raster = run_trial(self.scene, self.auto.but(method="raster"), self.grid)
         error = intensity_error_db(raster.image, self.reference)
@@ -146,14 +123,9 @@ class Study:
         scaled = self.base.seconds - self.base.stages["trace"] + traced * every
         self.points.append(Point("method", "raw (time scaled)", scaled, error))
 
-    def front(self) -> set[Point]:
-        """Points that no other beats in both seconds and error; the averaged intensity is of another kind."""
-        rivals = [p for p in (*self.points, self.automatic) if "averaged" not in p.value]
-        return {
-            p
-            for p in rivals
-            if not any(o.seconds <= p.seconds and o.error_db <= p.error_db and o is not p for o in rivals)
-        }
+    def front(self) -> list[Point]:
+        """Pareto front by seconds; the averaged intensity is of another kind."""
+        return pareto([p for p in (*self.points, self.automatic) if "averaged" not in p.value])
 
     def draw(self, axes: Any) -> None:
         """Curves, Pareto front and the automatic setting."""
@@ -172,7 +144,7 @@ class Study:
                     fontsize=7,
                     color=color,
                 )
-        front = sorted(self.front(), key=lambda p: p.seconds)
+        front = self.front()
         axes.step(
             [p.seconds for p in front],
             [p.error_db for p in front],
@@ -224,7 +196,7 @@ def run(quick: bool) -> harness.Report:
                 for curve in MARKS
             ],
         )
-        report.data[name] = [vars(p) for p in (best, *study.points)]
+        report.data[name] = [p._asdict() for p in (best, *study.points)]
         study.draw(ax)
     np.atleast_1d(axes)[0].legend(fontsize=8)
     report.figure("front", figure)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -17,6 +18,19 @@ SPARE_DB = 3.0
 NAMED_UNSEEN = 1e-4
 # lattices of the check, not used by any sweep or estimate
 CHECK_PASS = 7
+
+
+class _Rated(Protocol):
+    """Something with an error, dB, and seconds."""
+
+    @property
+    def error_db(self) -> float: ...
+
+    @property
+    def seconds(self) -> float: ...
+
+
+_R = TypeVar("_R", bound=_Rated)
 
 
 @dataclass(frozen=True)
@@ -173,9 +187,9 @@ def recommend(
     return Recommendation(target_error_db, chosen, True, remark)
 
 
-def pareto(candidates: Sequence[Candidate]) -> list[Candidate]:
+def pareto(candidates: Sequence[_R]) -> list[_R]:
     """Pareto front of the candidates, with steps of at least ``STEP_DB``, by time."""
-    front: list[Candidate] = []
+    front: list[_R] = []
     for candidate in sorted(candidates, key=lambda c: (c.seconds, c.error_db)):
         if not front or candidate.error_db < front[-1].error_db - STEP_DB:
             front.append(candidate)

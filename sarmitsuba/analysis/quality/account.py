@@ -11,6 +11,7 @@ from sarmitsuba.analysis.quality.error_budget import (
     ErrorPart,
     bounces_left_out,
     effects_by_name,
+    effects_db,
     error_budget,
     gridding_error_db,
     number,
@@ -199,7 +200,7 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
         *_effects(data, by_name[_EFFECTS], spent),
         *_focusers(by_name["focuser"], others, stages),
     ]
-    left_out = _left_out(effects_by_name(data))
+    left_out = _likely_db(effects_by_name(data))
     weighed = [_with_total(change, parts, left_out) for change in changes]
     finer = [c for c in weighed if _LAWLESS_DB < c.likely_db[0] >= c.likely_db[1] + VISIBLE_DB]
     needed = WORTH * sum(t.processor for t in stages.values() if not math.isnan(t.processor))
@@ -261,27 +262,11 @@ def _changed(parts: Iterable[ErrorPart], name: str, error_db: float) -> tuple[Er
     return tuple(replace(part, error_db=error_db) if part.name == name else part for part in parts)
 
 
-def _left_out(decisions: Mapping[str, Mapping[str, object]], without: str = "") -> float:
-    """Likely error of effects left out, dB, but for one of them."""
-    energy = 0.0
-    for name, decision in decisions.items():
-        by_law = decision.get("error_is") != "measured" and decision.get("source") != "pilot"
-        if name != without:
-            energy += _energy(number(decision.get("error_db")) - _LOOSE_DB * by_law)
-    return 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
-
-
 def _bounded(parts: Iterable[ErrorPart]) -> bool:
     """Whether bounds are a part of the sum of the known errors that counts."""
     known = [part for part in parts if part.known != UNKNOWN]
     bounds = sum(_energy(part.error_db) for part in known if part.known == AT_MOST)
     return bounds > _BOUNDED * sum(_energy(part.error_db) for part in known)
-
-
-def _likely(part: ErrorPart) -> ErrorPart:
-    """Error of a cause with the bound of effects left out lowered to what is likely."""
-    loose = part.known == AT_MOST and part.name == "effects left out"
-    return replace(part, error_db=part.error_db - _LOOSE_DB) if loose else part
 
 
 def _change(part: ErrorPart, options: str, after_db: float, seconds: float, known: str = "") -> Change:
@@ -373,12 +358,16 @@ def _effects(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     found = []
     by_name = effects_by_name(data)
     for name, decision in by_name.items():
-        rest = sum(_energy(number(d.get("error_db"))) for other, d in by_name.items() if other != name)
-        after = 10.0 * math.log10(rest) if rest > 0.0 else -math.inf
+        rest = {other: d for other, d in by_name.items() if other != name}
         seconds = spent.simulating * number(decision.get("cost"))
-        change = _change(part, _path(name, "on"), after, seconds, part.known)
-        found.append(replace(change, left_out_db=_left_out(by_name, name)))
+        change = _change(part, _path(name, "on"), effects_db(rest.values()), seconds, part.known)
+        found.append(replace(change, left_out_db=_likely_db(rest)))
     return found
+
+
+def _likely_db(decisions: Mapping[str, Mapping[str, object]]) -> float:
+    """Likely error of effects left out, dB: bounds by a law lie above it."""
+    return effects_db(decisions.values(), laws_lower_by=_LOOSE_DB)
 
 
 def _focusers(

@@ -1,7 +1,7 @@
 """Error budget of an image by cause."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from sarmitsuba.echo.gridding import gridding_kernel
@@ -193,19 +193,30 @@ def _effects(data: BudgetFacts) -> ErrorPart:
     if data.metadata.get("method") == "raster":
         why = "method raster has one bounce, no coherent return, no wires and no volumes"
         return ErrorPart("effects left out", math.nan, UNKNOWN, why)
-    energy, unknown, named, measured = 0.0, [], [], True
-    for name, decision in effects_by_name(data).items():
-        error = number(decision.get("error_db"))
-        if math.isnan(error):
-            unknown.append(name)
-            continue
-        energy += 10.0 ** (error / 10.0)
-        named.append(name)
-        measured = measured and decision.get("error_is") == "measured"
+    left_out = effects_by_name(data)
+    unknown = [name for name, decision in left_out.items() if math.isnan(number(decision.get("error_db")))]
     if unknown:
         return ErrorPart("effects left out", math.nan, UNKNOWN, f"no bound of {', '.join(unknown)}")
-    error = 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
-    return ErrorPart("effects left out", error, MEASURED if measured else AT_MOST, ", ".join(named))
+    measured = all(decision.get("error_is") == "measured" for decision in left_out.values())
+    known = MEASURED if measured else AT_MOST
+    return ErrorPart("effects left out", effects_db(left_out.values()), known, ", ".join(left_out))
+
+
+def effects_db(decisions: Iterable[Mapping[str, object]], laws_lower_by: float = 0.0) -> float:
+    """Sum of the error energies of effects that are off, dB; -inf for none, those without a bound count as none.
+
+    Parameters
+    ----------
+    decisions : on the effects
+    laws_lower_by : dB by which bounds that neither rays nor images measured are lowered
+    """
+    energy = 0.0
+    for decision in decisions:
+        error = number(decision.get("error_db"))
+        by_law = decision.get("error_is") != "measured" and decision.get("source") != "pilot"
+        if not math.isnan(error):
+            energy += 10.0 ** (0.1 * (error - laws_lower_by * by_law))
+    return 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
 
 
 def effects_by_name(data: BudgetFacts) -> dict[str, Mapping[str, object]]:

@@ -144,7 +144,7 @@ def _added(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> _Added
     """Upper bounds of what edges add, with paths over the ground; energies of different paths add up."""
     aperture = _aperture(context)
     lit = _lit(edges, context)
-    ways, mirrored = [(edges, lit, (False, False), 1.0)], []
+    ways = [(edges, lit, (False, False), 1.0)]
     ground, lowest = _ground(context) if bounces else ((), np.inf)
     above = edges.middle[:, 2] + 0.5 * edges.length * np.abs(edges.along[:, 2]) > lowest + 1e-3
     if above.any():
@@ -177,7 +177,7 @@ def _aperture(context: SceneContext) -> Aperture:
     """Antenna positions distributed over the aperture, and the resolution cell."""
     tracks, facts = context.scene.radar.tracks, context.sampling
     pulses = tracks[0].n_pulses
-    pick = np.unique(np.linspace(0, pulses - 1, min(pulses, POSITIONS)).astype(int))
+    pick = _distributed(pulses)
     places = tracks[0].position[pick]
     flown = tracks[0].position[np.minimum(pick + 1, pulses - 1)] - tracks[0].position[np.maximum(pick - 1, 0)]
     flown = flown / np.maximum(np.linalg.norm(flown, axis=1, keepdims=True), 1e-300)
@@ -191,7 +191,7 @@ def _ground(context: SceneContext) -> tuple[tuple[Material, ...], float]:
     geometry, materials = context.scene.geometry, context.scene.materials
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     corners = geometry.vertices[geometry.faces[visible]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = _doubled_normals(corners)
     level = np.abs(normal[:, 2]) > LEVEL * np.linalg.norm(normal, axis=1)
     if not level.any():
         return (), np.inf
@@ -210,11 +210,14 @@ def _mirror(context: SceneContext, ground: tuple[Material, ...], cosine: float) 
     return found
 
 
-def _places(context: SceneContext) -> F64:
-    pick = np.unique(
-        np.linspace(0, len(context.antenna) - 1, min(len(context.antenna), POSITIONS)).astype(int)
-    )
-    return np.asarray(context.antenna[pick])
+def _distributed(count: int) -> NDArray[np.intp]:
+    """Indices of at most ``POSITIONS`` of so many antenna positions, distributed over all."""
+    return np.unique(np.linspace(0, count - 1, min(count, POSITIONS)).astype(int))
+
+
+def _doubled_normals(corners: F64) -> F64:
+    """Normals (n, 3) of triangles (n, 3, 3), twice as long as their areas."""
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
 def _reference(found: _Metal, context: SceneContext, decided: Mapping[str, Decision]) -> _Compared:
@@ -240,7 +243,7 @@ def _clutter(context: SceneContext) -> tuple[float, str, float, float]:
     assert sampling is not None
     geometry, wavelength = context.scene.geometry, context.scene.radar.waveform.wavelength
     corners = geometry.vertices[geometry.faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = _doubled_normals(corners)
     area = np.bincount(geometry.face_material, 0.5 * np.linalg.norm(normal, axis=1))
     # faces of a body that are turned away or hidden: what lies in the lit part counts once
     largest = float(np.ptp(sampling.box, axis=0)[:2].prod())
@@ -257,7 +260,7 @@ def _clutter(context: SceneContext) -> tuple[float, str, float, float]:
 def _facets(found: _Metal, context: SceneContext) -> tuple[float, float]:
     """Largest physical-optics RCS of a metal plane, or of a cell of it, m^2: at any position, and in the mean."""
     corners = found.corners[found.metal]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = _doubled_normals(corners)
     size = np.linalg.norm(normal, axis=1)
     corners, normal, size = (x[size > 0.0] for x in (corners, normal, size))
     if not size.size:
@@ -269,7 +272,7 @@ def _facets(found: _Metal, context: SceneContext) -> tuple[float, float]:
     _, plane = np.unique(alike, axis=0, return_inverse=True)
     cell = context.sampling.cell if context.sampling is not None else np.inf
     power = []
-    for place in _places(context):
+    for place in context.antenna[_distributed(len(context.antenna))]:
         look = place - corners.mean(axis=1)
         distance = np.linalg.norm(place - corners, axis=2)
         cosine = np.abs(np.einsum("ni,ni->n", look, normal)) / np.linalg.norm(look, axis=1)
