@@ -25,7 +25,7 @@ CORRECTION = 6
 # of range profiles at twice the receiver's rate, as benchmarks/suite/focusers.py measures it, by taps
 _PROFILE_ERROR_DB = {4: -66.0, 6: -105.0}
 # (upsampling, taps of the last interpolation) in the order of their cost
-_CHOICES = ((1.75, 4), (2.0, 4), (2.0, 6), (2.5, 6))
+_CHOICES = ((1.75, 4), (1.9, 4), (2.0, 4), (2.0, 6), (2.5, 6))
 # float32 sums and phases
 _ROUNDING_DB = -90.0
 # margin between the predicted error and the stated one
