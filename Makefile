@@ -4,6 +4,7 @@ VENV ?= .venv
 OUT ?= out
 # processes that share the tests; each keeps to one core (tests/conftest.py) and takes about 1 GB
 JOBS ?= auto
+SHARED = -n $(JOBS) --maxprocesses 8 --dist worksteal
 BIN = $(VENV)/bin
 PIP = $(BIN)/pip --disable-pip-version-check --quiet
 
@@ -21,10 +22,10 @@ test: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	@if $(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then echo $(BIN)/mypy; $(BIN)/mypy; \
 	else echo "mypy left out: the last NumPy for this Python has older type stubs"; fi
-	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --maxprocesses 8 --dist worksteal
+	$(BIN)/python -m pytest -m "not slow" $(SHARED)
 
 test-slow: $(VENV)/.test
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m slow $(SHARED)
 
 # files, meshes, pictures and focusing with the lowest versions that pyproject.toml allows
 LOWEST = tests/unit/test_meshes.py tests/unit/test_mesh_scenes.py tests/unit/test_io_files.py \

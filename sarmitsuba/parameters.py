@@ -1,6 +1,7 @@
 """Declarative tables of parameters (kind, unit, default, bounds, meaning) for validation and documentation."""
 
 import difflib
+import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -334,6 +335,23 @@ def string_value(values: Mapping[str, Value | None], name: str) -> str:
     value = values[name]
     assert isinstance(value, str), name
     return value
+
+
+def knows_its_fields(cls: type[D]) -> type[D]:
+    """Class decorator of a dataclass: an unknown field is refused with the nearest known one."""
+    given = cls.__init__
+    known = [f.name for f in fields(cls)]
+
+    @functools.wraps(given)
+    def checked(self: D, *values: object, **named: object) -> None:
+        unknown = [name for name in named if name not in known]
+        if unknown:
+            guess = did_you_mean(unknown[0], known) or f"; it knows {', '.join(known)}"
+            raise SceneError(f'{cls.__name__}: unknown parameter "{unknown[0]}"{guess}')
+        given(self, *values, **named)
+
+    setattr(cls, "__init__", checked)  # noqa: B010 - of a class by name
+    return cls
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -33,6 +33,13 @@ def late(module: str, name: str) -> Callable[..., object]:
     return function
 
 
+def png_of(figure: object) -> bytes:
+    """PNG of a figure of the view layer, for results that show themselves in notebooks."""
+    png = getattr(figure, "_repr_png_")()  # noqa: B009 - the layer below knows no figure
+    assert isinstance(png, bytes)
+    return png
+
+
 Value = TypeVar("Value")
 
 

@@ -36,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", metavar="OUT", help=f"folder for {RECORD}, {TEXT} and {PLOT}")
     parser.add_argument(
+        "--force", action="store_true", help="replace the study of something else in OUT; other files stay"
+    )
+    parser.add_argument(
         "--resume",
         action="store_true",
         help=f"use what an earlier, also an interrupted study of this scene measured and kept in OUT/{STATE}",
@@ -63,6 +66,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         if folder is not None:
             folder.check_names((RECORD, TEXT, PLOT, STATE))
         scene = scene_of(args)
+        run_hash = fingerprint(scene, getattr(args, "extension", ()))
+        if folder is not None and not args.force:
+            _check_earlier(folder, run_hash)
         console.expect({"cost": args.budget or 1.0}, at_most=True)  # one stage: any weight is the whole
         console.busy("running the scene once")
         state = None
@@ -78,7 +84,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
                 budget=args.budget or 0.0,
                 progress=console.progress,
                 state=state,
-                run_hash=fingerprint(scene, getattr(args, "extension", ())),
+                run_hash=run_hash,
                 say=console.say,
             )
         finally:
@@ -92,7 +98,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         text = _text(report, scene.name, command)
         console.say(text)
         if folder is not None:
-            _save(folder, report, scene.name, text)
+            _save(folder, report, scene.name, run_hash, text)
     return 0
 
 
@@ -170,13 +176,29 @@ def _short(changes: object) -> str:
     return ", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in changes.items())
 
 
-def _save(folder: "OutputFolder", report: "CostReport", name: str, text: str) -> None:
+def _check_earlier(folder: "OutputFolder", run_hash: str) -> None:
+    """Raise an OutputError where the folder holds the study of another scene."""
+    from sarmitsuba.errors import OutputError
+    from sarmitsuba.io import parameter_file
+
+    if not folder.owns(RECORD):
+        return
+    earlier = parameter_file.read(folder.path / RECORD)
+    if earlier.get("run_hash", run_hash) != run_hash:
+        raise OutputError(
+            f"{folder.path}: holds a study of another scene, of other settings or of another version of the program; "
+            "choose another -o, or use --force to replace it"
+        )
+
+
+def _save(folder: "OutputFolder", report: "CostReport", name: str, run_hash: str, text: str) -> None:
     from sarmitsuba.io import parameter_file
     from sarmitsuba.io.atomic import atomic_path
     from sarmitsuba.view.cost import cost_figure, save_figure
 
     record = {
         "scene": name,
+        "run_hash": run_hash,
         "rows": report.rows,
         "front": report.front,
         "recommended": report.recommendation.setting,

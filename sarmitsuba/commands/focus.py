@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.scene_arguments import pixels
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
@@ -116,6 +117,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="size of the image on the ground in azimuth and range, m; one number is for both",
     )
     image.add_argument(
+        "--pixels",
+        type=pixels,
+        metavar="AZIMUTHxRANGE",
+        help="size of the image in pixels, such as 128x128, in place of --extent",
+    )
+    image.add_argument(
         "--spacing",
         nargs="+",
         action=_PairAction,
@@ -222,6 +229,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.focusing import image_request
     from sarmitsuba.io import read_raw
     from sarmitsuba.io.output import output_folder
+    from sarmitsuba.loader.kept_paths import kept_path
 
     check_focus_arguments(args)
     formats = results.Formats.parse(args.format)
@@ -242,7 +250,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         folder.clear(run_hash, keep=[Path(args.raw)])
         record: dict[str, object] = {
             "command": "focus",
-            "raw_file": args.raw,
+            "raw_file": kept_path(args.raw, folder.path),
             "versions": results.versions(),
             "radar": results.radar_record(raw.radar),
             "raw_domain": raw.domain,
@@ -297,6 +305,7 @@ def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
         ("center", "image_", ("center_x", "center_y")),
         ("extent", "image_", ("extent_azimuth", "extent_range")),
         ("spacing", "pixel_", ("spacing_azimuth", "spacing_range")),
+        ("pixels", "", ("pixels_azimuth", "pixels_range")),
     )
     for option, prefix, names in pairs:
         for name, value in zip(names, getattr(args, option) or (), strict=False):
@@ -306,9 +315,8 @@ def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
     if not changes:
         return None
     from sarmitsuba.focusing import image_request
-    from sarmitsuba.parameters import filled
 
-    return filled(image_request(raw), changes)
+    return image_request(raw, changes)
 
 
 def focus_into(

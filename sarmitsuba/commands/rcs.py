@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
+from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of, scene_record
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
@@ -133,7 +133,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         for note in sweep.notes:
             console.note(note)
         folder.clear(run_hash)
-        record = _record(args, scene, sweep) | {"versions": results.versions(), "backend": backend}
+        record = _record(args, scene, sweep, folder) | {"versions": results.versions(), "backend": backend}
         _write(folder, scene, sweep, console)
         image = None
         if why:
@@ -234,12 +234,12 @@ def _run_hash(scene: "Scene", args: argparse.Namespace, aspects: "Aspects") -> s
     return f"{fingerprint(scene, getattr(args, 'extension', ()))} rcs {asked} {angles}"
 
 
-def _record(args: argparse.Namespace, scene: "Scene", sweep: "RcsSweep") -> dict[str, object]:
+def _record(
+    args: argparse.Namespace, scene: "Scene", sweep: "RcsSweep", folder: "OutputFolder"
+) -> dict[str, object]:
     return {
         "command": "rcs",
-        "scene": str(scene.path or scene.name),
-        "radar_file": args.radar,
-        "definitions": dict(args.define),
+        **scene_record(args, scene, folder.path),
         "center_frequency_hz": sweep.frequency,
         "azimuth_deg": [float(args.azimuth[0]), float(args.azimuth[-1])],
         "elevation_deg": [float(args.elevation[0]), float(args.elevation[-1])],

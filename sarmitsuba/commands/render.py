@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.commands.cluster_arguments import add_cluster_argument, check_cluster_argument, open_workers
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
-from sarmitsuba.commands.scene_arguments import add_scene_arguments, mesh_record, scene_of
+from sarmitsuba.commands.scene_arguments import add_scene_arguments, pixels, scene_of, scene_record
 from sarmitsuba.commands.view import PAGE, view_folder
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.timing import StageTimer
@@ -38,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed", type=int, help="random seed (default: the scene's); the same seed gives the same result"
+    )
+    parser.add_argument(
+        "--pixels",
+        type=pixels,
+        metavar="AZIMUTHxRANGE",
+        help="size of the image in pixels, such as 128x128, about its centre; extents of the scene do not count",
     )
     parser.add_argument(
         "--raw",
@@ -102,11 +108,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         settings = scene.settings
         record: dict[str, object] = {
             "command": "render",
-            "scene": str(scene.path or scene.name),
-            "radar_file": args.radar,
-            "definitions": dict(args.define),
-            "mesh": mesh_record(args),
-            "allow_outside": args.allow_outside,
+            **scene_record(args, scene, folder.path),
             "seed": settings.seed,
             "versions": results.versions(),
             "backend": backend,
@@ -148,6 +150,9 @@ def _scene_with_settings(args: argparse.Namespace) -> "Scene":
     from sarmitsuba.simulation.prediction.speed import glance
 
     glance()  # as early as possible, for the prediction
+    if args.pixels:
+        names = ("range_film.pixels_azimuth", "range_film.pixels_range")
+        args.define += [(name, str(count)) for name, count in zip(names, args.pixels, strict=True)]
     scene = scene_of(args)
     changes = {
         "method": args.method,
@@ -238,7 +243,7 @@ def _raw_and_image(
         console.say(f"{path}: raw data of this scene and these settings, used again; --force simulates again")
         console.say(f"plan: {raw.metadata['plan']}")
         keep = [path] if raw.domain == args.raw else []
-        record["raw_file"] = str(path)
+        record["raw_file"] = path.name
     else:
         raw, keep = _simulate(folder, scene, args, console, watch, run_hash, workers), []
         known = {"scene": scene.name, "look_side": raw.radar.look_side}

@@ -1,6 +1,7 @@
 """Arguments that name a scene, the same for every command that takes one."""
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypedDict
 
 if TYPE_CHECKING:
@@ -55,6 +56,14 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def pixels(text: str) -> tuple[int, int]:
+    """Numbers of pixels in azimuth and range of an argument ``128x96``, or ``128`` for both."""
+    words = text.lower().split("x")
+    if len(words) > 2 or not all(word.isdecimal() and int(word) > 0 for word in words):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form AZIMUTHxRANGE, such as 128x128")
+    return int(words[0]), int(words[-1])
+
+
 def scene_of(args: argparse.Namespace) -> "Scene":
     """Load the scene that the arguments name."""
     from sarmitsuba.loader.library import resolve_radar
@@ -73,6 +82,22 @@ def scene_of(args: argparse.Namespace) -> "Scene":
         mesh=mesh,
         allow_outside=args.allow_outside,
     )
+
+
+def scene_record(args: argparse.Namespace, scene: "Scene", folder: Path) -> dict[str, object]:
+    """Where the scene of a run came from, for its record in ``folder``: files as seen from there, and a hash."""
+    from sarmitsuba.loader.kept_paths import kept_path
+    from sarmitsuba.loader.library import resolve_radar
+    from sarmitsuba.simulation.fingerprint import shapes_hash
+
+    return {
+        "scene": kept_path(scene.path, folder) if scene.path else scene.name,
+        "scene_hash": shapes_hash(scene),
+        "radar_file": kept_path(resolve_radar(args.radar), folder) if args.radar else None,
+        "definitions": dict(args.define),
+        "mesh": mesh_record(args),
+        "allow_outside": args.allow_outside,
+    }
 
 
 class MeshRecord(TypedDict):

@@ -14,7 +14,7 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track, numbers_of
-from sarmitsuba.registry import late
+from sarmitsuba.registry import late, png_of
 
 
 @dataclass(frozen=True)
@@ -121,6 +121,14 @@ class RawData:
         frequency = self.radar.waveform.center_frequency / 1e9
         size = f"{pulses} pulses x {samples} samples"
         return f"RawData({'/'.join(self.channels)}: {size}, {self.domain}, {frequency:.4g} GHz)"
+
+    def _repr_png_(self) -> bytes:
+        """Picture of the first channel's echoes, for notebooks."""
+        return png_of(self.plot())
+
+    def plot(self, *, channel: str | None = None) -> object:
+        """Level of a channel's echoes (default: the first) as a Matplotlib ``Figure``, which notebooks show."""
+        return late("sarmitsuba.view.echoes", "echoes_figure")(self, channel)
 
     def save(self, path: Path | str, *, format: str | None = None) -> None:
         """Write to a file, as :func:`sarmitsuba.write_raw` does."""

@@ -36,7 +36,8 @@ def image_request(
     Parameters
     ----------
     raw : data, or only their radar
-    request : a whole image request, or a mapping with the fields to change, such as ``{"grid": "ground"}``
+    request : a whole image request, or a mapping with the fields to change, such as ``{"grid": "ground"}``; an extent
+        replaces a number of pixels
 
     Returns
     -------
@@ -54,6 +55,9 @@ def image_request(
     unknown = sorted(set(changes) - known)
     if unknown:
         raise DataError(f"image request: {', '.join(unknown)} unknown; it has {', '.join(sorted(known))}")
+    for axis in ("azimuth", "range"):  # a new extent counts, not an earlier number of pixels
+        if f"extent_{axis}" in changes:
+            changes.setdefault(f"pixels_{axis}", 0)
     own = raw.request if isinstance(raw, RawData) else None
     if own is None:
         own = _request_from_window(raw if isinstance(raw, Radar) else raw.radar)
@@ -72,7 +76,7 @@ def default_grid(
 
     Returns
     -------
-    ImageGrid that has a pixel exactly at the request's centre
+    ImageGrid that has a pixel exactly at the request's centre: in the middle, of an even number the one after it
 
     Raises
     ------
@@ -87,7 +91,8 @@ def default_grid(
     natural = natural_spacing(radar, center, request.grid)
     spacing_azimuth = request.spacing_azimuth or natural[0]
     spacing_range = request.spacing_range or natural[1]
-    if request.extent_azimuth / spacing_azimuth * max(1.0, request.extent_range / spacing_range) > MAX_PIXELS:
+    rows = request.pixels_azimuth or request.extent_azimuth / spacing_azimuth
+    if rows * max(1.0, request.pixels_range or request.extent_range / spacing_range) > MAX_PIXELS:
         raise DataError(
             f"image grid: {request.extent_azimuth:g} m x {request.extent_range:g} m in pixels of {spacing_azimuth:g} m "
             f"x {spacing_range:g} m are more than {MAX_PIXELS} pixels; shrink the extents or widen the spacings"
@@ -106,8 +111,8 @@ def default_grid(
     if request.grid == "ground":
         return ImageGrid(
             kind="ground",
-            azimuth=_axis(0.0, half_azimuth, half_azimuth, spacing_azimuth),
-            range=_axis(0.0, half_range, half_range, spacing_range),
+            azimuth=_axis(0.0, half_azimuth, half_azimuth, spacing_azimuth, request.pixels_azimuth),
+            range=_axis(0.0, half_range, half_range, spacing_range, request.pixels_range),
             origin=center,
             along=along,
             across=across,
@@ -119,10 +124,16 @@ def default_grid(
     middle = float(np.hypot(ground, drop))
     near = float(np.hypot(max(ground - half_range, 0.0), drop))
     far = float(np.hypot(ground + half_range, drop))
-    axis = _axis(middle, middle - near, far - middle, spacing_range)
+    axis = _axis(middle, middle - near, far - middle, spacing_range, request.pixels_range)
     return ImageGrid(
         kind="slant",
-        azimuth=_axis(float((center - origin) @ along), half_azimuth, half_azimuth, spacing_azimuth),
+        azimuth=_axis(
+            float((center - origin) @ along),
+            half_azimuth,
+            half_azimuth,
+            spacing_azimuth,
+            request.pixels_azimuth,
+        ),
         range=axis[axis > abs(drop)],
         origin=origin,
         along=along,
@@ -145,6 +156,8 @@ def _check_request(radar: Radar, request: ImageRequest) -> None:
         raise DataError(
             f"image grid: extents {extents[0]:g} m and {extents[1]:g} m must be finite and above 0"
         )
+    if min(request.pixels_azimuth, request.pixels_range) < 0:
+        raise DataError("image grid: a number of pixels is below 0; give 1 or more, or 0 for the extent")
     spacings = (request.spacing_azimuth, request.spacing_range)
     if not (min(spacings) >= 0.0 and np.isfinite(spacings).all()):
         raise DataError(
@@ -211,8 +224,10 @@ def natural_spacing(radar: Radar, center: F64, kind: str) -> tuple[float, float]
     )
 
 
-def _axis(center: float, below: float, above: float, spacing: float) -> F64:
-    """Uniform axis with a sample at ``center`` that covers ``below`` and ``above`` it."""
+def _axis(center: float, below: float, above: float, spacing: float, count: int = 0) -> F64:
+    """Uniform axis with a sample at ``center`` that covers ``below`` and ``above`` it, or of ``count`` samples."""
+    if count:
+        return np.asarray(center + spacing * (np.arange(count) - count // 2))
     index = np.arange(-int(np.ceil(below / spacing - 1e-9)), int(np.ceil(above / spacing - 1e-9)) + 1)
     return np.asarray(center + spacing * index)
 

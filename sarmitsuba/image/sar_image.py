@@ -12,7 +12,7 @@ from sarmitsuba.echo.raw_data import Layer, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means, block_middles
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.registry import late
+from sarmitsuba.registry import late, png_of
 
 Quantity = Literal["sigma0", "rcs"]
 
@@ -154,9 +154,7 @@ class SarImage:
 
     def _repr_png_(self) -> bytes:
         """Quick-look of the first channel, for notebooks."""
-        png = late("sarmitsuba.view.notebook", "image_png")(self)
-        assert isinstance(png, bytes)
-        return png
+        return png_of(self.plot())
 
     def save(self, path: Path | str, *, format: str | None = None) -> None:
         """Write to a file (``.h5`` holds all data), as :func:`sarmitsuba.write_image`."""
@@ -179,7 +177,8 @@ class SarImage:
     def plot(self, path: Path | str | None = None, *, channel: str | None = None) -> object:
         """Quick-look of a channel (default: the first) as a Matplotlib ``Figure``, written to ``path`` if given.
 
-        The figure opens no window; notebooks show it. For its options see :mod:`sarmitsuba.view.quicklook`.
+        The figure opens no window; notebooks show it as the last line of a cell. For its options see
+        :mod:`sarmitsuba.view.quicklook`.
         """
         return late("sarmitsuba.view.notebook", "image_figure")(self, path, channel)
 
@@ -284,6 +283,14 @@ class Multilook:
 
     def __repr__(self) -> str:
         return f"Multilook({self.channel} {self.quantity}: {self.azimuth.size} x {self.range.size} blocks)"
+
+    def _repr_png_(self) -> bytes:
+        """Picture of the power in dB, for notebooks."""
+        return png_of(self.plot())
+
+    def plot(self) -> object:
+        """Power in dB as a Matplotlib ``Figure``, which notebooks show."""
+        return late("sarmitsuba.view.notebook", "multilook_figure")(self)
 
     def to_db(self, floor: float = -np.inf) -> F64:
         """Power in dB, at least ``floor``."""

@@ -58,6 +58,8 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "range": ("m", "of the columns: slant range, or metres along `across` from `origin`"),
     "range_resolution_cell": ("m", "noise-equivalent width of the impulse response in slant range"),
     "sample_spacing": ("m", "slant range between samples, c / (2 sampling rate)"),
+    "pixels_azimuth": ("1", "number of pixels along the track; 0: as many as cover the extent"),
+    "pixels_range": ("1", "number of pixels in range; 0: as many as cover the extent"),
     "spacing_azimuth": ("m", "pixel spacing along the track; 0: half a cell"),
     "spacing_range": ("m", "pixel spacing in range; 0: half a cell"),
     "start_range": ("m", "slant range of the first sample, per pulse"),
@@ -119,7 +121,9 @@ def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
             if not has(group, field.name):
                 values[field.name] = None
                 continue
-        if dataclasses.is_dataclass(hint):
+        if field.default is not dataclasses.MISSING and hint is int and not has(group, field.name):
+            values[field.name] = field.default  # counts that older files do not know
+        elif dataclasses.is_dataclass(hint):
             assert isinstance(hint, type)
             values[field.name] = read_fields(group_of(group, field.name), hint)
         elif hint in (float, int):

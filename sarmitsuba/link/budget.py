@@ -16,7 +16,7 @@ from sarmitsuba.link.place import PlaceBudget, Processing, place_budget
 from sarmitsuba.link.prf_bounds import PulseTiming, pulse_timing
 from sarmitsuba.memory import in_bytes
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.units import db_from_power, power_from_db
 
 # number of listed bands of free pulse repetition frequencies
@@ -114,7 +114,7 @@ class LinkBudget:
 
 @exclusive
 def link_budget(
-    scene: Scene,
+    scene: SceneLike,
     *,
     range_window: str | Window = "taylor",
     azimuth_window: str | Window = "taylor",
@@ -125,7 +125,7 @@ def link_budget(
 
     Parameters
     ----------
-    scene : as loaded; its meshes and materials have no influence
+    scene : as loaded, a scene file, or the name of a shipped scene; its meshes and materials have no influence
     range_window, azimuth_window : of the image; default: that of the command line
     rcs : of the point target for the signal-to-noise ratio, m^2
     sigma0_db : of the ground for the signal-to-noise ratio, dB
@@ -145,6 +145,7 @@ def link_budget(
     -----
     For backprojection, which the other focusers match. Ignores the atmosphere, quantisation and clutter.
     """
+    scene = Scene.of(scene)
     radar = scene.radar
     where = scene.description.where if scene.description is not None else scene.name
     if radar.track.n_pulses < 2:

@@ -287,7 +287,7 @@ def _extent(geometry: Geometry, places: F64) -> Extent:
     low, high = _bounds(geometry, places)
     height = geometry.ground_height if geometry.n_faces else float(np.median(places[:, 2]))
     middle = np.array([*(0.5 * (low + high)[:2]), height])
-    return Extent(np.concatenate([geometry.vertices, places]), middle)
+    return Extent(np.concatenate([geometry.vertices, places]), middle, geometry.faces)
 
 
 def _offset(geometry: Geometry, places: F64) -> F64:

@@ -117,7 +117,7 @@ def build_scene(
 
     Parameters
     ----------
-    meshes, points, wires, volumes, scatterers : what there is to see, m
+    meshes, points, wires, volumes, scatterers : what there is to see, m; triangles of trimesh by ``SceneMesh.of``
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
     settings : of the tracing; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
@@ -140,6 +140,7 @@ def build_scene(
     -----
     Meshes that share one material object, or equal descriptions of one, share it in the scene.
     """
+    _check_meshes(meshes, name)
     described = _described(radar or RadarDescription(), film or FilmDescription(), settings, track)
     collector = Collector(name, None, described)
     elements: list[tuple[MaterialLike, int]] = []
@@ -155,6 +156,23 @@ def build_scene(
     for volume in volumes:
         _add_volume(collector, volume, name)
     return collector.scene()
+
+
+def is_trimesh(value: object) -> bool:
+    """Whether a value is of the package trimesh, which need not be imported."""
+    return type(value).__module__.partition(".")[0] == "trimesh"
+
+
+def _check_meshes(meshes: Sequence[SceneMesh], label: str) -> None:
+    given = [meshes] if is_trimesh(meshes) else list(meshes)
+    for mesh in given:
+        if not isinstance(mesh, SceneMesh):
+            parts = ".dump()" if is_trimesh(mesh) and type(mesh).__name__ == "Scene" else ""
+            what = f"for mesh in scene{parts}" if parts else "for mesh in meshes"
+            raise SceneError(
+                f'{label}: {type(mesh).__name__} has no material; give build_scene([SceneMesh.of(mesh, "concrete") '
+                f"{what}])"
+            )
 
 
 def _described(

@@ -6,6 +6,7 @@ from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.library import list_radars
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.parameters import filled
 from sarmitsuba.radar.description import RadarInput
@@ -66,8 +67,8 @@ def _sensor(root: Element, radar_root: Element | None, label: str) -> tuple[Elem
         others = [e.plugin for e in root.of_kind("sensor")]
         has = f"only {', '.join(others)}" if others else "none"
         raise RadarError(
-            f"{label}: no sar_antenna sensor ({has}); add one, or lay a radar over the scene with "
-            "--radar RADAR.xml"
+            f"{label}: no sar_antenna sensor ({has}); add one, or lay a radar over the scene with --radar RADAR.xml or "
+            f"a shipped one: --radar {', '.join(entry.name for entry in list_radars())}"
         )
     film = sensor.child("film")
     if radar_root is not None:

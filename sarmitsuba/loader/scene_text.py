@@ -84,6 +84,13 @@ def read_scene_text(path: Path, *, strict: bool = False) -> SceneText:
     _check_encoding(data, path.name)
     reader = _Reader(path, data)
     broken = reader.read()
+    if reader.root not in ("scene", "") or (not reader.root and path.suffix.lower() != ".xml"):
+        what = f"<{one_line(reader.root)}> is" if reader.root else "it is"
+        name = one_line(path.name)
+        raise SceneError(
+            f"{name}: {what} not a scene; city data, terrain and meshes become one by python -m sarmitsuba import "
+            f"{name} -o {one_line(path.stem)}.xml; echoes and images are read by the commands focus and view"
+        )
     if reader.has_type or b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise SceneError(
             f"{path.name}: holds a document type or entities (<!DOCTYPE, <!ENTITY), which are not allowed in a scene "
@@ -99,7 +106,7 @@ class _Reader:
     """Reads the elements of a file, in order, into a `SceneText`."""
 
     def __init__(self, path: Path, data: bytes) -> None:
-        self.text, self.has_type = SceneText(path, len(data)), False
+        self.text, self.has_type, self.root = SceneText(path, len(data)), False, ""
         self._data, self._depth = data, 0
         self._parameters = b"$" in data or b"&#" in data
         self._parser = parser = expat.ParserCreate("UTF-8")  # independent of the declared encoding
@@ -118,6 +125,7 @@ class _Reader:
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         text = self.text
+        self.root = self.root or tag
         self._depth += 1
         text.elements += 1
         if self._depth > _DEEPEST:

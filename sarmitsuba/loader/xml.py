@@ -15,6 +15,8 @@ from sarmitsuba.loader.tables import TABLES
 from sarmitsuba.parameters import did_you_mean, one_line
 
 _SOURCE = re.compile(r"\[[\w.]+\.cpp:\d+\] ?")
+_UNRESOLVED = re.compile(r'unresolved reference to "([^"]*)"')
+_ID = re.compile(r'<(\w+)\b[^<>]*?\bid="([^"]*)"')
 _POSITION = re.compile(r" ?\((line \d+, col \d+)\)")
 _NODE = re.compile(r'dictionary node "(.*)"')
 _PARSER_ERRORS = (RuntimeError, TypeError, ValueError, IndexError, KeyError, AttributeError)
@@ -189,4 +191,14 @@ def _parser_message(text: str, path: Path) -> str:
     remedy = ""
     if what.startswith("undefined parameter"):
         remedy = f"; give it a <default> or -D {what.rpartition('$')[2]}=value"
+    unresolved = _UNRESOLVED.match(what)
+    if unresolved:
+        what = f'unresolved reference to "{unresolved.group(1)}"'
+        remedy = did_you_mean(unresolved.group(1), _ids(path)) or "; give an object that id"
     return f"{file_name}{place}: {one_line(what, 200)}{remedy}"
+
+
+def _ids(path: Path) -> list[str]:
+    """Names that the objects of a file have, without those of its includes."""
+    text = regular_files.read_bytes(str(path)).decode("utf-8", "replace")
+    return [name for tag, name in _ID.findall(text) if tag != "ref"]

@@ -10,11 +10,13 @@ from sarmitsuba.materials.change import coherence_after
 from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.dispersion import Dispersion
 from sarmitsuba.materials.texture import Bitmap, check_texture
+from sarmitsuba.parameters import knows_its_fields
 
 # magnitude of the permittivity above which a half space reflects 98 % of a wave and its edges are those of metal
 GOOD_CONDUCTOR = 1e4
 
 
+@knows_its_fields
 @dataclass(frozen=True)
 class Material:
     """Electromagnetic surface of a half space or a slab, at the carrier frequency.

@@ -13,8 +13,11 @@ from sarmitsuba.focusing.range_compression import COMPRESSIONS, range_compress
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, read_image, read_raw
 from sarmitsuba.io.encoding import Json, json_value
+from sarmitsuba.loader.kept_paths import found_path
+from sarmitsuba.parameters import one_line
 from sarmitsuba.regular_files import read_text
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.fingerprint import shapes_hash
 
 RECORD = "parameters.json"
 
@@ -71,11 +74,12 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
         raise DataError(f"{path}: holds no image; give a folder written by `render` or `focus`")
     image = read_image(image_path)
     notes = []
+    origin = path  # folder of the run that simulated
     scene_record, raw_path = record, _result(path, "raw")
     if record.get("command") == "focus":
-        raw_path = Path(str(record.get("raw_file", "")))
-        beside = raw_path.parent / RECORD
-        scene_record = _record(raw_path.parent) if os.path.isfile(beside) else {}
+        raw_path = found_path(str(record.get("raw_file", "")), path)
+        origin = raw_path.parent
+        scene_record = _record(origin) if os.path.isfile(origin / RECORD) else {}
     raw = None
     if raw_path is None or not os.path.exists(raw_path):
         notes.append(f"{path}: no raw data; the page has no pulses to show and no image to build up")
@@ -83,11 +87,17 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
         # as for the image, so that the page focuses the same image
         done = image.metadata.get("focus", {}).get("range_compression", "flat")
         raw = range_compress(read_raw(raw_path), method=done if done in COMPRESSIONS else "flat")
-    scene = _scene(scene_record, allow_outside)
+    scene = _scene(scene_record, origin, allow_outside)
     if scene is None:
         notes.append(f"{path}: the scene file is not known; the page shows the track and the image alone")
-    elif raw is not None:
-        _check_same(path, scene, raw)
+    else:
+        if scene_record.get("scene_hash") not in (None, shapes_hash(scene)):
+            notes.append(
+                f"{path}: {scene.path} holds other shapes or materials than when these results were made; the page "
+                "shows those of now: render it again"
+            )
+        if raw is not None:
+            _check_same(path, scene, raw)
     account = {name: record.get(name) for name in ("errors", "account")}
     return RunFolder(path, image, raw, scene, scene_record or record, tuple(notes), account)
 
@@ -113,17 +123,19 @@ def _result(folder: Path, stem: str) -> Path | None:
     return None
 
 
-def _scene(record: dict[str, Json], allow_outside: bool) -> Scene | None:
-    """Scene of a run, loaded again with the run's parameters."""
+def _scene(record: dict[str, Json], folder: Path, allow_outside: bool) -> Scene | None:
+    """Scene of the run in ``folder``, loaded again with the run's parameters."""
     from sarmitsuba.loader.from_mesh import MeshOptions
-    from sarmitsuba.loader.library import resolve_radar
     from sarmitsuba.loader.load import load_scene
 
     source, given = record.get("scene"), record.get("definitions")
     if not isinstance(source, str):
         return None
-    if not os.path.exists(source):
-        raise DataError(f"{source}: the scene of these results does not exist any more; render it again")
+    file = found_path(source, folder)
+    if not os.path.exists(file):
+        raise DataError(
+            f"{one_line(file)}: the scene of these results does not exist any more; render it again"
+        )
     definitions = {str(k): str(v) for k, v in given.items()} if isinstance(given, dict) else {}
     radar, mesh = record.get("radar_file"), record.get("mesh")
     options = None
@@ -135,8 +147,8 @@ def _scene(record: dict[str, Json], allow_outside: bool) -> Scene | None:
             {str(k): str(v) for k, v in materials.items()} if isinstance(materials, dict) else {},
         )
     return load_scene(
-        source,
-        radar=resolve_radar(radar) if isinstance(radar, str) else None,
+        file,
+        radar=found_path(radar, folder, radar=True) if isinstance(radar, str) else None,
         parameters=definitions,
         mesh=options,
         allow_outside=allow_outside,

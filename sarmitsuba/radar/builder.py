@@ -99,6 +99,14 @@ def build_radar(
     speed = s.speed if orbit is None else orbit[1].speed
     cells = (known_azimuth_cell(given, geometry, waveform, track, speed), waveform.range_cell)
     image, notes = build_image_request(film, given.film_where, scene, geometry.center, cells, shift)
+    if all(value is None for value in (s.aim_x, s.aim_y, film.image_center_x, film.image_center_y)):
+        sides = image.extent_azimuth, image.extent_range
+        if extent.is_empty(np.array([image.center_x, image.center_y]), 0.5 * float(np.hypot(*sides))):
+            extent = extent.densest(min(sides))
+            radar, image, notes = build_radar(given, extent, offset)
+            x, y = extent.middle[:2] + shift[:2]
+            note = f"{given.where}: nothing lies in the middle of the scene; the radar is aimed at its densest part, "
+            return radar, image, (f"{note}aim_x = {x:.6g} m, aim_y = {y:.6g} m", *notes)
     box = image_box(image, scene)
     half_aperture = np.inf
     if track is None:

@@ -11,13 +11,14 @@ from typing import Literal
 import numpy as np
 
 from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import ParamTable, Value, described, filled, params_of
+from sarmitsuba.parameters import ParamTable, Value, described, filled, knows_its_fields, params_of
 from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.radar.mode import MODES, mode_parameters
 from sarmitsuba.radar.pattern import PATTERNS
 from sarmitsuba.radar.track import Track
 
 
+@knows_its_fields
 @dataclass(frozen=True, kw_only=True)
 class RadarDescription:
     """Parameters of a side-looking radar; every field has its own documentation.

@@ -1,10 +1,10 @@
 """Extent of the scatterers: their outline and the default aim point."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.arrays import F64, I32
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,10 +15,13 @@ class Extent:
     ----------
     outline : (n, 3) float64, m; points whose convex hull contains all scatterers
     middle : (3,) float64, m; default aim point: the middle of the outline, on the ground
+    faces : (n_faces, 3) triangles of the first points of the outline; None: the outline is a hull, filled with
+        scatterers. Points of no triangle are scatterers too
     """
 
     outline: F64
     middle: F64
+    faces: I32 | None = None
 
     @staticmethod
     def of_box(low: F64, high: F64) -> "Extent":
@@ -33,3 +36,49 @@ class Extent:
         """Lower and upper corner (3,) of the outline's box, from ``origin``, along the rows of ``axes``."""
         local = (self.outline - origin) @ axes.T
         return local.min(axis=0), local.max(axis=0)
+
+    def is_empty(self, center: F64, reach: float) -> bool:
+        """Whether no scatterer lies within a horizontal distance ``reach`` of ``center``, (2,), m."""
+        if self.faces is None:
+            return False
+        low, high, _ = self._parts(self.faces)
+        gap = np.maximum(np.maximum(low - center, center - high), 0.0)
+        return bool((np.linalg.norm(gap, axis=1) > reach).all())
+
+    def densest(self, size: float) -> "Extent":
+        """The same with the middle in the square of ``size``, m, that holds the largest area of triangles.
+
+        Squares overlap by half; an ideal point counts as one square metre.
+        """
+        assert self.faces is not None
+        low, high, area = self._parts(self.faces)
+        places = 0.5 * (low + high)
+        cell = np.floor((places - places.min(axis=0)) / (0.5 * size)).astype(np.int64)
+        cells, index = np.unique(cell, axis=0, return_inverse=True)
+        held = np.bincount(index.reshape(-1), area)
+        total = {tuple(c): float(h) for c, h in zip(cells.tolist(), held, strict=True)}
+        corner = max(
+            total, key=lambda c: sum(total.get((c[0] + i, c[1] + j), 0.0) for i in (0, 1) for j in (0, 1))
+        )
+        inside = ((cell >= corner) & (cell <= np.add(corner, 1))).all(axis=1)
+        ends = np.clip([low[inside].min(axis=0), high[inside].max(axis=0)], *_around(places[inside], size))
+        return replace(self, middle=np.array([*ends.mean(axis=0), self.middle[2]]))
+
+    def _parts(self, faces: I32) -> tuple[F64, F64, F64]:
+        """Horizontal bounds (n, 2) of all triangles and other points, and their areas (n,), m^2."""
+        corners = self.outline[faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        alone = np.ones(len(self.outline), dtype=bool)
+        alone[faces] = False
+        points = self.outline[alone, :2]
+        return (
+            np.concatenate([corners[..., :2].min(axis=1), points]),
+            np.concatenate([corners[..., :2].max(axis=1), points]),
+            np.concatenate([0.5 * np.linalg.norm(across, axis=1), np.ones(len(points))]),
+        )
+
+
+def _around(places: F64, size: float) -> tuple[F64, F64]:
+    """Corners of the square of ``size`` about the middle of places, (2,) each."""
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    return middle - 0.5 * size, middle + 0.5 * size

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import ParamTable, described, params_of
+from sarmitsuba.parameters import ParamTable, described, knows_its_fields, params_of
 
 
+@knows_its_fields
 @dataclass(frozen=True, kw_only=True)
 class FilmDescription:
     """Receive window and sampling of the echoes, and the image to focus from them; units as `RadarDescription`."""
@@ -93,6 +94,22 @@ class FilmDescription:
         "m",
         0.0,
         1e6,
+        auto=True,
+    )
+    pixels_azimuth: int = described(
+        0,
+        "number of pixels along the track, in place of image_extent_azimuth; automatic: as many as cover that",
+        "",
+        0,
+        1_000_000,
+        auto=True,
+    )
+    pixels_range: int = described(
+        0,
+        "number of pixels in range, in place of image_extent_range; automatic: as many as cover that",
+        "",
+        0,
+        1_000_000,
         auto=True,
     )
 

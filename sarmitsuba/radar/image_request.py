@@ -29,6 +29,7 @@ class ImageRequest:
     height : m, scene frame; of the horizontal image plane
     extent_azimuth, extent_range : m on the ground
     spacing_azimuth, spacing_range : m; 0 = half a resolution cell
+    pixels_azimuth, pixels_range : exact numbers of pixels about the centre; 0 = as many as cover the extent
     """
 
     grid: Literal["slant", "ground"] = "slant"
@@ -39,6 +40,30 @@ class ImageRequest:
     extent_range: float = 100.0
     spacing_azimuth: float = 0.0
     spacing_range: float = 0.0
+    pixels_azimuth: int = 0
+    pixels_range: int = 0
+
+    def scaled(self, share: float) -> "ImageRequest":
+        """The same pixels of the middle of the image, ``share`` of each extent."""
+        pixels = [max(1, round(share * n)) if n else 0 for n in (self.pixels_azimuth, self.pixels_range)]
+        return replace(
+            self,
+            extent_azimuth=share * self.extent_azimuth,
+            extent_range=share * self.extent_range,
+            pixels_azimuth=pixels[0],
+            pixels_range=pixels[1],
+        )
+
+    def coarser(self, factor: float, spacing: tuple[float, float]) -> "ImageRequest":
+        """The same area in pixels ``factor`` times as wide as ``spacing``, m."""
+        pixels = [max(1, round(n / factor)) if n else 0 for n in (self.pixels_azimuth, self.pixels_range)]
+        return replace(
+            self,
+            spacing_azimuth=factor * spacing[0],
+            spacing_range=factor * spacing[1],
+            pixels_azimuth=pixels[0],
+            pixels_range=pixels[1],
+        )
 
     def fade_out(self, cell: float) -> float:
         """Width of the fade-out zone around the image, m: 5 % of half its longer side, 10 cells at least.
@@ -121,6 +146,10 @@ def build_image_request(
     one_sided = free and fills(1, ground_cell)
     notes = []
     extent_azimuth, extent_range = film.image_extent_azimuth, film.image_extent_range
+    if film.pixels_azimuth:
+        extent_azimuth = film.pixels_azimuth * (film.pixel_spacing_azimuth or 0.5 * cells[0])
+    if film.pixels_range:
+        extent_range = _extent_of_pixels(film, cells[1], reach, drop, where)
     if extent_azimuth == 0.0:
         wanted, most = automatic(0, cells[0], 0.0)
         extent_azimuth = min(wanted, most)
@@ -146,9 +175,26 @@ def build_image_request(
         extent_range=float(extent_range),
         spacing_azimuth=film.pixel_spacing_azimuth,
         spacing_range=film.pixel_spacing_range,
+        pixels_azimuth=film.pixels_azimuth,
+        pixels_range=film.pixels_range,
     )
     _check_pixels(request, where, (cells[0], ground_cell if request.grid == "ground" else cells[1]))
     return request, tuple(notes)
+
+
+def _extent_of_pixels(film: FilmDescription, cell: float, reach: float, drop: float, where: str) -> float:
+    """Extent on the ground, m, that holds the number of pixels in range about ground range ``reach`` below ``drop``."""
+    middle = float(np.hypot(reach, drop))
+    if film.image_grid == "ground":
+        return film.pixels_range * (film.pixel_spacing_range or 0.5 * cell * middle / reach)
+    width = film.pixels_range * (film.pixel_spacing_range or 0.5 * cell)
+    near = middle - 0.5 * width
+    if near <= drop:
+        raise RadarError(
+            f"{where}: pixels_range = {film.pixels_range}, {width:g} m of slant range, reach past the ground track of "
+            "the radar; take fewer"
+        )
+    return 2.0 * (reach - float(np.sqrt(near**2 - drop**2)))
 
 
 def _limited(where: str, name: str, wanted: float, most: float) -> list[str]:
@@ -162,8 +208,8 @@ def _limited(where: str, name: str, wanted: float, most: float) -> list[str]:
 
 
 def _check_pixels(image: ImageRequest, where: str, cells: tuple[float, float]) -> None:
-    azimuth = image.extent_azimuth / (image.spacing_azimuth or 0.5 * cells[0])
-    across = image.extent_range / (image.spacing_range or 0.5 * cells[1])
+    azimuth = image.pixels_azimuth or image.extent_azimuth / (image.spacing_azimuth or 0.5 * cells[0])
+    across = image.pixels_range or image.extent_range / (image.spacing_range or 0.5 * cells[1])
     if max(azimuth, across, azimuth * across) > MAX_PIXELS:
         raise RadarError(
             f"{where}: an image of {azimuth:.4g} x {across:.4g} pixels is larger than {MAX_PIXELS} pixels; "

@@ -90,6 +90,8 @@ def check_request(request: ImageRequest) -> None:
             ("extent_range", request.extent_range, 1e-6, 1e7, "m"),
             ("spacing_azimuth", request.spacing_azimuth, 0.0, 1e6, "m"),
             ("spacing_range", request.spacing_range, 0.0, 1e6, "m"),
+            ("pixels_azimuth", float(request.pixels_azimuth), 0.0, 1e6, ""),
+            ("pixels_range", float(request.pixels_range), 0.0, 1e6, ""),
             ("center_x", request.center_x, -FARTHEST, FARTHEST, "m"),
             ("center_y", request.center_y, -FARTHEST, FARTHEST, "m"),
             ("height", request.height, -1e7, 1e7, "m"),

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.registry import late
+from sarmitsuba.registry import late, png_of
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
@@ -54,6 +55,25 @@ class Scene:
     wires: tuple[WireTarget, ...] = ()
     volumes: tuple[Volume, ...] = ()
     scatterers: tuple[ScattererTarget, ...] = ()
+
+    @staticmethod
+    def of(given: "SceneLike") -> "Scene":
+        """A scene as it is; a scene file, or the name of a shipped scene, loaded.
+
+        Raises
+        ------
+        SceneError : anything else, or a file that cannot be loaded
+        """
+        if isinstance(given, Scene):
+            return given
+        if not isinstance(given, str | Path):
+            remedy = "give a scene of load_scene or build_scene, a file, or the name of a shipped scene"
+            if late("sarmitsuba.loader.build", "is_trimesh")(given):
+                remedy = "give build_scene([SceneMesh.of(mesh, material)]), with a material for every mesh"
+            raise SceneError(f"scene: {type(given).__name__} is no scene; {remedy}")
+        scene = late("sarmitsuba.loader.load", "load_scene")(given)
+        assert isinstance(scene, Scene)
+        return scene
 
     @property
     def anchor(self) -> Anchor:
@@ -141,6 +161,12 @@ class Scene:
 
     def _repr_png_(self) -> bytes:
         """Plan view of the scene, for notebooks."""
-        png = late("sarmitsuba.view.notebook", "scene_png")(self)
-        assert isinstance(png, bytes)
-        return png
+        return png_of(self.plot())
+
+    def plot(self) -> object:
+        """Plan view as a Matplotlib ``Figure``, which notebooks show: faces by height, image, flight, look and beam."""
+        return late("sarmitsuba.view.notebook", "scene_plan")(self)
+
+
+# a scene, its file, or the name of a shipped one
+SceneLike = Scene | Path | str

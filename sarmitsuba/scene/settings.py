@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from sarmitsuba.parameters import knows_its_fields
+
 Method = Literal["raw", "hybrid", "image", "raster"]
 Switch = Literal["auto", "on", "off"]
 METHODS: tuple[Method, ...] = ("raw", "hybrid", "image", "raster")
@@ -11,6 +13,7 @@ METHODS: tuple[Method, ...] = ("raw", "hybrid", "image", "raster")
 TOLERANCE_DB = -40.0
 
 
+@knows_its_fields
 @dataclass(frozen=True)
 class TraceSettings:
     """Settings of the tracing; zero means automatic where the parameter says so.

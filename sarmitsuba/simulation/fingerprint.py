@@ -32,6 +32,21 @@ def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
     A wanted error and a time limit are left out: they only set the number of passes. Modules that an extension imports,
     and extensions registered by installed packages, count by name and not by text.
     """
+    settings = replace(scene.settings, target_error_db=0.0, time_limit=0.0)
+    packages = [importlib.metadata.version(name) for name in _PACKAGES]
+    texts = [Path(name).read_bytes() if os.path.isfile(name) else name for name in extensions]
+    return _hash(
+        (shapes_hash(scene), scene.radar, settings, scene.image, scene.offset, _program(), packages, texts)
+    )
+
+
+def shapes_hash(scene: Scene) -> str:
+    """Hash of what a scene holds for the radar to see: geometry, materials, points, wires, volumes, scatterers."""
+    seen = (scene.geometry, scene.materials, scene.points, scene.wires, scene.volumes, scene.scatterers)
+    return _hash((*seen, scene.offset))
+
+
+def _hash(content: object) -> str:
     digest = hashlib.sha256()
 
     def feed(value: object) -> None:
@@ -52,13 +67,7 @@ def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
         else:
             digest.update(repr(value).encode() + b";")
 
-    settings = replace(scene.settings, target_error_db=0.0, time_limit=0.0)
-    seen = (scene.geometry, scene.materials, scene.points, scene.wires, scene.volumes, scene.scatterers)
-    feed((*seen, scene.radar, settings, scene.image, scene.offset))
-    feed((_program(), [importlib.metadata.version(name) for name in _PACKAGES]))
-    for extension in extensions:
-        path = Path(extension)
-        feed(path.read_bytes() if os.path.isfile(path) else extension)
+    feed(content)
     return digest.hexdigest()
 
 

@@ -15,7 +15,7 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.parameters import filled
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.blame import blame_stages, check_traced
 from sarmitsuba.simulation.points import point_echo, point_history
 from sarmitsuba.simulation.prediction.counting import check_rays
@@ -147,7 +147,7 @@ def _named(path: PathTable) -> str:
 
 @exclusive
 def trace_paths(
-    scene: Scene,
+    scene: SceneLike,
     pulses: int | Sequence[int] | None = None,
     *,
     strongest: float = 1.0,
@@ -161,7 +161,7 @@ def trace_paths(
 
     Parameters
     ----------
-    scene : as loaded
+    scene : as loaded, a scene file, or the name of a shipped scene
     pulses : number or numbers of pulses, negative ones from the end; None takes the middle one
     strongest : wanted share of the energy; see :meth:`PathTable.strongest`
     near : (3,) m, scene frame; keeps only the paths of one pixel, such as ``image.grid.positions()[i, j]``: those with
@@ -188,7 +188,7 @@ def trace_paths(
     Limitations are those of the kernel. One launch per lattice of rays and pulse; a launch with more paths than the
     memory holds is repeated. Amplitudes are those at the carrier, also for wide bands.
     """
-    table = PathTracer(scene, seed=seed, plan=plan, pass_index=pass_index).trace(
+    table = PathTracer(Scene.of(scene), seed=seed, plan=plan, pass_index=pass_index).trace(
         pulses, near=near, cells=cells
     )
     return table if strongest == 1.0 else table.strongest(strongest)

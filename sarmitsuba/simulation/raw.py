@@ -17,7 +17,7 @@ from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
-from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.batches import Workers
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.blocks import Blocks
@@ -40,7 +40,7 @@ LOST_POWER = 0.05
 
 @exclusive
 def simulate(
-    scene: Scene,
+    scene: SceneLike,
     *,
     seed: int | None = None,
     progress: Progress | None = None,
@@ -56,7 +56,7 @@ def simulate(
 
     Parameters
     ----------
-    scene : as loaded
+    scene : as loaded, a scene file, or the name of a shipped scene
     seed : overrides the scene's
     progress : called after every batch
     plan : overrides the automatic effects plan
@@ -86,6 +86,7 @@ def simulate(
     -----
     Limitations are those of the kernel; within a block of pulses amplitudes and visibility are those of its key pulse.
     """
+    scene = Scene.of(scene)
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
     run = Run(scene, plan=plan, clock=clock, workers=workers)

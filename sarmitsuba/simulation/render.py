@@ -14,7 +14,7 @@ from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.focuser import DEFAULT
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
-from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.scene.settings import METHODS, Method
 from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.raw import echoes
@@ -25,7 +25,7 @@ from sarmitsuba.timing import Clock
 
 @exclusive
 def render(
-    scene: Scene,
+    scene: SceneLike,
     *,
     method: Method | None = None,
     seed: int | None = None,
@@ -43,7 +43,7 @@ def render(
 
     Parameters
     ----------
-    scene : as loaded
+    scene : as loaded, a scene file, or the name of a shipped scene
     method : ``raster``, ``image``, ``hybrid`` or ``raw``; default: the scene's
     seed : of every random number; default: the scene's
     grid : pixels; default: those that the scene asks for, the same for every method
@@ -71,6 +71,7 @@ def render(
     -----
     For the limitations of ``image`` and ``raster`` see :class:`sarmitsuba.simulation.image.Imager`.
     """
+    scene = Scene.of(scene)
     name = method or scene.settings.method
     if name not in METHODS:
         raise SceneError(f"{scene.name}: method {name!r} is unknown; choose one of {', '.join(METHODS)}")

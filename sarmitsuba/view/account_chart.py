@@ -5,10 +5,10 @@ import textwrap
 from collections.abc import Sequence
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from sarmitsuba.analysis.quality.account import Account
 from sarmitsuba.analysis.quality.error_budget import AT_MOST, UNKNOWN, ErrorPart
+from sarmitsuba.view.figure import Figure
 
 _DPI = 100.0
 # screen pixels: of a bar, around the bars, and of the names

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.io.atomic import atomic_path
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from sarmitsuba.view.figure import Figure
 
 Point = tuple[float, float]
 
@@ -24,7 +24,7 @@ def cost_figure(
     target_db : wanted error
     title : of the plot
     """
-    from matplotlib.figure import Figure
+    from sarmitsuba.view.figure import Figure
 
     figure = Figure(figsize=(7.0, 4.6), layout="constrained")
     axes = figure.add_subplot()

@@ -75,7 +75,8 @@ def save_deviation(
 ) -> None:
     """Write a PNG with one panel per curve."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+
+    from sarmitsuba.view.figure import Figure
 
     n = len(panels)
     columns = min(_COLUMNS, n)

@@ -5,11 +5,11 @@ import textwrap
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from sarmitsuba.focusing.focuser_comparison import FocuserResult
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import PictureOptions, prepare
+from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import draw
 
 _PANEL = 3.2  # inches

@@ -7,12 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
 from sarmitsuba.arrays import F64
 from sarmitsuba.units import db_from_power
+from sarmitsuba.view.figure import Figure
 
 _CYCLIC = "hsv"
 # brightness of the fringes: amplitude of black below white, dB; percentile of white

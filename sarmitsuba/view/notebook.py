@@ -1,18 +1,16 @@
 """Pictures for notebooks: images and plan views of scenes as PNG."""
 
-import io
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
 
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.sar_image import Multilook, SarImage
 from sarmitsuba.radar.footprint import lit, outline
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import quicklook, save
 
 # most triangles drawn in a plan; the largest ones are kept
@@ -32,14 +30,29 @@ def image_figure(image: SarImage, path: Path | str | None = None, channel: str |
     return figure
 
 
-def image_png(image: SarImage) -> bytes:
-    """Quick-look of the first channel as PNG."""
-    return _png(quicklook(image))
-
-
-def scene_png(scene: Scene) -> bytes:
-    """Plan of a scene as PNG, see :func:`scene_plan`."""
-    return _png(scene_plan(scene))
+def multilook_figure(looks: Multilook) -> Figure:
+    """Draw multi-looked power, dB, between its 1st and 99.5th percentile."""
+    level = looks.to_db()
+    finite = level[np.isfinite(level)]
+    low, high = np.percentile(finite, (1.0, 99.5)) if finite.size else (0.0, 1.0)
+    figure = Figure(figsize=(5.6, 4.6), dpi=100.0, layout="constrained")
+    axes = figure.add_subplot()
+    shown = axes.pcolormesh(
+        looks.range,
+        looks.azimuth,
+        np.maximum(level, low),
+        cmap="gray",
+        vmin=low,
+        vmax=high,
+        shading="nearest",
+    )
+    axes.set(xlabel="range (m)", ylabel="azimuth (m)")
+    axes.set_aspect("equal")
+    axes.ticklabel_format(useOffset=False, style="plain")
+    axes.locator_params(axis="x", nbins=4)
+    unit = "dBsm" if looks.quantity == "rcs" else "dB"
+    figure.colorbar(shown, ax=axes, label=f"{looks.channel} {looks.quantity} ({unit})")
+    return figure
 
 
 def scene_plan(scene: Scene, *, whole_beam: bool = False) -> Figure:
@@ -134,9 +147,3 @@ def draw_beam(axes: Axes, radar: Radar, height: float, *, whole: bool = False) -
 
 
 _AROUND = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_figure(buffer, format="png", dpi=100.0)
-    return buffer.getvalue()

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
+from sarmitsuba.view.figure import Figure
 
 # smallest sweep drawn in polar axes, deg
 POLAR_FROM = 90.0

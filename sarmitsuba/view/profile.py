@@ -3,13 +3,13 @@
 from typing import Literal
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.calibration import Quantity, backscatter
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
+from sarmitsuba.view.figure import Figure
 
 
 def cut(

@@ -9,7 +9,6 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.text import Annotation
 
@@ -20,6 +19,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
+from sarmitsuba.view.figure import Figure
 
 # function that draws a picture on demand
 Drawing = Callable[[], Figure]
@@ -96,9 +96,7 @@ def draw(image: SarImage, axes: Axes, options: PictureOptions | None = None) -> 
 
 def png(image: SarImage, options: PictureOptions | None = None, *, title: str | None = None) -> bytes:
     """Quick-look as the bytes of a PNG file."""
-    buffer = BytesIO()
-    FigureCanvasAgg(quicklook(image, options, title=title)).print_figure(buffer, format="png", dpi=_DPI)
-    return buffer.getvalue()
+    return quicklook(image, options, title=title).png()
 
 
 def panel(image: SarImage, options: PictureOptions | None = None, *, width: float = 3.4) -> Figure:

@@ -2,7 +2,6 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from sarmitsuba.analysis.quality.carrier import Carrier
@@ -12,6 +11,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import PictureOptions
+from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import draw
 
 _MOST = 6  # most points whose response is drawn

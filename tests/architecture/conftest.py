@@ -86,9 +86,10 @@ class House:
 
     def _imports(self, module: Module) -> Iterator[Import]:
         def visit(node: ast.AST, when: str) -> Iterator[Import]:
-            for child in ast.iter_child_nodes(node):
+            # expressions hold no statement
+            for child in (c for c in ast.iter_child_nodes(node) if not isinstance(c, ast.expr)):
                 then = when
-                if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+                if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):
                     then = "late" if when == "top" else when
                 if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
                     for inner in child.body:

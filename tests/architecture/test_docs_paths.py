@@ -65,8 +65,27 @@ def test_paths_in_sources_exist() -> None:
     assert not wrong, "\n".join(sorted(wrong))
 
 
+def anchors(page: str) -> set[str]:
+    """Of the headings to the fourth level, as the site and GitHub name them."""
+    titles = re.findall(r"^#{1,4} +(.+)$", re.sub(r"```.*?```", "", page, flags=re.DOTALL), re.MULTILINE)
+    plain = (re.sub(r"\]\([^)]*\)|[`*\[]", "", title) for title in titles)
+    return {re.sub(r"[^\w\- ]", "", title).strip().lower().replace(" ", "-") for title in plain}
+
+
+def test_links_between_pages_have_their_page_and_heading() -> None:
+    wrong, n = [], 0
+    for page in ROOT.glob("docs/*.md"):
+        text = re.sub(r"```.*?```|`[^`\n]*`", "", text_of(page), flags=re.DOTALL)
+        for file, anchor in re.findall(r"\]\(([\w/.-]*)(?:#([\w-]+))?\)", text):
+            n += 1
+            target = page.parent / file if file else page
+            if not target.exists() or (anchor and anchor not in anchors(text_of(target))):
+                wrong.append(f"{page.name}: {file}#{anchor}")
+    assert n > 300
+    assert not wrong, "\n".join(wrong)
+
+
 def test_links_beside_the_site_exist() -> None:
-    """The site's own links are checked where it is built."""
     wrong = []
     for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"):
         for link in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text_of(page)):

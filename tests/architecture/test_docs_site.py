@@ -29,11 +29,13 @@ def test_every_page_is_on_the_site_and_on_its_map() -> None:
     assert set(re.findall(r"\]\(([\w/]+)\.md(?:#[\w-]+)?\)", index)) == pages
 
 
-# everything is read and every link resolved in both; themes and listings of the sources take as long again
+# everything is read and every link resolved in both; themes and listings of the sources take as long again. That
+# links lead somewhere is seen at once by test_docs_paths.py
 READ = ("-b", "xml", "-D", "extensions=myst_nb,sphinx.ext.autodoc,sphinx.ext.mathjax,sphinx.ext.napoleon")
 WHOLE = ("-b", "html")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "page", "described"),
     [
@@ -43,7 +45,6 @@ WHOLE = ("-b", "html")
         pytest.param(
             *(WHOLE, "api.html", r"<strong>range_window</strong> \S <code"),
             id="whole",
-            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -17,6 +17,7 @@ def counted_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sarmitsuba.cost.study.study_cost", partial(study_cost, clock=WorkClock()))
 
 
+@pytest.mark.slow
 def test_recommendation_is_checked_and_can_be_rendered(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -40,6 +41,10 @@ def test_recommendation_is_checked_and_can_be_rendered(
     # tol: 2 dB, what the command estimates
     assert abs(record["check"]["error_db"] - record["recommended"]["error_db"]) < 2.0
     assert (out / "cost.png").stat().st_size > 0
+    another = ["cost", "dihedral", "-D", "sar_path.seed=8", "--budget", "1", "-o", str(out)]
+    assert main(another) == 2
+    assert "holds a study of another scene" in capsys.readouterr().err
+    assert json.loads((out / "cost.json").read_text()) == record
     line = next(x for x in text.splitlines() if "python -m sarmitsuba render" in x)
     words = line.split()[3:]
     words[words.index("OUT")] = str(tmp_path / "image")

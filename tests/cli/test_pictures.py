@@ -80,6 +80,13 @@ def test_a_picture_is_drawn_again(tmp_path: Path, capsys: Any) -> None:
     assert (out / "image.h5").stat().st_mtime == 1.0
 
 
+@pytest.fixture(scope="module")
+def point(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("point") / "out"
+    assert cli.main(["render", "point", "-o", str(out), "--no-error-bars", "--quiet"]) == 0
+    return out
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -89,10 +96,9 @@ def test_a_picture_is_drawn_again(tmp_path: Path, capsys: Any) -> None:
         (["--order", "2"], "bounce order 2 was not kept separately"),
     ],
 )
-def test_bad_options_get_one_line(tmp_path: Path, capsys: Any, arguments: list[str], text: str) -> None:
-    out = tmp_path / "out"
-    assert cli.main(["render", "point", "-o", str(out), "--no-error-bars", "--quiet"]) == 0
-    assert cli.main(["picture", str(out), *arguments]) == 2
+def test_bad_options_get_one_line(point: Path, capsys: Any, arguments: list[str], text: str) -> None:
+    capsys.readouterr()
+    assert cli.main(["picture", str(point), *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert text in line
-    assert cli.main(["picture", str(tmp_path / "nothing")]) == 2
+    assert cli.main(["picture", str(point.parent / "nothing")]) == 2

@@ -30,7 +30,9 @@ def pixels(n: int, extent: float, seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-0.5, 0.5, (n, 3)) * [extent, extent, 0.1 * extent]
 
 
-@pytest.mark.parametrize(("slant_range", "resolution"), [(10e3, 1.0), (700e3, 12.0)])
+@pytest.mark.parametrize(
+    ("slant_range", "resolution"), [pytest.param(10e3, 1.0, marks=pytest.mark.slow), (700e3, 12.0)]
+)
 def test_best_setting_is_the_exact_sum(slant_range: float, resolution: float) -> None:
     radar = ideal_radar(slant_range=slant_range, resolution=resolution, n_samples=200)
     raw = noise_data(radar, n_layers=2)

@@ -19,6 +19,7 @@ from sarmitsuba.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.ephemeris import StateVectors
 from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
+from tests.support.draws import few_of
 
 # shapes without a material are said to be read as concrete
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
@@ -47,9 +48,10 @@ SCENE = """<scene version="3.0.0"><sensor type="sar_antenna"><integer name="n_pu
 <film type="range_film"/></sensor>{}<shape type="cube"/></scene>"""
 
 
+@pytest.mark.parametrize("draws", few_of([6, 12]))
 @pytest.mark.parametrize("name", KINDS)
 def test_drawn_damage_is_read_or_refused_in_one_line(
-    hostile: ModuleType, samples: Path, tmp_path: Path, name: str
+    hostile: ModuleType, samples: Path, tmp_path: Path, name: str, draws: int
 ) -> None:
     kind = hostile.KINDS[name]
     whole = (samples / kind.file).read_bytes()
@@ -59,7 +61,7 @@ def test_drawn_damage_is_read_or_refused_in_one_line(
     path.write_bytes(whole)
     assert hostile.read_one(kind, path) == ("read", "")
     outcomes = []
-    for seed in range(12):
+    for seed in range(draws):
         path.write_bytes(kind.mutate(random.Random(seed), whole))
         outcome, text = hostile.read_one(kind, path)
         assert outcome in ("read", "refused"), f"seed {seed}: {outcome}: {text}"

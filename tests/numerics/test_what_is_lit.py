@@ -44,7 +44,7 @@ def ball(radius: float, x: float = 0.0) -> str:
 
 @pytest.mark.filterwarnings("ignore:.*coarser than")
 @pytest.mark.parametrize("method", ["raw", "hybrid", "image"])
-@pytest.mark.parametrize("radius", [0.05, 0.2])
+@pytest.mark.parametrize("radius", [0.05, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_targets_between_the_rays_are_found(tmp_path: Path, method: str, radius: float) -> None:
     # rays 5 m apart: the plain lattice has none over a ball of centimetres, and may be empty altogether
     for seed in range(3):

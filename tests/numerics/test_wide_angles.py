@@ -64,9 +64,8 @@ def amplitudes(raw: RawData) -> np.ndarray:
     return np.abs(echo) * distance**2 / radar.amplitude_constant
 
 
-@pytest.mark.parametrize(
-    "degrees", [*(pytest.param(part, marks=pytest.mark.slow) for part in (200.0, 300.0)), 360.0]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [200.0, 300.0, 360.0])
 def test_sphere_is_the_same_from_every_aspect(tmp_path: Path, degrees: float) -> None:
     raw = sarmitsuba.simulate(circle(tmp_path, degrees, 25, SPHERE))
     error = 20.0 * np.log10(amplitudes(raw) / (0.3 * np.sqrt(np.pi)))
@@ -112,6 +111,7 @@ def test_sectors_cover_the_track_and_a_usual_aperture_is_one(tmp_path: Path) -> 
         assert served and all(grid.frame is not None for grid in served)
 
 
+@pytest.mark.slow
 def test_whole_circle_comes_out_as_a_point_in_its_place(tmp_path: Path) -> None:
     # aspects a wavelength apart at the edge of what is focused: 2 pi 0.25 m / (0.031 m / 4) = 202 and some spare
     scene = circle(tmp_path, 360.0, 300, POINT, "hybrid")

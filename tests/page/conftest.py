@@ -4,7 +4,7 @@ import base64
 import json
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +34,16 @@ FLAGS = (
 def browser() -> str | None:
     """The first browser on the path."""
     return next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Say once why all tests that need the browser, or Node.js, are skipped, not once a test."""
+    report = yield
+    if report.skipped and {"chromium", "in_node"} & set(getattr(item, "fixturenames", ())):
+        assert isinstance(report.longrepr, tuple)
+        report.longrepr = (__file__, None, report.longrepr[2])  # equal places and reasons are folded
+    return report
 
 
 @contextmanager
@@ -92,12 +102,16 @@ class Open:
 
 
 @pytest.fixture(scope="module")
-def opened(chromium: Any) -> Iterator[Callable[[Path], Open]]:
-    """Open a page's file and wait until it is ready; a page that cannot start fails at once."""
+def opened(chromium: Any) -> Iterator[Callable[..., Open]]:
+    """Open a page's file and wait until it is ready; a page that cannot start fails at once.
+
+    In a window of so many picture elements (width, height): WebGL in software draws every one.
+    """
     pages: list[Open] = []
 
-    def call(path: Path) -> Open:
+    def call(path: Path, window: tuple[int, int] = (1280, 800)) -> Open:
         page = chromium.new_page()
+        page.set_viewport_size(dict(zip(("width", "height"), window, strict=True)))
         page.set_default_timeout(600_000)  # a stop for what hangs, not a verdict: machines may be busy
         page.add_init_script(WATCH)
         one = Open(page)

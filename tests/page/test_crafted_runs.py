@@ -63,11 +63,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def silent(opened: Callable[[Path], Any]) -> Iterator[Callable[[Path], Any]]:
+def silent(opened: Callable[..., Any]) -> Iterator[Callable[[Path], Any]]:
     """Open a page and try all that it offers; nothing may have run, been asked for or been complained of."""
 
     def call(path: Path) -> Any:
-        one = opened(path)
+        one = opened(path, window=(640, 400))
         one.page.keyboard.press("?")
         one.page.keyboard.press("Escape")
         for key in ("l", "s", "g", "i", "1", "2", "3", "ArrowRight", "End"):

@@ -30,7 +30,8 @@ def bridge(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The bridge in stripmap and in spotlight; the page of both is in the first folder."""
     folder = tmp_path_factory.mktemp("bridge")
     one = rendered("bridge", folder / "stripmap", *SMALLER)
-    two = rendered("bridge", folder / "spotlight", "sar_antenna.mode=spotlight", *SMALLER)
+    narrow = "range_film.image_extent_azimuth=20"
+    two = rendered("bridge", folder / "spotlight", "sar_antenna.mode=spotlight", *SMALLER[:2], narrow)
     assert main(["view", str(one), str(two), "--quiet"]) == 0
     return one, two
 
@@ -160,6 +161,7 @@ def test_look_switch_moves_the_beam(shown: Any, bridge: tuple[Path, Path]) -> No
     shown.page.locator("#looks [data-look='0']").click()
 
 
+@pytest.mark.slow
 def test_image_builds_up_to_the_finished_one(shown: Any, bridge: tuple[Path, Path]) -> None:
     """At the last pulse, with the run's window, the browser's image is the run's."""
     shown.page.keyboard.press("End")
@@ -193,6 +195,7 @@ def test_keys_and_help(shown: Any) -> None:
     shown.page.keyboard.press("Escape")
 
 
+@pytest.mark.slow
 def test_tour_explains_what_newcomers_ask(shown: Any) -> None:
     """Why high things lean, where the shadow falls, what the line at the foot is."""
     shown.page.keyboard.press("Escape")

@@ -56,7 +56,7 @@ def test_nearer_than_the_plane_is_nowhere() -> None:
 def test_paths_of_a_cell_are_those_that_trace_paths_finds_there() -> None:
     """In parts or at once: the same cells, the same paths, the same shares."""
     scene = load_scene(
-        "tower", parameters={"sar_antenna.azimuth_resolution": "2", "sar_antenna.bandwidth": "80e6"}
+        "tower", parameters={"sar_antenna.azimuth_resolution": "4", "sar_antenna.bandwidth": "60e6"}
     )
     grid = default_grid(scene.radar, scene.image)
     whole = page_paths(scene, grid, (2.0, 1.9), "VV", most=10_000)

@@ -230,6 +230,7 @@ def test_speckle_persists_with_denser_rays() -> None:
     assert value >= 0.99
 
 
+@pytest.mark.slow
 def test_same_seed_same_result() -> None:
     """Two runs differ only by the rounding of sums that threads form in any order."""
     scene = sarmitsuba.load_scene(

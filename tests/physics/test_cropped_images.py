@@ -24,10 +24,11 @@ from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.sampling.launch_window import launch_windows
+from tests.support.draws import few_of
 
 CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)
 MODES = ("spotlight", "stripmap", "sliding_spotlight")
-SEEDS = [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 24))]
+SEEDS = few_of(range(24))
 
 
 def drawn(seed: int) -> tuple[RadarDescription, F64, F64, np.random.Generator]:
@@ -291,7 +292,7 @@ def cropped_spotlight(seed: int, **changes: object) -> tuple[Scene, F64, float]:
     return scene, place, float(0.5 + 0.5 * np.cos(np.pi * beyond))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", few_of(range(8), 2))
 def test_the_main_lobe_of_a_ghost_stays_out_of_a_small_image(seed: int) -> None:
     """The far edge shows the side lobes that the bare sum over four times the pulses shows, and no main lobe."""
     scene, place, share = cropped_spotlight(seed)

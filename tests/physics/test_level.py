@@ -71,7 +71,7 @@ def bands(image: SarImage, n: int = 4) -> F64:
 @pytest.mark.parametrize(
     ("mode", "pattern", "extent", "squint"),
     [
-        ("stripmap", "rectangular", 200.0, 0.0),
+        pytest.param("stripmap", "rectangular", 200.0, 0.0, marks=pytest.mark.slow),
         ("spotlight", "gaussian", 100.0, 0.0),
         *(
             pytest.param("stripmap", pattern, 200.0, squint, marks=pytest.mark.slow)
@@ -129,7 +129,7 @@ def test_every_row_has_its_whole_aperture() -> None:
             )
 
 
-@pytest.mark.parametrize("pattern", ["isotropic", "rectangular"])
+@pytest.mark.parametrize("pattern", [pytest.param("isotropic", marks=pytest.mark.slow), "rectangular"])
 def test_blocks_of_pulses_have_each_pulses_own_beam(pattern: str) -> None:
     # Rationale: over a block of a hundred pulses a 2 m antenna's beam moves by a third of its width on the ground.
     # -9.9 dB with the key pulse's gain for all.

@@ -72,12 +72,12 @@ def measured(scene: sarmitsuba.Scene, budget: LinkBudget, window: str, seed: int
 @pytest.mark.parametrize(
     ("mode", "seed", "window"),
     [
-        ("stripmap", 1, "taylor"),
+        pytest.param("stripmap", 1, "taylor", marks=pytest.mark.slow),
         ("stripmap", 2, "rectangular"),
         pytest.param("stripmap", 3, "taylor", marks=pytest.mark.slow),
         pytest.param("stripmap", 4, "hamming", marks=pytest.mark.slow),
         pytest.param("spotlight", 5, "taylor", marks=pytest.mark.slow),
-        ("spotlight", 6, "rectangular"),
+        pytest.param("spotlight", 6, "rectangular", marks=pytest.mark.slow),
         pytest.param("spotlight", 7, "kaiser:2.5", marks=pytest.mark.slow),
     ],
 )

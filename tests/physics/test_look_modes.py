@@ -191,7 +191,12 @@ def check_point(rng: np.random.Generator, made: Draw, where: object) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mode", "squint"), [("stripmap", 10.0), ("stripmap", -30.0), ("sliding_spotlight", 15.0)]
+    ("mode", "squint"),
+    [
+        pytest.param("stripmap", 10.0, marks=pytest.mark.slow),
+        ("stripmap", -30.0),
+        ("sliding_spotlight", 15.0),
+    ],
 )
 def test_points_anywhere_on_the_strip(mode: str, squint: float) -> None:
     # Rationale: the impulse response of the centre pixel's Doppler for all rows gave a coherence of 0.45 at a squint of

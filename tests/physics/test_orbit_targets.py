@@ -14,12 +14,13 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.simulation.raw import simulate
+from tests.support.draws import few_of
 
 MIDDLE = np.array([11.3, -7.9, 2.0])
 
 
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # one lone plate: a dark image
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", few_of(range(3)))
 def test_a_plate_that_faces_the_satellite(seed: int) -> None:
     """A square of 1 m square to the line of sight, on a drawn pass.
 
@@ -97,7 +98,10 @@ def test_an_anchor_alone_changes_nothing() -> None:
     assert here.anchor != there.anchor
 
 
-@pytest.mark.parametrize("mode", ["stripmap", "sliding_spotlight", "spotlight"])
+@pytest.mark.parametrize(
+    "mode",
+    ["spotlight", *(pytest.param(m, marks=pytest.mark.slow) for m in ("stripmap", "sliding_spotlight"))],
+)
 def test_quality_finds_points_of_a_squinted_orbit_in_place_and_phase(mode: str) -> None:
     """Points on the ground and above it, passes drawn: seen from the scene a satellite climbs or sinks.
 

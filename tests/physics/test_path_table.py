@@ -87,7 +87,7 @@ def assert_sums_to_raw(scene: Scene, pulses: list[int]) -> PathTable:
     ("name", "more"),
     [
         ("dihedral", {"sar_path.ray_spacing": "0.02"}),
-        ("tower", {"range_film.image_extent_azimuth": "9"}),
+        pytest.param("tower", {"range_film.image_extent_azimuth": "9"}, marks=pytest.mark.slow),
         pytest.param(
             "urban_block",
             {"range_film.image_extent_azimuth": "9", "range_film.image_extent_range": "9"},
@@ -121,7 +121,8 @@ def test_paths_of_random_scenes(seed: int) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
-@pytest.mark.parametrize("seed", [4, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (5, 6))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [4, 5, 6])
 def test_paths_through_panes(seed: int) -> None:
     """A room of glass among boxes: every path of a ray that branches has its own hits."""
     plain, rng = random_scene(seed), np.random.default_rng(seed)

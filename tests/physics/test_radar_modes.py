@@ -28,7 +28,9 @@ def axes(radar) -> tuple[np.ndarray, np.ndarray]:
     return radar.track.along, radar.across
 
 
-@pytest.mark.parametrize("mode", ["stripmap", "sliding_spotlight", "spotlight"])
+@pytest.mark.parametrize(
+    "mode", [pytest.param("stripmap", marks=pytest.mark.slow), "sliding_spotlight", "spotlight"]
+)
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_width_of_points_all_over_the_image(mode: str, seed: int) -> None:
     # rows near both ends, off mid-swath, at any heading, side and squint: each as wide as its own aperture says
@@ -106,7 +108,8 @@ def test_width_of_points_all_over_the_image(mode: str, seed: int) -> None:
         assert abs(point.rcs_error_db) < 0.1  # tol: side lobes of the other points
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_points_from_a_whole_circle_are_bessel_functions(seed: int) -> None:
     rng = np.random.default_rng([seed, 16])
     look, frequency = rng.uniform(30.0, 65.0), rng.uniform(0.8e9, 1.6e9)
@@ -184,7 +187,8 @@ def every_pulse(seed: int) -> tuple[Scene, RawData]:
     return scene, simulate(replace(scene, settings=replace(scene.settings, method="raw")))
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
     # a launch plane of its own every 20 degrees: no pulse knows that it is one of a circle
     scene, raw = every_pulse(seed)
@@ -205,7 +209,8 @@ def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
         assert error < 10.0**-2.2 * energy, pulse
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_blocks_of_a_circle_are_as_wrong_as_they_say(seed: int) -> None:
     scene, raw = every_pulse(seed)
     grid = default_grid(scene.radar, scene.image)

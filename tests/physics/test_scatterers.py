@@ -23,6 +23,7 @@ from sarmitsuba.simulation.sampling.density_plan import CELLS_PER_RESOLUTION
 from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Contribution
 from sarmitsuba.trace.surfaces import Surfaces
+from tests.support.draws import few_of
 
 LEVEL_DB = -10.0
 SIGMA0 = 10.0 ** (LEVEL_DB / 10.0)
@@ -127,7 +128,7 @@ def level_error_db(parts: list[F64], expected_area: float, extent: float, seeds:
     return float(10.0 * np.log10(found / (SIGMA0 * expected_area)))
 
 
-@pytest.mark.parametrize("width", [0.33, 0.62, 1.24, 2.5])
+@pytest.mark.parametrize("width", [pytest.param(0.33, marks=pytest.mark.slow), 0.62, 1.24, 2.5])
 def test_level_ground_of_slabs(width: float) -> None:
     """Slabs that share no vertex, their rows shifted: every seam is a T-junction. Before: -3.1 to -0.7 dB."""
     w, half, gap = width * RESOLUTION, 8.0, 0.003
@@ -156,7 +157,7 @@ def test_steps() -> None:
     assert abs(error) < 0.1
 
 
-@pytest.mark.parametrize("size", [3.0, 1.0, 0.5, 0.25, 0.1])
+@pytest.mark.parametrize("size", [pytest.param(3.0, marks=pytest.mark.slow), 1.0, 0.5, 0.25, 0.1])
 def test_patches(size: float) -> None:
     """Square patches, turned at random, at 0.5 m resolution. Before: -1.1 to -20 dB."""
     rng = np.random.default_rng(5)
@@ -198,6 +199,7 @@ def test_lamp_posts() -> None:
     assert abs(error) < 0.15
 
 
+@pytest.mark.slow
 def test_slabs_through_the_whole_chain() -> None:
     """Raw data, focused: the mean of slabs of 0.62 cells is sigma0. Before: -12.8 dB."""
     w, gap, half = 0.62 * RESOLUTION, 0.003, 8.0
@@ -361,7 +363,7 @@ def _fringe_sum(product: C64) -> float:
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", few_of(range(4)))
 def test_two_passes_keep_their_coherence(seed: int, share: float) -> None:
     """Coherence 1 - B/Bc with automatic settings, at drawn headings. Before: 0.01 instead of 0.9."""
     coherence, cells = two_passes(seed, share)

@@ -67,6 +67,7 @@ def cube_rcs(side: float, turn: float, direction: F64) -> float:
     return float(np.mean(np.square(np.abs(total))))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
 def test_field_of_small_cubes(tmp_path: Path) -> None:
     """784 cubes of 5 cm, turned at random, rays decimetres apart. Before: +11 dB, a pixel of +18 dB."""
@@ -98,7 +99,8 @@ def test_field_of_small_cubes(tmp_path: Path) -> None:
     assert abs(peak) < 2.0
 
 
-@pytest.mark.parametrize("size", [1.0, pytest.param(2.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [1.0, 2.0])
 def test_sphere_in_a_large_scene(tmp_path: Path, size: float) -> None:
     """Spheres of 1 and 2 m in an image of 120 m: rays for coherent returns are 0.25 m apart there. Before: +3.9 dB."""
     shapes = (

@@ -76,7 +76,7 @@ def raw(scene: Scene, monkeypatch: pytest.MonkeyPatch, *sources: Source) -> C64:
         return simulate(scene, seed=1).data
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_an_isotropic_scatterer_is_an_ideal_point(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     """Level, phase and history of every pulse, through the blocks of automatic settings and the antenna's beam."""
     ensure_backend()

@@ -7,6 +7,7 @@ from sarmitsuba import theory
 from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
 from sarmitsuba.materials.vegetation.plant_pieces import OverGround, Stick
 from sarmitsuba.units import db_from_power
+from tests.support.draws import few_of
 
 # k a |sqrt(eps)| up to which the reference holds, 0.1 dB
 THICKEST = 0.5
@@ -30,9 +31,7 @@ def drawn(seed: int) -> tuple[Stick, float, complex]:
     return Stick(radius, shortest * (longest / shortest) ** rng.random()), wavelength, eps
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(4), *(pytest.param(n, marks=pytest.mark.slow) for n in range(4, 39)), WORST]
-)
+@pytest.mark.parametrize("seed", [*few_of(range(39), 2), WORST])
 def test_levels_of_drawn_sticks_are_those_of_the_integral_equation(seed: int) -> None:
     """HH and VV, extinction and backscatter of sticks that stand about a drawn tilt."""
     stick, wavelength, eps = drawn(seed)

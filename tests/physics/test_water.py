@@ -141,7 +141,7 @@ def test_drawn_waves_have_the_spectrum_s_variances() -> None:
 # ------------------------------------------------------------------------------------------ key pulses
 
 
-@pytest.mark.parametrize(("drawn", "limit"), [(1e4, -28.0), (4.0, -23.0)])
+@pytest.mark.parametrize(("drawn", "limit"), [(1e4, -28.0), pytest.param(4.0, -23.0, marks=pytest.mark.slow)])
 def test_key_pulses_and_every_pulse_see_the_same_water(drawn: float, limit: float) -> None:
     """Range rates carry the velocities; what is left is the acceleration of the long waves over a block."""
     every = simulate(harbour(drawn=drawn, wall=True, method="raw"), seed=3).data

@@ -125,9 +125,7 @@ def limited(raw: RawData, pulse: int, amplitude: Callable[[F64], C128], n_freque
     return replace(raw, data=np.broadcast_to(samples, raw.data.shape))
 
 
-@pytest.mark.parametrize(
-    "seed", [0, 1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2, 3))])
 def test_drawn_plates_follow_physical_optics_at_every_frequency(seed: int) -> None:
     """B / fc = 0.8: the spectrum of a pulse within 0.05 dB where it is not in a null; without the effect 1 to 4 dB."""
     rng = np.random.default_rng(seed)

@@ -270,14 +270,13 @@ def test_drawn_mixtures_by_key_pulses_are_those_of_every_pulse(tmp_path: Path, s
     assert apart < 1.5 * noise + 0.04, chosen(seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "names"),
     [
         (1, ("crown", "rods", "court", "point")),
-        *(
-            pytest.param(s, n, marks=pytest.mark.slow)
-            for s, n in ((2, ("rods", "crown", "point")), (3, ("water", "cover", "crown", "rods")))
-        ),
+        (2, ("rods", "crown", "point")),
+        (3, ("water", "cover", "crown", "rods")),
     ],
 )
 def test_paths_of_a_mixture_add_up_to_its_echo(tmp_path: Path, seed: int, names: tuple[str, ...]) -> None:

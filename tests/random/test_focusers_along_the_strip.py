@@ -241,7 +241,7 @@ def short(seed: int) -> tuple[Radar, ImageGrid, str]:
 
 
 @pytest.mark.filterwarnings(SAID, "ignore:RadarDescription:sarmitsuba.errors.SarmitsubaWarning")
-@pytest.mark.parametrize("window", ["hamming", "rectangular"])
+@pytest.mark.parametrize("window", ["hamming", pytest.param("rectangular", marks=pytest.mark.slow)])
 def test_apertures_of_few_pulses_keep_the_stated_error(window: str) -> None:
     """A window bends so much within such an aperture that stationary phase to second order misses its level."""
     beam = {"antenna_length": 3.0, "antenna_height": 0.3, "look_angle_deg": 35.0}

@@ -123,7 +123,7 @@ def mean_intensity(radar: Radar, place: np.ndarray, window: str, seed: int) -> f
         *(pytest.param(s, c, marks=pytest.mark.slow) for s in (3, 4, 5) for c in (1.5, 2.6, 4.0, 9.0)),
     ],
 )
-@pytest.mark.parametrize("mode", ["sliding_spotlight", "stripmap"])
+@pytest.mark.parametrize("mode", ["sliding_spotlight", pytest.param("stripmap", marks=pytest.mark.slow)])
 @pytest.mark.usefixtures("benchmark_script")
 def test_narrow_beams_keep_sigma0(mode: str, seed: int, cells: float) -> None:
     scene, place = drawn(seed, cells, mode)

@@ -9,7 +9,15 @@ from sarmitsuba.validation.cases.speckle import distributions
 from sarmitsuba.validation.run_cases import run_case, select
 
 
-@pytest.mark.parametrize("entry", select(topics=["statistics"]), ids=lambda e: e.name)
+# correlation wants a second image, windowed; test_focus_windows holds the response that it follows
+@pytest.mark.parametrize(
+    "entry",
+    [
+        pytest.param(entry, marks=pytest.mark.slow if entry.name == "correlation" else ())
+        for entry in select(topics=["statistics"])
+    ],
+    ids=lambda e: e.name,
+)
 def test_case(entry: CaseEntry) -> None:
     """Every comparison within its own tolerance, whose reason the case states."""
     case = run_case(entry, quick=True)

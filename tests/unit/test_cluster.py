@@ -73,7 +73,12 @@ def assert_same(shared: RawData, alone: RawData) -> None:
             {"azimuth_resolution": "8", "image_extent_azimuth": "6"},
             {"keep_orders": True, "method": "raw", "keep_subsets": True},
         ),
-        ("moving_cars", {"azimuth_resolution": "3", "image_extent_azimuth": "24"}, {"key_pulse_interval": 2}),
+        pytest.param(
+            "moving_cars",
+            {"azimuth_resolution": "3", "image_extent_azimuth": "24"},
+            {"key_pulse_interval": 2},
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_the_bits_do_not_depend_on_who_traces(

@@ -252,6 +252,7 @@ def test_the_command_line_focuses_a_file(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "image.h5").is_file()
 
 
+@pytest.mark.slow
 def test_an_independent_program_finds_the_points(tmp_path: Path) -> None:
     """FastSAR reads the file through sarpy and forms an image of its own."""
     fastsar = pytest.importorskip("fastsar", reason="another program; in the extra independent")

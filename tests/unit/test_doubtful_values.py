@@ -124,7 +124,27 @@ def sionna() -> list[Path]:
     return sorted(path for place in places or () for path in Path(place).glob("rt/scenes/*/*.xml"))
 
 
-@pytest.mark.parametrize("name", [entry.name for entry in list_scenes()])
+# seconds to load, under each radar
+LARGE = {
+    *("street_trees", "forest", "urban_block_trees"),
+    *(
+        "simple_street_canyon",
+        "simple_street_canyon_with_cars",
+        "etoile",
+        "box_two_screens",
+        "box_knife",
+        "triple_reflector",
+    ),
+}
+
+
+def slow_if_large(name: str) -> list[pytest.MarkDecorator]:
+    return [pytest.mark.slow] if name in LARGE else []
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(entry.name, marks=slow_if_large(entry.name)) for entry in list_scenes()]
+)
 def test_no_alarm_on_shipped_scenes(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -136,7 +156,11 @@ def test_no_alarm_on_shipped_scenes(name: str) -> None:
             load_scene(name, radar=radar.name)
 
 
-@pytest.mark.parametrize("path", sionna(), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=slow_if_large(path.stem)) for path in sionna()],
+    ids=lambda path: path.stem,
+)
 def test_no_alarm_on_scenes_of_sionna(path: Path) -> None:
     if path.stat().st_size > 500_000:
         pytest.skip("its size says nothing more, and it takes seconds to load")

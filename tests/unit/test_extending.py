@@ -322,7 +322,14 @@ CHECKS: dict[str, Callable[[Example, Path], None]] = {
 }
 
 
-@pytest.mark.parametrize("heading", EXAMPLES)
+# each method with it and without it, and as many kernels to compile; test_extension_faults.py and test_own_lobes.py
+# hold what stages and scatterers may do
+SLOW = {"An effect of the trace kernel", "A scatterer"}
+
+
+@pytest.mark.parametrize(
+    "heading", [pytest.param(h, marks=pytest.mark.slow if h in SLOW else ()) for h in EXAMPLES]
+)
 def test_an_example_of_the_page_runs_and_works(heading: str, module: ModuleType, tmp_path: Path) -> None:
     assert heading in CHECKS, "a section with code has no check"
     example = EXAMPLES[heading]

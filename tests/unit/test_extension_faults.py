@@ -143,10 +143,20 @@ ASPECTS = Aspects(np.zeros(1), np.full(1, np.radians(50.0)))
     ("fault", "words"),
     [
         ("at_hit raises", r"at_hit: KeyError: 'fog' \(test_extension_faults.py, line \d+\)"),
-        ("at_hit returns nothing", "at_hit: TypeError: returns NoneType, not RayState"),
-        ("at_echo raises", r"at_echo: ValueError: no such rain \(test_extension_faults.py"),
-        ("at_hit is not a number", "gives an echo that is not a finite number"),
         ("at_echo is not a number", "gives an echo that is not a finite number"),
+        pytest.param(
+            "at_hit returns nothing",
+            "at_hit: TypeError: returns NoneType, not RayState",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "at_echo raises",
+            r"at_echo: ValueError: no such rain \(test_extension_faults.py",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "at_hit is not a number", "gives an echo that is not a finite number", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_a_fault_of_a_stage_is_one_line(register: Callable[..., None], fault: str, words: str) -> None:

@@ -164,7 +164,7 @@ def test_the_error_of_the_data_is_that_between_their_subsets(shares: tuple[float
     assert data_error_db(dataclasses.replace(alone, metadata={"statistics": {"rays": 0}})) == -math.inf
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4, 5))])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 2, 3, 4, 5))])
 def test_stated_errors_hold(seed: int) -> None:
     """Of every focuser that states one, against the kernel of eight taps, which is at the end of float32."""
     rng = np.random.default_rng(seed)

@@ -12,6 +12,7 @@ from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io import write_image
 from sarmitsuba.radar.geodesy import Anchor
+from tests.support.draws import few_of
 
 MEAN_RADIUS = 6371008.8
 
@@ -40,7 +41,7 @@ def drawn(seed: int, kind: str) -> tuple[SarImage, tuple[int, int]]:
 
 
 @pytest.mark.parametrize("kind", ["ground", "slant"])
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(n, marks=pytest.mark.slow) for n in range(2, 5))])
+@pytest.mark.parametrize("seed", few_of(range(5)))
 def test_a_bright_spot_is_on_its_place_of_the_map(seed: int, kind: str, tmp_path: Path) -> None:
     rasterio = pytest.importorskip("rasterio", reason="writes GeoTIFF; in the extra formats")
     warp = pytest.importorskip("rasterio.warp")

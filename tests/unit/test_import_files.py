@@ -8,6 +8,7 @@ import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -130,9 +131,25 @@ def ended_at(call: int, source: Path, scene: Path, stop: bool) -> bool:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-@pytest.mark.parametrize("stop", [False, True], ids=["killed", "told to end"])
-@pytest.mark.parametrize("first", [False, True], ids=["second import", "first import"])
-@pytest.mark.parametrize("step", [11, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("first", "stop", "step"),
+    [
+        pytest.param(False, False, 11, id="second import, killed, 11"),
+        pytest.param(True, True, 11, id="first import, told to end, 11"),
+        *(
+            pytest.param(
+                *(first, stop, step),
+                id=f"{'first' if first else 'second'} import, {'told to end' if stop else 'killed'}, {step}",
+                marks=pytest.mark.slow,
+            )
+            for first, stop, step in (
+                (False, True, 11),
+                (True, False, 11),
+                *product((False, True), (False, True), (1,)),
+            )
+        ),
+    ],
+)
 def test_an_import_that_is_ended_leaves_one_scene_whole(
     stop: bool, first: bool, step: int, tmp_path: Path
 ) -> None:

@@ -159,8 +159,8 @@ def test_smooth_groups_of_nothing():
     assert smooth_groups(np.zeros((3, 3)), np.zeros((0, 3), int)).shape == (0,)
 
 
-def test_a_million_triangles_take_no_loop_over_them():
-    n = 708
+@pytest.mark.parametrize("n", [200, pytest.param(708, marks=pytest.mark.slow)])
+def test_a_million_triangles_take_no_loop_over_them(n):
     x, y = np.meshgrid(np.arange(n + 1.0), np.arange(n + 1.0), indexing="ij")
     v = np.column_stack([x.ravel(), y.ravel(), np.sin(x + 3.0 * y).ravel() * 0.01])
     i = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
@@ -179,9 +179,9 @@ def test_a_million_triangles_take_no_loop_over_them():
         groups = smooth_groups(cv, cf)
     finally:
         sys.setprofile(None)
-    # work, not seconds: one call per face would be a million
+    # work, not seconds: one call per face would be 2 n^2, up to a million
     assert calls < 10_000
-    assert len(cf) == 2 * n * n > 1_000_000
+    assert len(cf) == 2 * n * n > 70_000
     assert notes == []
     assert set(groups) == {0}
 

@@ -69,6 +69,7 @@ def command(*arguments: str) -> tuple[int, int, str, str]:
     return status, peak, "\n".join(rest), done.stderr
 
 
+@pytest.mark.slow
 def test_explain_of_a_model_in_millimetres_takes_less_than_a_gigabyte(millimetres: Path) -> None:
     status, peak, text, _ = command("explain", str(millimetres))
     assert status == 0
@@ -151,11 +152,12 @@ def test_rays_over_small_parts_are_counted_too(tmp_path: Path, n: int) -> None:
     assert needs.seconds["launch grid"] > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [
-        pytest.param(("tower",), marks=pytest.mark.slow),
-        pytest.param(("urban_block", "--method", "image"), marks=pytest.mark.slow),
+        ("tower",),
+        ("urban_block", "--method", "image"),
         ("sphere", "--method", "raster"),
     ],
 )
@@ -201,7 +203,7 @@ print(parse_focuser(name).making_bytes(radar, grid, 1), peak_memory() - held)
     ("name", "grid"),
     [
         ("backprojection", "ground"),
-        ("omega_k", "slant"),
+        pytest.param("omega_k", "slant", marks=pytest.mark.slow),
         pytest.param("polar_format", "ground", marks=pytest.mark.slow),
         pytest.param("range_doppler", "ground", marks=pytest.mark.slow),
         pytest.param("chirp_scaling", "ground", marks=pytest.mark.slow),

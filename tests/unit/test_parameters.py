@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sarmitsuba.errors import ExtensionError, RadarError, SceneError
@@ -80,6 +80,7 @@ def test_text_of_the_command_line_is_parsed_by_kind() -> None:
         INTEGRATOR["keep_orders"].parse("perhaps", WHERE, SceneError)
 
 
+@settings(max_examples=50)
 @given(st.floats(allow_nan=True) | st.integers() | st.text(max_size=8) | st.booleans() | st.none())
 def test_every_parameter_takes_or_refuses_anything(value: object) -> None:
     for one in TABLES.values():

@@ -167,13 +167,11 @@ def scene(mode: str, beam: dict[str, object]) -> Scene:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(
     "ignore:focus:sarmitsuba.errors.SarmitsubaWarning"
 )  # rows at the rim, wanted here
-@pytest.mark.parametrize(
-    ("mode", "shape"),
-    [pytest.param("stripmap", "gaussian", marks=pytest.mark.slow), ("spotlight", "rectangular")],
-)
+@pytest.mark.parametrize(("mode", "shape"), [("stripmap", "gaussian"), ("spotlight", "rectangular")])
 def test_a_table_serves_wherever_a_pattern_does(mode: str, shape: str, tmp_path: Path) -> None:
     # Rationale: kernel, points, blocks of pulses, coverage, band and backprojection's weights in one image.
     file = sampled(tmp_path / "beam.csv", shape)

@@ -26,7 +26,7 @@ def asked(extent: float, grid: Literal["slant", "ground"] = "slant") -> ImageReq
     [
         ("slant", 0.0, 10e3, 1.0, 120.0),
         ("ground", 12.0, 10e3, 0.5, 120.0),
-        ("ground", 0.0, 700e3, 3.0, 300.0),
+        pytest.param("ground", 0.0, 700e3, 3.0, 300.0, marks=pytest.mark.slow),
         *(
             pytest.param(grid, squint, *rest, marks=pytest.mark.slow)
             for grid, squint, rest in (
@@ -68,7 +68,8 @@ def test_points_at_centre_edges_and_corners(
     assert np.abs(20.0 * np.log10(np.abs(got / exact))).max() < 0.1
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
 def test_shape_at_the_corner_of_the_largest_image(seed: int) -> None:
     rng = np.random.default_rng(seed)
     # pixels of the largest image grow with the distance, what is left of the curvature at its corners does not

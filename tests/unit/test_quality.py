@@ -25,7 +25,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 
-SEEDS = range(3)
+SEEDS = [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2))]
 
 
 def random_radar(rng: np.random.Generator, **more: object) -> Radar:

@@ -1,9 +1,14 @@
 import random
+import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import trimesh
 
+import sarmitsuba
+from sarmitsuba import FilmDescription, Material, RadarDescription, TraceSettings, build_scene
 from sarmitsuba.errors import RadarError, SarmitsubaError, SceneError
 from sarmitsuba.loader.load import load_scene
 
@@ -90,7 +95,7 @@ def test_the_good_one_loads(tmp_path: Path) -> None:
             'value="peck"',
             'bsdf "metal": material = "peck" is not one of asphalt_concrete, brick',
         ),
-        ('id="metal"/>', 'id="mettle"/>', 'unresolved reference to "mettle"'),
+        ('id="metal"/>', 'id="mettle"/>', 'unresolved reference to "mettle"; did you mean "metal"?'),
         (
             '"rectangle"',
             '"rectangl"',
@@ -191,7 +196,7 @@ def test_unreadable_track(tmp_path: Path) -> None:
     assert "no.csv: cannot read the track: No such file" in refused(tmp_path, text)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [2, 3, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 1))])
 def test_mutated_scenes_load_or_are_refused_in_one_line(tmp_path: Path, seed: int) -> None:
     rng = random.Random(seed)
     path = tmp_path / "scene.xml"
@@ -240,3 +245,63 @@ def mutate(text: str, rng: random.Random) -> bytes:
         if not data:
             data = bytearray(b" ")
     return bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "what"),
+    [
+        ("city.geojson", '{"type": "FeatureCollection"}', "it is"),
+        ("town.osm", '<osm version="0.6"/>', "<osm> is"),
+    ],
+)
+def test_files_of_cities_name_the_command_that_takes_them(
+    tmp_path: Path, name: str, content: str, what: str
+) -> None:
+    (tmp_path / name).write_text(content, encoding="utf-8")
+    stem = name.partition(".")[0]
+    command = f"python -m sarmitsuba import {name} -o {stem}.xml"
+    with pytest.raises(SceneError, match=rf"^{name}: {what} not a scene; .*{command}"):
+        load_scene(tmp_path / name)
+
+
+def test_a_scene_without_a_radar_names_the_shipped_ones(tmp_path: Path) -> None:
+    text = re.sub(r"<sensor.*</sensor>", "", GOOD, flags=re.DOTALL)
+    assert "--radar RADAR.xml or a shipped one: --radar airborne_ku, " in refused(tmp_path, text)
+
+
+@pytest.mark.parametrize("call", [sarmitsuba.simulate, sarmitsuba.render, sarmitsuba.link_budget])
+def test_functions_take_a_file_or_a_name(call: Callable[[object], object]) -> None:
+    with pytest.raises(SceneError, match='no shipped scene of that name; did you mean "point"'):
+        call("poin")
+    with pytest.raises(
+        SceneError, match=r"^scene: int is no scene; give a scene of load_scene or build_scene"
+    ):
+        call(3)
+
+
+def test_a_name_loads_the_shipped_scene() -> None:
+    assert str(sarmitsuba.link_budget("point")) == str(sarmitsuba.link_budget(load_scene("point")))
+
+
+@pytest.mark.parametrize(
+    ("given", "remedy"),
+    [(trimesh.Trimesh, "for mesh in meshes"), (trimesh.Scene, r"for mesh in scene\.dump\(\)")],
+)
+def test_meshes_of_trimesh_need_a_material(given: type, remedy: str) -> None:
+    with pytest.raises(SceneError, match=rf'SceneMesh\.of\(mesh, "concrete"\) {remedy}'):
+        build_scene([given()])
+
+
+@pytest.mark.parametrize(
+    ("described", "wrong", "right"),
+    [
+        (RadarDescription, "look_angle", "look_angle_deg"),
+        (FilmDescription, "extent_range", "image_extent_range"),
+        (TraceSettings, "depth", "max_depth"),
+        (Material, "permitivity", "permittivity"),
+    ],
+)
+def test_unknown_fields_name_the_nearest(described: type, wrong: str, right: str) -> None:
+    message = f'^{described.__name__}: unknown parameter "{wrong}"; did you mean "{right}"'
+    with pytest.raises(SceneError, match=message):
+        described(**{wrong: 1})

@@ -254,6 +254,7 @@ def test_face_order_and_duplicates_do_not_matter(tmp_path: Path) -> None:
     assert any('mesh "box": removed 1 of 18 faces without area' in note for note in scene.notes)
 
 
+@pytest.mark.slow
 def test_munich_loads_unchanged() -> None:
     # the file is enough: nothing of Sionna RT is imported
     spec = pytest.importorskip("importlib.util").find_spec("sionna")

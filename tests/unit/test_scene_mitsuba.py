@@ -264,7 +264,8 @@ print(mi.variant(), type(scene.shapes()[0].bsdf()).__module__.split(".")[0], len
 """
 
 
-@pytest.mark.parametrize("order", ["sionna first", pytest.param("sionna last", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("order", ["sionna first", "sionna last"])
 def test_beside_sionna_rt(tmp_path: Path, order: str) -> None:
     pytest.importorskip("importlib.util")
     import importlib.util

@@ -13,6 +13,7 @@ from sarmitsuba.arrays import C128, F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means, block_middles
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.registry import late, png_of
 
 # approximate least number of independent looks in automatic blocks
 _LOOKS = 16.0
@@ -69,6 +70,14 @@ class Interferogram:
             f"{self.looks[1]} pixels, perpendicular baseline {self.baseline.perpendicular:.4g} m of "
             f"{self.baseline.critical:.4g} m critical)"
         )
+
+    def _repr_png_(self) -> bytes:
+        """Fringes and coherence, for notebooks."""
+        return png_of(self.plot())
+
+    def plot(self, heights: object = None) -> object:
+        """Fringes, coherence and, if given, a height map as a Matplotlib ``Figure``, which notebooks show."""
+        return late("sarmitsuba.view.fringes", "interferogram_figure")(self, heights)
 
     @property
     def kind(self) -> str:

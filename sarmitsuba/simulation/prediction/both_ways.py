@@ -343,14 +343,7 @@ def _grid(run: Run) -> ImageGrid:
     if much <= 1.0:
         return grid
     coarser = float(np.sqrt(much))
-    return default_grid(
-        radar,
-        replace(
-            request,
-            spacing_azimuth=coarser * grid.azimuth_spacing,
-            spacing_range=coarser * grid.range_spacing,
-        ),
-    )
+    return default_grid(radar, request.coarser(coarser, (grid.azimuth_spacing, grid.range_spacing)))
 
 
 def _worth_trying(effect: Effect, plan: EffectsPlan) -> bool:

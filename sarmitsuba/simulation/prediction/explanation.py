@@ -8,7 +8,7 @@ import numpy as np
 from sarmitsuba.effects.plan import Decision, EffectsPlan
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.memory import in_bytes
-from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.both_ways import NOTHING
 from sarmitsuba.simulation.prediction.needs import duration
@@ -118,14 +118,15 @@ class Explanation:
 
 
 @exclusive
-def explain(scene: Scene, *, predicted: bool = True) -> Explanation:
+def explain(scene: SceneLike, *, predicted: bool = True) -> Explanation:
     """Explanation of a scene's effects plan, with the predicted time and memory of simulation and focusing.
 
     Parameters
     ----------
-    scene : as loaded
+    scene : as loaded, a scene file, or the name of a shipped scene
     predicted : whether to make the prediction, which traces a part of the run
     """
+    scene = Scene.of(scene)
     if predicted:
         return Explanation(scene, *predict(scene, both_ways=True))
     return Explanation(scene, plan_scene(scene), None)

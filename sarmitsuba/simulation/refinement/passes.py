@@ -15,7 +15,7 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
-from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.batches import Workers
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.finished import FinishedBlocks
@@ -62,7 +62,7 @@ class Refinement:
 
 @exclusive
 def refine(
-    scene: Scene,
+    scene: SceneLike,
     *,
     target_error_db: float | None = None,
     time_limit: float | None = None,
@@ -112,6 +112,7 @@ def refine(
     The passes reduce only the error of ray sampling; see
     :func:`sarmitsuba.simulation.refinement.error_bars.estimate_pass_error`.
     """
+    scene = Scene.of(scene)
     target = scene.settings.target_error_db if target_error_db is None else target_error_db
     limit = scene.settings.time_limit if time_limit is None else time_limit
     if target >= 0.0 and limit <= 0.0:

@@ -14,10 +14,6 @@ def middle_pulses(radar: Radar, n: int) -> Radar:
 
 def crop(scene: Scene, share: float, pulses: float = 1.0) -> Scene:
     """Scene with the middle of the image (``share`` of each extent) and of the aperture (share ``pulses``)."""
-    image = replace(
-        scene.image,
-        extent_azimuth=scene.image.extent_azimuth * share,
-        extent_range=scene.image.extent_range * share,
-    )
+    image = scene.image.scaled(share)
     kept = max(2, round(scene.radar.track.n_pulses * pulses))
     return replace(scene, image=image, radar=middle_pulses(scene.radar, kept))

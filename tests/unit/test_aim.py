@@ -1,0 +1,63 @@
+"""The automatic aim point: where geometry is."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene
+from sarmitsuba.radar.extent import Extent
+
+
+def village(x: float, y: float, houses: int, rng: np.random.Generator) -> list[SceneMesh]:
+    places = [(x + dx, y + dy, 4.0) for dx, dy in rng.uniform(-100.0, 100.0, (houses, 2))]
+    box = trimesh.creation.box(extents=(10, 10, 8))
+    return [
+        SceneMesh.of(
+            box, "concrete", f"house {x:g} {i}", to_world=trimesh.transformations.translation_matrix(p)
+        )
+        for i, p in enumerate(places)
+    ]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_between_two_far_groups_the_larger_is_imaged(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    angle, apart = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(8e3, 2e4)
+    far = 0.5 * apart * np.array([np.cos(angle), np.sin(angle)])
+    scene = build_scene([*village(*far, 4, rng), *village(*-far, 12, rng)])
+    middle = np.array([scene.image.center_x, scene.image.center_y]) + scene.offset[:2]
+    # tol: 110 m, within the village of 200 m
+    assert np.linalg.norm(middle + far) < 110.0
+    assert sum("aimed at its densest part" in note for note in scene.notes) == 1
+
+
+def test_who_aims_is_obeyed_and_points_on_both_sides_stay_in_one_image() -> None:
+    rng = np.random.default_rng(5)
+    far = [*village(-9e3, 0.0, 4, rng), *village(9e3, 0.0, 12, rng)]
+    scene = build_scene(far, radar=RadarDescription(aim_x=-9e3, aim_y=0.0))
+    assert abs(scene.radar.aim_point[0] + scene.offset[0] + 9e3) < 1.0
+    pair = build_scene(points=[PointTarget(str(x), np.array([x, 0.0, 0.0]), 1.0) for x in (-200.0, 200.0)])
+    assert pair.image.center_x == 0.0 and not any("densest" in note for note in pair.notes)
+
+
+def test_densest_part_is_that_of_brute_force() -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        groups, size = rng.uniform(-5e3, 5e3, (4, 2)), 300.0
+        counts = rng.permutation([3, 9, 27, 81])
+        corners = np.concatenate(
+            [
+                g + rng.uniform(-60.0, 60.0, (n, 1, 2)) + rng.uniform(-5.0, 5.0, (n, 3, 2))
+                for g, n in zip(groups, counts, strict=True)
+            ]
+        )
+        outline = np.concatenate([corners.reshape(-1, 2), np.zeros((3 * len(corners), 1))], axis=1)
+        extent = Extent(outline, np.zeros(3), np.arange(len(outline), dtype=np.int32).reshape(-1, 3))
+        sides = corners[:, 1:] - corners[:, :1]
+        area = 0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+        near = np.abs(corners.mean(axis=1)[:, None] - groups).max(axis=2) < size
+        best = groups[(area[:, None] * near).sum(axis=0).argmax()]
+        # tol: 100 m: the middle of what lies in the square, of groups of 130 m
+        assert np.abs(extent.densest(size).middle[:2] - best).max() < 100.0
+        gap = np.abs(corners.reshape(-1, 2)).max()
+        assert not extent.is_empty(np.zeros(2), 2.0 * gap)
