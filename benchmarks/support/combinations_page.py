@@ -80,7 +80,7 @@ class Cell:
 
 def columns() -> tuple[str, ...]:
     """Focusers, the choice among them, and the methods that have none."""
-    return (*FOCUSERS.own_names, "auto", *(m for m in METHODS if m not in FROM_ECHOES))
+    return (*FOCUSERS.own_names, "auto,error=-50", *(m for m in METHODS if m not in FROM_ECHOES))
 
 
 def page(cells: Sequence[Cell]) -> str:

@@ -19,7 +19,14 @@ BACKPROJECTIONS = (
     "backprojection",
     "backprojection,interpolation=kernel:8",
 )
-OTHERS = (*FORMS, "factorised", "factorised,error=-35", "factorised,error=-65", "auto", "auto,error=-35")
+OTHERS = (
+    *FORMS,
+    "factorised",
+    "factorised,error=-35",
+    "factorised,error=-65",
+    "auto,error=-50",
+    "auto,error=-35",
+)
 # pulses times points of the direct sum: two seconds; and pixels among them that hold what a few points leave
 DIRECT, BRIGHT = 6e4, 100
 

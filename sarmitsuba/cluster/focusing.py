@@ -1,5 +1,7 @@
 """Backprojection by the workers of a cluster: one task per launch of pixels; every worker holds all raw data."""
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import partial
 
@@ -7,8 +9,10 @@ import numpy as np
 
 from sarmitsuba.cluster.dask_workers import DaskWorkers
 from sarmitsuba.focusing.aperture_weights import matched_weights
-from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, OptionValue
+from sarmitsuba.focusing.focuser import Auto, Focused, Focuser, FocusTask, OptionValue
 from sarmitsuba.focusing.focusers.backprojection import TILE_PIXELS, Backprojection, Tiles
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.radar import Radar
 
 
 @dataclass(frozen=True)
@@ -45,8 +49,29 @@ class SharedBackprojection(Backprojection):
         return Focused(pixels, lambda point: matched_weights(task.raw.radar, point, task.azimuth_window))
 
 
+@dataclass(frozen=True)
+class SharedAuto(Auto):
+    """:class:`Auto` whose choice is distributed to workers where it is backprojection."""
+
+    workers: "DaskWorkers | None" = field(default=None, repr=False)
+
+    @property
+    def options(self) -> dict[str, OptionValue]:
+        """Options of the choice."""
+        return {"error": self.error}
+
+    def resolved(
+        self, radar: Radar, grid: ImageGrid, data_error_db: Callable[[], float] = lambda: math.nan
+    ) -> tuple[Focuser, str]:
+        """The focuser used, distributed to the workers, and why."""
+        found, reason = super().resolved(radar, grid, data_error_db)
+        return (shared(found, self.workers) if self.workers else found), reason
+
+
 def shared(focuser: Focuser, workers: DaskWorkers) -> Focuser:
     """The focuser distributed to workers; itself where it is not backprojection."""
+    if type(focuser) is Auto:
+        return SharedAuto(focuser.error, workers)
     if type(focuser) is not Backprojection:
         return focuser
     return SharedBackprojection(focuser.interpolation, focuser.oversampling, workers)

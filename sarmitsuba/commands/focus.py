@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.radar import Radar
 
 # a window against side lobes: those of a city's corners would cross the whole picture without one
-_FOCUSER, _WINDOW = "backprojection", "taylor"
+_FOCUSER, _WINDOW = "auto", "taylor"
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
 
@@ -143,7 +143,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         entries=_focusers,
         default=_FOCUSER,
         metavar="NAME[,OPTION=VALUE...]",
-        help="how to focus (default: backprojection). all: every one of them, side by side in focusers.png. ",
+        help="how to focus (default: auto). all: every one of them, side by side in focusers.png. ",
     )
     parser.add_argument(
         "--motion-compensation",
@@ -366,10 +366,13 @@ def focus_into(
 
     def others() -> "Sequence[Alternative]":
         from sarmitsuba.focusing.alternatives import alternatives
+        from sarmitsuba.focusing.focuser import parse_focuser
 
         if "motion_compensation" in facts:  # the straight track's focusers have another error
             return ()
-        return alternatives(args.focuser, raw.radar, image.grid)
+        used = parse_focuser(facts["method"])
+        used = used.with_options({name: str(facts[name]) for name in used.options})
+        return alternatives(used, raw.radar, image.grid)
 
     return results.store_image(
         folder,

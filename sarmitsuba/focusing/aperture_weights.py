@@ -57,9 +57,9 @@ def antennas_gain(radar: Radar, pulse: int | slice, directions: Sequence[F64]) -
     return gains[0] if len(gains) == 1 else np.asarray(np.sqrt(gains[0] * gains[1]))
 
 
-def look_directions(radar: Radar, point: ArrayLike) -> F64:
-    """Unit vectors from every antenna position to points (..., 3), giving (..., n_pulses, 3) float64."""
-    line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position
+def look_directions(radar: Radar, point: ArrayLike, pulses: slice = slice(None)) -> F64:
+    """Unit vectors from antenna positions to points (..., 3), giving (..., n_pulses, 3) float64."""
+    line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position[pulses]
     return np.asarray(line / np.linalg.norm(line, axis=-1, keepdims=True))
 
 
@@ -72,12 +72,12 @@ def pulse_ranges(radar: Radar, point: ArrayLike, pulses: slice | I64 = slice(Non
     return np.asarray(distance)
 
 
-def range_gradients(radar: Radar, point: ArrayLike) -> F64:
+def range_gradients(radar: Radar, point: ArrayLike, pulses: slice = slice(None)) -> F64:
     """Gradient of the slant range of points (..., 3), (..., n_pulses, 3): line of sight, bistatic the mean of both."""
-    look = look_directions(radar, point)
+    look = look_directions(radar, point, pulses)
     if radar.receiver is None:
         return look
-    return 0.5 * (look + look_directions(replace(radar, track=radar.receiver), point))
+    return 0.5 * (look + look_directions(replace(radar, track=radar.receiver), point, pulses))
 
 
 def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: Window) -> F64:
@@ -98,14 +98,22 @@ def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: W
     return np.asarray(window(np.clip(offset / (2.0 * half_aperture), -0.5, 0.5)) * share)
 
 
+@lru_cache(maxsize=8)
 def flight(radar: Radar) -> tuple[F64, F64, F64]:
-    """Per pulse: unit vector of flight (n_pulses, 3), boresight's sine along it, and distance to the next pulse, m."""
+    """Per pulse: unit vector of flight (n_pulses, 3), boresight's sine along it, and distance to the next pulse, m.
+
+    Kept for the radars asked for last; not to be written to.
+    """
     speed = np.linalg.norm(radar.track.velocity, axis=1)
     forward = radar.track.velocity / np.maximum(speed, 1e-300)[:, None]
     gap = speed * (np.gradient(radar.track.time) if speed.size > 1 else np.ones(1))
-    return forward, np.einsum("ij,ij->i", forward, radar.pointing.boresight), gap
+    found = forward, np.einsum("ij,ij->i", forward, radar.pointing.boresight), gap
+    for part in found:
+        part.setflags(write=False)
+    return found
 
 
+@lru_cache(maxsize=8)
 def beam_turn(radar: Radar) -> F64:
     """Change of the boresight's sine along the flight from one pulse to the next, (n_pulses,); 0 in stripmap."""
     _, center, _ = flight(radar)
@@ -114,14 +122,37 @@ def beam_turn(radar: Radar) -> F64:
 
 def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window) -> F64:
     """Azimuth weight w of every pulse at points (..., 3), (..., n_pulses): over pulse index or the pixel's own band."""
-    window = parse_window(azimuth_window)
+    window, place = parse_window(azimuth_window), np.asarray(point, dtype=np.float64)
     if np.isinf(radar.half_aperture):
         return _whole_aperture(radar.track.n_pulses, window, WINDOWS[window.name].function).copy()
+    weights = np.zeros((*place.shape[:-1], radar.track.n_pulses))
+    pulses = _serving(radar, place)
+    weights[..., pulses] = _own_weights(radar, place, pulses, window)
+    return weights
+
+
+def _serving(radar: Radar, place: F64) -> slice:
+    """The least consecutive pulses that hold all own apertures of places (..., 3)."""
     forward, center, gap = flight(radar)
-    line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position
+    inside = np.zeros(radar.track.n_pulses, dtype=bool)
+    for x, y, z in place.reshape(-1, 3):
+        line = [p - a for p, a in zip((x, y, z), radar.track.position.T, strict=True)]
+        distance = np.sqrt(line[0] ** 2 + line[1] ** 2 + line[2] ** 2)
+        sine = (line[0] * forward[:, 0] + line[1] * forward[:, 1] + line[2] * forward[:, 2]) / distance
+        # the pulses beside the band's ends count in part
+        spare = np.abs(gap) / distance + np.abs(beam_turn(radar))
+        inside |= np.abs(sine - center) < radar.half_aperture + spare
+    held = np.flatnonzero(inside)
+    return slice(int(held[0]), int(held[-1]) + 1) if held.size else slice(0, 0)
+
+
+def _own_weights(radar: Radar, place: F64, pulses: slice, window: Window) -> F64:
+    """Azimuth weight of some pulses in own apertures of places (..., 3), (..., n)."""
+    forward, center, gap = (part[pulses] for part in flight(radar))
+    line = place[..., None, :] - radar.track.position[pulses]
     distance = np.linalg.norm(line, axis=-1)
     sine = np.sum(line * forward, axis=-1) / distance
-    step = np.maximum(np.abs(gap * (1.0 - sine**2) / distance + beam_turn(radar)), 1e-30)
+    step = np.maximum(np.abs(gap * (1.0 - sine**2) / distance + beam_turn(radar)[pulses]), 1e-30)
     return band_weights(sine - center, step, radar.half_aperture, window)
 
 
@@ -133,8 +164,15 @@ def _whole_aperture(n_pulses: int, window: Window, _function: Callable[..., F64]
 
 def matched_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window = "rectangular") -> F64:
     """Weight w g^2 of every pulse in backprojection's pixel at points (..., 3), giving (..., n_pulses) float64."""
-    w = aperture_weights(radar, point, azimuth_window)
-    return np.asarray(w * direction_gain(radar, slice(None), look_directions(radar, point)) ** 2)
+    if np.isinf(radar.half_aperture):
+        w = aperture_weights(radar, point, azimuth_window)
+        return np.asarray(w * direction_gain(radar, slice(None), look_directions(radar, point)) ** 2)
+    place = np.asarray(point, dtype=np.float64)
+    pulses = _serving(radar, place)
+    gain = direction_gain(radar, pulses, look_directions(radar, place, pulses))
+    weights = np.zeros((*place.shape[:-1], radar.track.n_pulses))
+    weights[..., pulses] = _own_weights(radar, place, pulses, parse_window(azimuth_window)) * gain**2
+    return weights
 
 
 def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
@@ -254,7 +292,8 @@ def ground_cell_area(
     if radar.track.n_pulses < 2:
         raise DataError("focus: 1 pulse gives no synthetic aperture; at least 2 are needed for an image")
     narrow = 1.0 if lit_alike else beam_over_cell(radar, np.asarray(point, dtype=np.float64), weights)
-    u, weights = _by_direction(range_gradients(radar, point)[:, :2], weights)
+    pulses = _weighted(radar, point, weights)
+    u, weights = _by_direction(range_gradients(radar, point, pulses)[:, :2], weights[pulses])
     seen = weights > 0.0
     turn = np.zeros(1)
     if u.shape[0] > 1:
@@ -268,6 +307,16 @@ def ground_cell_area(
     band = _over_band(wave.center_frequency, wave.bandwidth, window, WINDOWS[window.name].function)
     aperture = float(np.sum(weights[seen] ** 2 / turn[seen]) / weights.sum() ** 2)
     return aperture * band * (SPEED_OF_LIGHT / 2.0) ** 2 * narrow
+
+
+def _weighted(radar: Radar, point: ArrayLike, weights: F64) -> slice:
+    """Pulses of any weight at a point and one more on either side, for differences; all where directions come again."""
+    held = np.flatnonzero(weights)
+    x, y = (p - a for p, a in zip(np.asarray(point)[:2], radar.track.position.T[:2], strict=True))
+    turn = x[:-1] * y[1:] - x[1:] * y[:-1]
+    if not held.size or radar.receiver is not None or not (turn.min() > 0.0 or turn.max() < 0.0):
+        return slice(None)
+    return slice(max(int(held[0]) - 1, 0), int(held[-1]) + 2)
 
 
 @lru_cache(maxsize=64)

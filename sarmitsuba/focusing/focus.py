@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -16,7 +17,8 @@ from sarmitsuba.focusing.aperture_weights import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
 from sarmitsuba.focusing.beam_edge import beam_edge_warning
 from sarmitsuba.focusing.cells import azimuth_cells
-from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, parse_focuser
+from sarmitsuba.focusing.data_error import data_error_db
+from sarmitsuba.focusing.focuser import DEFAULT, Focused, Focuser, FocusTask, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.image_noise import noise_equivalent_sigma0
 from sarmitsuba.focusing.memory_needs import check_image_fits
@@ -44,7 +46,7 @@ def focus(
     grid: ImageGrid | None = None,
     *,
     request: ImageRequest | Mapping[str, object] | None = None,
-    focuser: str | Focuser = "backprojection",
+    focuser: str | Focuser = DEFAULT,
     range_window: str | Window = "rectangular",
     azimuth_window: str | Window = "rectangular",
     compression: Literal["flat", "matched"] = "flat",
@@ -62,8 +64,9 @@ def focus(
         ``{"grid": "ground", "extent_range": 40.0, "spacing_range": 0.1, "height": 3.0}``
     focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``, ``range_doppler``,
         ``chirp_scaling``: straight, level, uniform track, a grid along it), with options if wanted, such as
-        ``backprojection,interpolation=kernel:8``; ``auto``, the cheapest with the wanted error, as in
-        ``auto,error=-60``; or a focuser itself
+        ``backprojection,interpolation=kernel:8``; ``auto``, the default, is backprojection, for large images in its
+        factorised form if that errs by 20 dB less than the data, and ``auto,error=-50`` the cheapest of all with that
+        error; or a focuser itself
     range_window, azimuth_window : ``rectangular``, ``hamming``, ``hann``, ``taylor:4:-35``, ``kaiser:2.5``, ... (see
         ``WINDOWS``); over the bandwidth and over the pulse index
     compression : of chirped data, see :func:`sarmitsuba.focusing.range_compression.compression_filter`
@@ -102,7 +105,7 @@ def focus(
     if method is not None and raw.radar.receiver is not None:
         raise DataError("autofocus: not possible with bistatic data; leave it out")
     compensation = needs_compensation(focuser, raw.radar, grid, motion_compensation)
-    focuser, chosen = focuser.resolved(raw.radar, grid)
+    focuser, chosen = focuser.resolved(raw.radar, grid, partial(data_error_db, raw))
     n_layers = len(raw.layers)
     check_image_fits(grid, n_layers, focuser.making_bytes(raw.radar, grid, n_layers))
     corrections: dict[str, object] = {}

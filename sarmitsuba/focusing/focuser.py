@@ -90,19 +90,20 @@ class Focuser(WithOptions, ABC):
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Approximate processor time of one layer on one core, for comparison; here that of backprojection."""
-        rate = PIXEL_PULSE_SECONDS * (OWN_APERTURES if np.isfinite(radar.half_aperture) else 1.0)
-        if radar.antenna.pattern != "isotropic":
-            rate += PATTERN_SECONDS
-        pixels, pulses = float(np.prod(grid.shape)), radar.track.n_pulses
-        profiles = PROFILE_SECONDS * pulses * radar.window.n_samples
-        return CALL_SECONDS + profiles + (PIXEL_SECONDS + rate * pulses) * pixels
+        return FOCUSERS[EXACT].cpu_seconds(radar, grid)
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Peak memory in bytes while the pixels are made, pixels included, raw data not."""
         return backprojection_bytes(radar, grid, n_layers)
 
-    def resolved(self, radar: Radar, grid: ImageGrid) -> tuple["Focuser", str]:
-        """The focuser that is used, and the reason of the choice; itself except for ``auto``."""
+    def resolved(
+        self, radar: Radar, grid: ImageGrid, data_error_db: Callable[[], float] = lambda: math.nan
+    ) -> tuple["Focuser", str]:
+        """The focuser that is used, and the reason of the choice; itself except for ``auto``.
+
+        ``data_error_db`` gives the error of the echoes themselves, see
+        :func:`sarmitsuba.focusing.data_error.data_error_db`; it is called where the choice depends on it.
+        """
         return self, ""
 
     @abstractmethod
@@ -110,40 +111,63 @@ class Focuser(WithOptions, ABC):
         """Focus; call ``objection`` before."""
 
 
-# of one core, float64 ranges and a kernel of six taps (benchmarks/suite/focusers.py measures it), how many times that
-# with apertures of the pixels' own, and what an antenna's pattern adds (benchmarks/suite/focuser_limits.py)
-PIXEL_PULSE_SECONDS, OWN_APERTURES, PATTERN_SECONDS = 1.2e-9, 1.9, 1.9e-9
-# processor seconds that dominate for small images: of a call, of a raw-data sample made into a profile, of a pixel in
-# NumPy, and of the weight of a pulse at a node of the summed pattern weights (benchmarks/suite/focusers.py prints both)
-CALL_SECONDS, PROFILE_SECONDS, PIXEL_SECONDS, WEIGHT_SECONDS = 0.01, 6e-8, 4e-7, 1.0e-7
-
-
 FOCUSERS: Registry[Focuser] = Registry("focuser", Focuser, "sarmitsuba.focusing.focusers")
+
+
+# processor seconds of a call, and of the weight of a pulse at a node of the summed pattern weights
+# (benchmarks/suite/focusers.py prints both)
+CALL_SECONDS, WEIGHT_SECONDS = 0.01, 1.0e-7
+EXACT, FAST = "backprojection", "factorised"
+"""Names of the reference and of the fast form of the same sum."""
+DEFAULT = "auto"
+"""The focuser where none is named."""
+# errors of the fast form in the default choice, dB: below the data's own error, where that is not known, and at most
+_BELOW_DB, _UNKNOWN_DB, _MOST_DB = -20.0, -60.0, -50.0
+# processor seconds of one layer, and share, that the fast form must save: a small image keeps the plain sum's bits; and
+# products of pixels and pulses that take less in any geometry
+_SAVES, _SHARE, _SMALL = 0.5, 0.25, 4e7
+_EXACT_AS_SMALL = f"{EXACT}, exact: the image is small"
 
 
 @dataclass(frozen=True)
 class Auto(Focuser):
-    """The fastest registered focuser with a wanted error; see :meth:`resolved`."""
+    """The default: backprojection, or its factorised form; with an ``error``, the fastest of all; see `resolved`."""
 
-    name: ClassVar[str] = "auto"
-    title: ClassVar[str] = "the cheapest of these that does not refuse and states the wanted error"
+    name: ClassVar[str] = DEFAULT
+    title: ClassVar[str] = (
+        "backprojection, or its factorised form where that saves time and errs by 20 dB less than the data; with "
+        "error, the cheapest of all that does not refuse and states it"
+    )
     bistatic: ClassVar[bool] = True
 
-    error: float = option(-50.0, "largest stated error against exact backprojection, dB")
+    error: float = option(
+        0.0, "largest stated error against exact backprojection, dB; 0 = from the data's own"
+    )
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
         """Reason why no focuser is suitable; empty when one is."""
+        if self.error == 0.0:
+            return FOCUSERS[EXACT].refusal(radar, grid)
         found, reason = self._choose(radar, grid)
         return "" if found else reason
 
-    def resolved(self, radar: Radar, grid: ImageGrid) -> tuple[Focuser, str]:
-        """The focuser of least processor time among those that accept the data and state the wanted error.
+    def resolved(
+        self, radar: Radar, grid: ImageGrid, data_error_db: Callable[[], float] = lambda: math.nan
+    ) -> tuple[Focuser, str]:
+        """The focuser used, and why, in one line.
+
+        Without an ``error``: the factorised form of backprojection where it saves half a second of processor time and
+        a quarter, and states an error 20 dB below that of the data (-60 dB where that is not known, never above -50
+        dB); else backprojection. With one: the focuser of least processor time among those that accept the data and
+        state that error.
 
         Raises
         ------
         DataError
             There is none.
         """
+        if self.error == 0.0:
+            return _sum_of_pulses(radar, grid, data_error_db)
         found, reason = self._choose(radar, grid)
         if found is None:
             raise DataError(f"focuser auto: {reason}")
@@ -176,10 +200,43 @@ class Auto(Focuser):
         return able[0][2], "; ".join([able[0][1], *others, *against])
 
 
+def _sum_of_pulses(radar: Radar, grid: ImageGrid, data_error_db: Callable[[], float]) -> tuple[Focuser, str]:
+    """Backprojection or its factorised form, and why."""
+    exact, fast = FOCUSERS[EXACT], FOCUSERS[FAST]
+    if float(np.prod(grid.shape)) * radar.track.n_pulses < _SMALL:
+        return exact, _EXACT_AS_SMALL
+    seconds = exact.cpu_seconds(radar, grid)
+    if seconds < _SAVES:
+        return exact, _EXACT_AS_SMALL
+    own_db = data_error_db()
+    needed = _UNKNOWN_DB if math.isnan(own_db) else min(own_db + _BELOW_DB, _MOST_DB)
+    if needed == -math.inf:
+        return exact, f"{EXACT}, exact: the echoes have no error of their own"
+    refusal = ""
+    for wanted in dict.fromkeys((min(needed, _UNKNOWN_DB), needed)):  # the smaller error takes hardly longer
+        option = fast.with_options({"error": f"{wanted:g}"})
+        refusal = option.objection(radar, grid)
+        if refusal:
+            continue
+        error, other = option.error_db(radar, grid), option.cpu_seconds(radar, grid)
+        if not error <= needed:
+            stated = "no error is stated here" if math.isnan(error) else f"at most {error:.0f} dB"
+            refusal = f"{stated}, {needed:.0f} dB are needed"
+        elif other > min(seconds - _SAVES, seconds * (1.0 - _SHARE)):
+            refusal = f"about {other:.2g} instead of {seconds:.2g} CPU s per layer"
+        else:
+            own = "" if math.isnan(own_db) else f", the data's own is {own_db:.0f} dB"
+            return option, (
+                f"{FAST} backprojection, at most {error:.0f} dB{own}, about {other:.2g} instead of {seconds:.2g} CPU s "
+                "per layer"
+            )
+    return exact, f"{EXACT}, exact: not {FAST} ({refusal.partition(';')[0]})"
+
+
 def parse_focuser(text: str | Focuser) -> Focuser:
     """Read a focuser from its name and options, such as ``backprojection,interpolation=kernel:8``.
 
-    ``auto``, with the option ``error``, is a choice among them; it is in no registry.
+    ``auto`` is a choice among them, with the option ``error`` among all; it is in no registry.
 
     Raises
     ------
@@ -198,19 +255,20 @@ def parse_focuser(text: str | Focuser) -> Focuser:
 def check_focuser(focuser: Focuser, radar: Radar, grid: ImageGrid) -> None:
     """Raise a DataError where a focuser cannot focus the data; it names the focusers that can."""
     reason = focuser.objection(radar, grid)
-    if reason and focuser.name == Auto.name:
+    if reason and focuser.name == Auto.name and focuser.options["error"]:
         raise DataError(f"focuser {focuser.name}: {reason}")
     if reason:
-        others = [f.name for f in FOCUSERS if f.name != focuser.name and not f.objection(radar, grid)]
+        name = EXACT if focuser.name == Auto.name else focuser.name
+        others = [f.name for f in FOCUSERS if f.name != name and not f.objection(radar, grid)]
         remedy = f"; take focuser {' or '.join(others)}" if others else ""
-        raise DataError(f"focuser {focuser.name}: {reason}{remedy}")
+        raise DataError(f"focuser {name}: {reason}{remedy}")
 
 
 __all__ = [
     "CALL_SECONDS",
+    "DEFAULT",
+    "EXACT",
     "FOCUSERS",
-    "PIXEL_PULSE_SECONDS",
-    "PROFILE_SECONDS",
     "WEIGHT_SECONDS",
     "Auto",
     "FocusTask",

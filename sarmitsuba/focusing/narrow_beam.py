@@ -46,7 +46,6 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
         return np.stack([np.interp(at, index, column) for column in rows.T], axis=1)
 
     antennas = [between(track.position) for track in radar.tracks]
-    azimuth = between(radar.pointing.azimuth_axis)
     wavenumber = 4.0 * np.pi / radar.waveform.wavelength
     middle = share @ antennas[0] / share.sum()
     out = place - middle
@@ -61,12 +60,16 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
         return 1.0
     step = np.abs(np.gradient(wavenumbers))
     cell = 2.0 * np.pi / max(float(np.ptp(wavenumbers)), 1e-300)
-    across = float(np.abs(azimuth[at.size // 2] @ sideways))
+    aside = radar.pointing.azimuth_axis @ sideways
+    across = float(np.abs(np.interp(at[at.size // 2], index, aside)))
     null = radar.antenna.nulls[0] * float(np.linalg.norm(out)) / max(across, 0.1)
     if null > WIDE_BEAM * cell or not step.all():
         return 1.0
 
-    boresight, elevation = between(radar.pointing.boresight), between(radar.pointing.elevation_axis)
+    pointing = radar.pointing
+    azimuth, elevation, boresight = map(
+        between, (pointing.azimuth_axis, pointing.elevation_axis, pointing.boresight)
+    )
 
     def seen(where: F64) -> tuple[F64, F64]:
         """Slant ranges and two-way amplitudes of places (..., 1, 3)."""

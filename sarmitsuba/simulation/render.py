@@ -11,6 +11,7 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing.focuser import DEFAULT
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene, SceneLike
@@ -29,7 +30,7 @@ def render(
     method: Method | None = None,
     seed: int | None = None,
     grid: ImageGrid | None = None,
-    focuser: str = "backprojection",
+    focuser: str = DEFAULT,
     range_window: str = "rectangular",
     azimuth_window: str = "rectangular",
     plan: EffectsPlan | None = None,

@@ -134,7 +134,8 @@ def test_what_does_not_take_two_antennas_says_so(tmp_path: Path, capsys: pytest.
             DataError, match=f"focuser {name}: the data are bistatic .*; take focuser .*backproj"
         ):
             focus(raw, request=small, focuser=name)
-    assert focus(raw, request=small, focuser="auto").metadata["focus"]["method"] == "backprojection"
+    for name in ("auto", "auto,error=-50"):
+        assert focus(raw, request=small, focuser=name).metadata["focus"]["method"] == "backprojection"
     with pytest.raises(DataError, match="autofocus: not possible with bistatic data"):
         focus(raw, request=small, autofocus="phase_gradient")
     horn = replace(raw, radar=replace(raw.radar, antenna=Antenna("gaussian", 100.0, 0.1, 0.1)))

@@ -135,7 +135,7 @@ def test_points_from_a_whole_circle_are_bessel_functions(seed: int) -> None:
         ],
     )
     raw = simulate(scene)
-    for focuser in ("backprojection", "auto"):
+    for focuser in ("backprojection", "auto,error=-50"):
         image = focus(raw, request=scene.image, focuser=focuser)
         at = image.grid.positions()
         relative = scene.radar.waveform.bandwidth / frequency

@@ -9,7 +9,13 @@ from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.factorised.division import Plan
-from sarmitsuba.focusing.factorised.sampling import SubimageSampling, refinement_error, refinement_weights
+from sarmitsuba.focusing.factorised.sampling import (
+    ROW_BAND,
+    SubimageSampling,
+    refinement_error,
+    refinement_weights,
+    row_polynomials,
+)
 from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.focusing.focusers.factorised import Factorised
@@ -74,6 +80,36 @@ def test_it_is_the_exact_sum_on_random_curved_tracks(seed: int) -> None:
         stated = focuser.error_db(radar, grid)
         assert stated <= focuser.error, options
         assert image_error_db(image, exact) < stated, options
+
+
+@pytest.mark.parametrize(("squint", "on_rows"), [(0.0, True), (0.5, False)])
+def test_rows_that_recede_are_interpolated_in_angle_first(squint: float, on_rows: bool) -> None:
+    radar = ideal_radar(slant_range=3e3, resolution=0.4, bandwidth=300e6, squint_angle=squint, n_samples=400)
+    grid = default_grid(radar, ImageRequest(grid="ground", extent_azimuth=50.0, extent_range=40.0))
+    focuser = Factorised(error=-60.0)
+    plan = focuser.plan(radar, grid)
+    assert isinstance(plan, Plan) and {section.on_rows for section in plan.sections} == {on_rows}
+    raw = band_noise(radar, 9)
+    # the first and last rows are the least radial
+    pick = np.concatenate([np.arange(5, 40), 60 + np.arange(20) * grid.shape[1], np.arange(-40, -5)])
+    exact = backproject_numpy(raw, grid.positions().reshape(-1, 3)[pick])
+    image = focus(raw, grid, focuser=focuser).data.reshape(1, -1)[:, pick]
+    assert image_error_db(image, exact) < focuser.error_db(radar, grid) <= -60.0
+
+
+@pytest.mark.parametrize("upsampling", [1.5, 2.0, 3.1])
+def test_weights_along_rows_interpolate_a_band(upsampling: float) -> None:
+    rng = np.random.default_rng(13)
+    turns = rng.uniform(-0.5, 0.5, 40) / upsampling  # cycles per sample
+    for x in rng.uniform(0.0, 1.0, 20):
+        weights = np.zeros(8)
+        for k, (even, odd) in enumerate(row_polynomials(upsampling)):
+            parts = [np.polynomial.polynomial.polyval((x - 0.5) ** 2, part) for part in (even, odd)]
+            weights[[k, 7 - k]] = parts[0] + np.array([1.0, -1.0]) * parts[1] * (x - 0.5)
+        found = np.exp(2j * np.pi * np.outer(turns, np.arange(-3, 5))) @ weights
+        wrong = np.abs(found - np.exp(2j * np.pi * turns * x))
+        # tol: the worst frequency and place over the mean of all
+        assert wrong.max() < 6.0 * refinement_error(upsampling / (1.0 + ROW_BAND)) + 1e-5
 
 
 @pytest.mark.parametrize(("slant_range", "resolution"), [(10e3, 0.7), (700e3, 3.0)])
@@ -223,5 +259,7 @@ def test_auto_takes_it_for_large_images_on_curved_tracks() -> None:
     request = ImageRequest(grid="ground", extent_azimuth=200.0, extent_range=200.0)
     chosen, reason = parse_focuser("auto").resolved(radar, default_grid(radar, request))
     assert chosen.name == "factorised" and "backprojection" in reason
+    chosen, _ = parse_focuser("auto,error=-50").resolved(radar, default_grid(radar, request))
+    assert chosen.name == "factorised"
     chosen, _ = parse_focuser("auto,error=-95").resolved(radar, default_grid(radar, request))
     assert chosen.name == "backprojection"

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import FOCUSERS, Focused, Focuser, FocusTask, default_grid, focus
+from sarmitsuba.focusing.data_error import data_error_db
 from sarmitsuba.focusing.focuser import Auto, parse_focuser
 from sarmitsuba.focusing.focuser_comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
@@ -86,7 +88,7 @@ def test_auto_keeps_to_what_can_focus() -> None:
     track = raw.radar.track
     bend = track.position + np.outer(np.linspace(-1, 1, track.n_pulses) ** 2, [0.0, 0.0, 5.0])
     curved = dataclasses.replace(raw.radar, track=Track.from_samples(track.time, bend))
-    facts = focus(dataclasses.replace(raw, radar=curved), focuser="auto").metadata["focus"]
+    facts = focus(dataclasses.replace(raw, radar=curved), focuser="auto,error=-50").metadata["focus"]
     assert facts["method"] in {
         f.name for f in FOCUSERS if not f.refusal(curved, default_grid(curved, REQUEST))
     }
@@ -102,6 +104,64 @@ def test_auto_says_when_nothing_is_good_enough() -> None:
     with pytest.raises(DataError, match="option 'cost' is unknown; it takes error"):
         parse_focuser("auto,cost=3")
     assert "auto" not in FOCUSERS and isinstance(parse_focuser("auto"), Auto)
+
+
+def large() -> tuple[Radar, ImageGrid]:
+    """A radar and a grid for which the factorised form saves seconds."""
+    radar = ideal_radar(slant_range=5e3, resolution=0.3, bandwidth=500e6, n_samples=1200)
+    return radar, default_grid(radar, ImageRequest(grid="ground", extent_azimuth=120.0, extent_range=150.0))
+
+
+@pytest.mark.parametrize(
+    ("own", "method", "at_most"),
+    [
+        (math.nan, "factorised", -60.0),
+        (-20.0, "factorised", -60.0),
+        (-45.0, "factorised", -65.0),
+        (-90.0, "backprojection", -100.0),
+        (-math.inf, "backprojection", -100.0),
+    ],
+)
+def test_the_default_never_errs_as_much_as_the_data(own: float, method: str, at_most: float) -> None:
+    radar, grid = large()
+    chosen, reason = Auto().resolved(radar, grid, lambda: own)
+    assert chosen.name == method and chosen.error_db(radar, grid) <= at_most
+    assert method in reason and "\n" not in reason
+    # a small image, on the same terms, is the plain sum
+    small = default_grid(radar, REQUEST)
+    assert Auto().resolved(radar, small, lambda: own)[0] == FOCUSERS["backprojection"]
+
+
+def test_the_default_is_the_plain_sum_where_the_fast_form_is_refused_or_slow() -> None:
+    radar, grid = large()
+    low = dataclasses.replace(grid, height=1e5)
+    chosen, reason = Auto().resolved(radar, low)
+    assert chosen == FOCUSERS["backprojection"] and "antenna is not above" in reason
+    narrow = dataclasses.replace(grid, azimuth=grid.azimuth[:3])
+    assert Auto().resolved(radar, narrow)[0] == FOCUSERS["backprojection"]
+
+
+@pytest.mark.parametrize("shares", [(-30.0, -27.0), (-55.0, -50.0)])
+def test_the_error_of_the_data_is_that_between_their_subsets(shares: tuple[float, float]) -> None:
+    rng = np.random.default_rng(7)
+    radar = data().radar
+    shape = radar.track.n_pulses, radar.window.n_samples
+    true, *wrong = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape) for _ in range(3))
+    planes = [
+        SUBSET_SHARES[i + 1] * (true + 10.0 ** (share / 20.0) * error)
+        for i, (share, error) in enumerate(zip(shares, wrong, strict=True))
+    ]
+    layers = tuple(Layer("VV", subset=i + 1) for i in range(2))
+    raw = RawData(np.array(planes, dtype=np.complex64), layers, "compressed", radar)
+    apart = 10.0 * math.log10(0.25 * sum(10.0 ** (share / 10.0) for share in shares))
+    assert data_error_db(raw) == pytest.approx(
+        apart, abs=0.2
+    )  # tol: three standard errors of the noise's energy
+    blocks = dataclasses.replace(raw, metadata={"sampling": {"block_error_db": apart}})
+    assert data_error_db(blocks) == pytest.approx(apart + 3.0, abs=0.2)  # tol: the same
+    alone = RawData(raw.data[:1], (Layer("VV"),), "compressed", radar)
+    assert math.isnan(data_error_db(alone))
+    assert data_error_db(dataclasses.replace(alone, metadata={"statistics": {"rays": 0}})) == -math.inf
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 2, 3, 4, 5))])
@@ -150,7 +210,7 @@ def test_all_are_compared_with_the_reference() -> None:
 def test_commands_choose_and_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data().save(tmp_path / "raw.h5")
     command = ["focus", str(tmp_path / "raw.h5"), "-o"]
-    assert cli.main([*command, str(tmp_path / "one"), "--focuser", "auto"]) == 0
+    assert cli.main([*command, str(tmp_path / "one"), "--focuser", "auto,error=-50"]) == 0
     shown = capsys.readouterr().out
     assert "focuser: " in shown and "CPU s" in shown
     record = json.loads((tmp_path / "one" / "parameters.json").read_text())

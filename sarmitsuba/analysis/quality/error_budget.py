@@ -185,7 +185,7 @@ def _focuser(data: BudgetFacts) -> ErrorPart:
     error = number(focus.get("stated_error_db"))
     if math.isnan(error):
         return ErrorPart("focuser", math.nan, UNKNOWN, f"{method} states none" if method else "")
-    return ErrorPart("focuser", error, AT_MOST, f"{method} against exact backprojection")
+    return _of_image(data, ErrorPart("focuser", error, AT_MOST, f"{method} against exact backprojection"))
 
 
 def _effects(data: BudgetFacts) -> ErrorPart:

@@ -11,8 +11,10 @@ from sarmitsuba.focusing.factorised.sampling import SubimageSampling
 # processor seconds of one core: of a pulse at a sample, of a group merged into a sample, of the transforms of a
 # subimage's sample, and of a section at a pixel by the taps of the last interpolation; benchmarks/suite/factorised.py
 # measures their sum
-_PULSE, _MERGE, _SAMPLE = 3e-9, 2e-9, 2.5e-8
+_PULSE, _MERGE, _SAMPLE = 3e-9, 2.2e-9, 2.5e-8
 PIXEL_SECONDS = {4: 7e-9, 6: 12e-9}
+# of the transforms, and of the last interpolation, where that is along the image's rows
+_ROW_SAMPLE, ROW_PIXEL_SECONDS = 1e-8, {4: 7e-9, 6: 8e-9}
 # of a section, independent of its size: each stage is traced again for its launch
 _SECTION = 0.02
 
@@ -52,6 +54,8 @@ class Section:
     n_ranges : samples
     levels : finest subimages first; the last is that of the whole section
     rows : of the image to which it contributes
+    on_rows : whether pixels are interpolated in angle on the image's rows first and in range then, because the range
+        changes along all rows; else in both at once
     """
 
     first: int
@@ -64,6 +68,7 @@ class Section:
     n_ranges: int
     levels: tuple[SubimageLevel, ...]
     rows: slice
+    on_rows: bool
 
     def local(self, positions: F64) -> F64:
         """Positions (..., 3) in the section's frame, whose origin is that of the polar grid."""
@@ -81,8 +86,11 @@ class Section:
         work = _PULSE * pulses * self.n_ranges * self.levels[0].n_angles
         for low, high in pairwise(self.levels):
             work += _MERGE * low.n_groups * high.n_angles * self.n_ranges
-        work += _SAMPLE * self.n_ranges * self.levels[-1].n_angles
-        return float(work + PIXEL_SECONDS[width] * (self.rows.stop - self.rows.start) * n_columns + _SECTION)
+        sample, pixel = (
+            (_ROW_SAMPLE, ROW_PIXEL_SECONDS[width]) if self.on_rows else (_SAMPLE, PIXEL_SECONDS[width])
+        )
+        work += sample * self.n_ranges * self.levels[-1].n_angles
+        return float(work + pixel * (self.rows.stop - self.rows.start) * n_columns + _SECTION)
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 # angles of a lane that forms subimages; they share the data read per pulse
 ANGLES = 4
+# neighbouring ranges computed before the next line of a subimage, so that the lines read stay in a core's cache
+_BLOCK = 256
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ class GroupPulses:
 def form(
     types: ModuleType,
     polar: PolarAxes,
-    n_lanes: int,
+    n_lines: int,
     centers: dr.ArrayBase,
     pulses: GroupPulses,
     kernel: GriddingKernel,
@@ -177,6 +179,7 @@ def form(
     weighting: Weighting,
     out: list[dr.ArrayBase],
     first: dr.ArrayBase,
+    n_ranges: int,
 ) -> None:
     r"""Subimages of groups of pulses, each without the carrier of its group's centre.
 
@@ -186,7 +189,7 @@ def form(
     ----------
     types : array types
     polar : grid of the subimages
-    n_lanes : groups x (angles / ``ANGLES``) x ranges
+    n_lines : groups x (angles / ``ANGLES``)
     centers : float64, four per group: x, y, z, 0
     pulses : see there
     kernel : interpolation of the profiles
@@ -194,11 +197,10 @@ def form(
     weighting : antenna and aperture
     out : one array of words per layer, [group, angle, range]
     first : group in ``out`` of the first one, UInt32 opaque
+    n_ranges : of the subimages
     """
     Float, Float64, UInt32, Int32 = types.Float32, types.Float64, types.UInt32, types.Int32
-    lane = dr.arange(UInt32, n_lanes)
-    line = lane // polar.n_ranges
-    column = lane - line * polar.n_ranges
+    line, column, inside, n_lanes = _lines_and_columns(types, n_lines, polar.n_ranges, n_ranges)
     chunks = polar.n_angles // ANGLES
     group = line // chunks
     angle = (line - group * chunks) * ANGLES
@@ -222,17 +224,17 @@ def form(
             position = dr.fma(point.distance + further, pulses.per_metre, -start)
             whole = dr.floor(position)
             sample = Int32(whole)
-            inside = (sample >= 0) & (sample < pulses.last)
+            held = (sample >= 0) & (sample < pulses.last)
             gain = axes[0][3] * distance * distance * Float(pulses.inverse_square)
             if not weighting.uniform:
                 near = dr.rcp(distance)
                 u = [Float(dr.fma(-0.5, v, -s)) * near for v, s in zip(point.twice, shift, strict=False)]
                 w, g = _weights(types, weighting, tuple(u), near, axes)
                 gain = gain * w * g
-            gain = dr.select(inside, gain, 0.0)
+            gain = dr.select(held, gain, 0.0)
             factor = scaled(gain, cis(types, further * pulses.turns_per_metre))
             taps = kernel.taps(Float(position - whole), dr)
-            index = UInt32(row + dr.select(inside, sample, 0))
+            index = UInt32(row + dr.select(held, sample, 0))
             for layer in range(n_layers):
                 re, im = Float(0.0), Float(0.0)
                 for i, tap in enumerate(taps):
@@ -249,7 +251,23 @@ def form(
         state=(UInt32(0), *zeros), cond=lambda t, *_: t < pulses.n_pulses, body=body, mode="symbolic"
     )
     place = ((first + group) * polar.n_angles + angle) * polar.n_ranges + column
-    _write(types, out, sums, place, polar.n_ranges)
+    _write(types, out, sums, place, polar.n_ranges, inside)
+
+
+def _lines_and_columns(
+    types: ModuleType, n_lines: int, last: dr.ArrayBase, n_ranges: int
+) -> tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase, int]:
+    """Line and range column of every lane, whether it counts, and the number of lanes.
+
+    All lines of a block of columns come before the next block. Columns of the last block stop at ``n_ranges``, which
+    ``last`` is as an opaque number; what the lanes beyond compute does not count.
+    """
+    n_lanes = -(-n_ranges // _BLOCK) * n_lines * _BLOCK
+    lane = dr.arange(types.UInt32, n_lanes)
+    row, lines = lane // _BLOCK, dr.opaque(types.UInt32, n_lines)
+    block = row // lines
+    column = block * _BLOCK + (lane - row * _BLOCK)
+    return row - block * lines, dr.minimum(column, last - 1), column < last, n_lanes
 
 
 def _write(
@@ -258,6 +276,7 @@ def _write(
     sums: list[dr.ArrayBase],
     place: dr.ArrayBase,
     n_ranges: int | dr.ArrayBase,
+    inside: dr.ArrayBase,
 ) -> None:
     """Write a lane's sums, real and imaginary parts by angle and layer, to its angles, ``n_ranges`` places apart."""
     for j in range(0, len(sums), 2):
@@ -266,6 +285,7 @@ def _write(
             out[layer],
             packed(types, (sums[j], sums[j + 1])),
             place + angle * n_ranges,
+            active=inside,
             mode=dr.ReduceMode.NoConflicts,
         )
 
@@ -358,10 +378,8 @@ def merge(
     n_ranges = len(images[0]) // (low_level.n_groups * low_level.n_angles)
     ratio, n_layers = low_level.ratio, len(images)
     merged = dr.opaque(UInt32, low_level.n_groups // high_level.n_groups)
-    n_lanes = high_level.n_groups * (high_level.n_angles // ratio) * n_ranges
-    lane = dr.arange(UInt32, n_lanes)
-    line = lane // high.n_ranges
-    column = lane - line * high.n_ranges
+    n_lines = high_level.n_groups * (high_level.n_angles // ratio)
+    line, column, inside, n_lanes = _lines_and_columns(types, n_lines, high.n_ranges, n_ranges)
     chunks = high.n_angles // ratio
     group = line // chunks
     chunk = line - group * chunks
@@ -413,7 +431,7 @@ def merge(
     out = [dr.zeros(types.UInt64, size) for _ in images]
     dr.make_opaque(out)
     place = (group * high.n_angles + chunk * ratio) * high.n_ranges + column
-    _write(types, out, sums, place, high.n_ranges)
+    _write(types, out, sums, place, high.n_ranges, inside)
     dr.eval(out)
     return out
 

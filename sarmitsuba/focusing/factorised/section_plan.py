@@ -15,6 +15,7 @@ from sarmitsuba.focusing.factorised.sampling import (
     CORRECTION,
     MARGIN_DB,
     RATIOS,
+    ROW_BAND,
     TAPS,
     SubimageSampling,
     choose_sampling,
@@ -62,6 +63,8 @@ class _SectionSpectra:
     steps : two (n_points, 3), displacement of a point per m of range and per rad
     slopes : two (n, n_points), the change of the range to every pulse by those steps
     spread : widening of the band in angle by the antenna's pattern
+    row_slope : largest change of the angle with the slant range along the image's rows, rad/m; infinite where a row
+        does not recede
     """
 
     radar: Radar
@@ -77,6 +80,7 @@ class _SectionSpectra:
     steps: tuple[F64, F64]
     slopes: tuple[F64, F64]
     spread: float
+    row_slope: float
     known: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     def extent(self, length: int) -> tuple[float, float]:
@@ -171,7 +175,18 @@ def _sight(radar: Radar, grid: ImageGrid, first: int, n: int, rows: slice) -> _S
         steps,
         (_slopes(antenna, points, steps[0]), _slopes(antenna, points, steps[1])),
         spread,
+        _row_slope(local[:, :2], distance, axes[:2] @ grid.across),
     )
+
+
+def _row_slope(places: F64, distance: F64, across: F64) -> float:
+    """Largest change of the angle with the slant range along rows, rad/m, at places (n, 2) on the ground."""
+    flat = np.linalg.norm(places, axis=1)
+    ahead = places @ across / flat
+    if ahead.min() <= 0.0:
+        return np.inf
+    aside = np.abs(places[:, 0] * across[1] - places[:, 1] * across[0]) / flat
+    return float((aside / ahead * distance / flat**2).max())
 
 
 def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: SubimageSampling) -> Section | str:
@@ -198,6 +213,7 @@ def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: Subimag
         n_ranges,
         levels,
         sight.rows,
+        sight.row_slope * range_step <= ROW_BAND * angle_step,
     )
 
 

@@ -27,7 +27,7 @@ from sarmitsuba.focusing.factorised.kernels import (
     quads,
     sum_weights,
 )
-from sarmitsuba.focusing.factorised.resampling import Pixels, resample
+from sarmitsuba.focusing.factorised.resampling import Pixels, along_rows, resample
 from sarmitsuba.focusing.factorised.sampling import CORRECTION, SubimageSampling, correction
 from sarmitsuba.focusing.profiles import MOST_BEYOND, ProfilePlan
 from sarmitsuba.focusing.windows import Window
@@ -40,7 +40,7 @@ BATCH_BYTES = 32 << 20
 # copies while they are made: spectrum, padded spectrum, transform, cut-out, table and the device's copy
 _COPIES = 6
 # pixels per launch
-TILE_PIXELS = 1 << 20
+TILE_PIXELS = 1 << 22
 # nodes along azimuth and range of the sum of weights
 _NODES = (257, 33)
 # nodes of the azimuth window over a pixel's own aperture
@@ -102,8 +102,21 @@ def run_plan(job: Job, plan: Plan, grid: ImageGrid, progress: Progress) -> C64:
             if rows.start < section.rows.stop and section.rows.start < rows.stop:
                 lanes = (rows.stop - rows.start) * grid.shape[1]
                 kernel = job.profiles.kernel
-                pixels = _pixels(types, section, grid, rows)
-                state[:] = resample(types, polar, pixels, lanes, job.turns_per_metre, kernel, words, state)
+                pixels, images = _pixels(types, section, grid, rows), words
+                if section.on_rows:
+                    samples = (rows.stop - rows.start) * section.n_ranges
+                    images = along_rows(types, polar, pixels, samples, kernel, words)
+                state[:] = resample(
+                    types,
+                    polar,
+                    pixels,
+                    lanes,
+                    job.turns_per_metre,
+                    kernel,
+                    images,
+                    state,
+                    job.sampling.upsampling if section.on_rows else 0.0,
+                )
                 dr.eval(state)
         dr.sync_thread()
         progress("focus", work * (i + 1) / len(plan.sections), work, {})
@@ -170,7 +183,7 @@ def _finest(job: Job, section: Section, antenna: F64, centers: F64) -> list[dr.A
         form(
             types,
             polar,
-            n * (level.n_angles // ANGLES) * section.n_ranges,
+            n * (level.n_angles // ANGLES),
             quads(types, centers[groups], squares=False),
             _pulses(job, section, antenna, centers, groups),
             job.profiles.kernel,
@@ -178,6 +191,7 @@ def _finest(job: Job, section: Section, antenna: F64, centers: F64) -> list[dr.A
             job.weighting,
             out,
             dr.opaque(types.UInt32, groups.start),
+            section.n_ranges,
         )
         dr.eval(out)
         dr.sync_thread()
@@ -234,13 +248,20 @@ def _axes(radar: Radar, weights: F64, pulses: slice, frame: F64) -> F32:
 def _corrected(
     job: Job, section: Section, images: list[dr.ArrayBase]
 ) -> tuple[PolarAxes, list[dr.ArrayBase]]:
-    """The section's subimage with the last interpolation's transform divided out, in angle and range."""
+    """The section's subimage with the gridding kernel's transform divided out, in angle and where needed in range."""
     level = section.levels[-1]
     shape = (level.n_angles, section.n_ranges)
     sizes = [scipy.fft.next_fast_len(n + CORRECTION) for n in shape]
     factors = [correction(job.sampling, n) for n in sizes]
     out = []
     for image in images:
+        if section.on_rows:
+            words = image.numpy().view(np.complex64).reshape(shape)
+            spectrum = scipy.fft.fft(words, n=sizes[0], axis=0, workers=-1)
+            spectrum *= factors[0][:, None]
+            fine = scipy.fft.ifft(spectrum, axis=0, overwrite_x=True, workers=-1)[: shape[0]]
+            out.append(device_array(job.types.UInt64, np.ascontiguousarray(fine).view(np.uint64)))
+            continue
         spectrum = scipy.fft.fft2(image.numpy().view(np.complex64).reshape(shape), s=sizes, workers=-1)
         spectrum *= factors[0][:, None]
         spectrum *= factors[1]
@@ -296,7 +317,9 @@ def plan_bytes(plan: Plan, profiles: ProfilePlan, grid: ImageGrid, n_layers: int
     """Peak memory in bytes beyond raw data and image: profiles of a batch, subimages, sums and a launch's pixels."""
     group = 8 * n_layers * profiles.n_stored * max(section.levels[0].n_pulses for section in plan.sections)
     pixels = int(np.prod(grid.shape))
-    return _COPIES * max(group, BATCH_BYTES) + n_layers * (plan.n_bytes + 8 * pixels) + 16 * TILE_PIXELS
+    # a launch's pixels: sums before and after, and the subimage on their rows
+    launch = (16 + 24 * n_layers) * min(pixels, TILE_PIXELS)
+    return _COPIES * max(group, BATCH_BYTES) + n_layers * (plan.n_bytes + 8 * pixels) + launch
 
 
 def make_job(raw: RawData, profiles: ProfilePlan, plan: Plan, window: Window, grid: ImageGrid) -> Job:

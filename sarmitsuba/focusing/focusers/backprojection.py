@@ -37,7 +37,7 @@ from sarmitsuba.focusing.backprojection_kernel import (
     Weighting,
     accumulate,
 )
-from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
+from sarmitsuba.focusing.focuser import CALL_SECONDS, FOCUSERS, Focused, Focuser, FocusTask, option
 from sarmitsuba.focusing.memory_needs import backprojection_bytes
 from sarmitsuba.focusing.pixel_lines import (
     PixelLines,
@@ -63,6 +63,11 @@ _WINDOW_NODES = 1025
 # relative time of a pixel and pulse: single; on a line; and per node of the line; unit: a line of 32 pixels and 10
 # nodes
 PIXEL_ALONE, PIXEL_ON_LINE, NODE_ON_LINE = 4.0, 0.3, 2.2
+# processor seconds of that unit with a kernel of six taps (benchmarks/suite/focusers.py measures it), how many times
+# that with apertures of the pixels' own, and what an antenna's pattern adds (benchmarks/suite/focuser_limits.py)
+PIXEL_PULSE_SECONDS, OWN_APERTURES, PATTERN_SECONDS = 1.2e-9, 1.9, 1.9e-9
+# of a raw-data sample made into a profile, and of a pixel in NumPy
+PROFILE_SECONDS, PIXEL_SECONDS = 6e-8, 4e-7
 
 
 class _Meter:
@@ -442,6 +447,17 @@ class Backprojection(Focuser):
             error = _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
         power = (10.0 ** (0.1 * error) + ends_rounding(radar)) * dimness(radar, image_places(grid, _PLACES))
         return 10.0 * float(np.log10(power))
+
+    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
+        """Approximate processor time of one layer on one core."""
+        rate = PIXEL_PULSE_SECONDS * self.effort(radar, grid)
+        if np.isfinite(radar.half_aperture):
+            rate *= OWN_APERTURES
+        if radar.antenna.pattern != "isotropic":
+            rate += PATTERN_SECONDS
+        pixels, pulses = float(np.prod(grid.shape)), radar.track.n_pulses
+        profiles = PROFILE_SECONDS * pulses * radar.window.n_samples
+        return CALL_SECONDS + profiles + (PIXEL_SECONDS + rate * pulses) * pixels
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Peak memory in bytes while the pixels are made, pixels included, raw data not."""

@@ -19,6 +19,7 @@ from sarmitsuba.focusing.focuser import (
     FocusTask,
     option,
 )
+from sarmitsuba.focusing.memory_needs import PIXEL
 from sarmitsuba.focusing.profiles import plan_profiles
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -110,6 +111,15 @@ class Factorised(Focuser):
         if isinstance(plan, str) or leaves_beam(radar, image_places(grid)):
             return math.nan
         return plan.error_db + MARGIN_DB
+
+    def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
+        """Peak memory in bytes while the pixels are made, pixels included, raw data not."""
+        plan = self.plan(radar, grid)
+        if isinstance(plan, str):
+            return super().making_bytes(radar, grid, n_layers)
+        profiles = plan_profiles(radar, RECTANGULAR, interpolation=plan.sampling.interpolation)
+        pixels = PIXEL * int(np.prod(grid.shape)) * n_layers
+        return pixels + plan_bytes(plan, profiles, grid, min(n_layers, _MAX_LAYERS))
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Processor time of all stages."""

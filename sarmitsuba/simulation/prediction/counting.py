@@ -1,5 +1,6 @@
 """Counts of the rays, bytes and seconds of a run, from its sampling plan, before anything is allocated."""
 
+import math
 import time
 from dataclasses import dataclass
 
@@ -10,12 +11,14 @@ from sarmitsuba.echo.direct import plan_direct
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.exclusive import threads
 from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing.focuser import DEFAULT, Focuser, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.focusing.look import look_size
 from sarmitsuba.focusing.memory_needs import PIXEL, focusing_bytes, look_bytes
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.prediction.needs import Needs
@@ -243,8 +246,9 @@ def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid:
     radar, n_layers = scene.radar, len(layers.layers)
     n_pulses = radar.track.n_pulses
     samples = n_layers * n_pulses * radar.window.n_samples
+    focuser = _default_focuser(radar, grid, tracing is None) if grid else None
     focusing = (
-        focusing_bytes(grid, n_layers, Backprojection().making_bytes(radar, grid, n_layers)) if grid else 0
+        focusing_bytes(grid, n_layers, focuser.making_bytes(radar, grid, n_layers)) if grid and focuser else 0
     )
     shape = grid.shape if grid else (0, 0)
     spacing = (grid.azimuth_spacing, grid.range_spacing) if grid else (1.0, 1.0)
@@ -254,11 +258,13 @@ def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid:
         after["points"] = SETUP + len(scene.points) * n_pulses * n_layers * POINT_PULSE
     if radar.noise_temperature > 0.0:
         after["noise"] = samples * NOISE_SAMPLE
-    if grid:
-        pixel_pulses = float(np.prod(shape)) * n_layers * n_pulses * Backprojection().effort(radar, grid)
-        after["focus"] = (
-            FIRST_FOCUS + samples * UPSAMPLED + USUAL_CORE.stages(Work(pixel_pulses=pixel_pulses))["focus"]
-        )
+    if grid and focuser:
+        if isinstance(focuser, Backprojection):
+            pixel_pulses = float(np.prod(shape)) * n_layers * n_pulses * focuser.effort(radar, grid)
+            forming = USUAL_CORE.stages(Work(pixel_pulses=pixel_pulses))["focus"]
+        else:
+            forming = n_layers * focuser.cpu_seconds(radar.start_stop(), grid)
+        after["focus"] = FIRST_FOCUS + samples * UPSAMPLED + forming
     if tracing is None:
         return Needs(
             name=scene.name,
@@ -314,6 +320,12 @@ def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid:
         kept=held + image,
         n_pulses=n_pulses,
     )
+
+
+def _default_focuser(radar: Radar, grid: ImageGrid, exact: bool) -> Focuser:
+    """The focuser that a run takes where none is named; ``exact``: its echoes are those of ideal points."""
+    radar = radar.as_recorded().start_stop()
+    return parse_focuser(DEFAULT).resolved(radar, grid, lambda: -math.inf if exact else math.nan)[0]
 
 
 def _purposes(sampling: SamplingPlan, layers: LayerPlan) -> list[tuple[Purpose, float]]:

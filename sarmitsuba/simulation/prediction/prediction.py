@@ -1,6 +1,7 @@
 """Predicted time by stage and memory of a run, from tracing one batch of it."""
 
 import gc
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from sarmitsuba.arrays import C64
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing.focuser import DEFAULT, EXACT, parse_focuser
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.pilot import plan_scene
@@ -247,25 +249,37 @@ def _points_seconds(run: Run, clock: Clock) -> float:
 def _focus_seconds(
     scene: Scene, layers: tuple[Layer, ...], data: C64, clock: Clock
 ) -> tuple[float, int, float]:
-    """Seconds to focus all pulses, from two numbers of pulses on the whole grid; pixels; extra seconds at first use."""
+    """Seconds to focus all pulses, from a part of them on the whole grid; pixels; extra seconds at first use.
+
+    Backprojection's grow with the pulses and are measured on two numbers of them; those of another focuser as its own
+    model of them, and all pulses are focused where it refuses a part.
+    """
     radar = scene.radar
     n = radar.track.n_pulses
     few = min(n, max(FOCUS_PULSES, n // FOCUS_SHARE))
     grid = default_grid(radar, scene.image)
+    stopped = radar.as_recorded().start_stop()
+    focuser = parse_focuser(DEFAULT).resolved(stopped, grid, lambda: math.nan if scene.traced else -math.inf)[
+        0
+    ]
+    linear = focuser.name == EXACT
+    if not linear and focuser.objection(middle_pulses(stopped, few), grid):
+        few = n
 
     def taken(k: int) -> Mapping[str, float]:
         part = middle_pulses(radar, k)
         start = (n - k) // 2
         raw = RawData(data[:, start : start + k], layers, "compressed", part)
         before = clock()
-        focus(raw, grid)
+        focus(raw, grid, focuser=focuser)
         return {"focus": clock() - before}
 
     def steady(k: int) -> float:
         return _steady(partial(taken, k))["focus"]
 
-    first = taken(min(8, few))["focus"]  # compiles
-    loading = max(0.0, first - taken(min(8, few))["focus"])
+    least = min(8, few) if linear else few
+    first = taken(least)["focus"]  # compiles
+    loading = max(0.0, first - taken(least)["focus"])
     while True:
         most = steady(few)
         if most >= STEADY or few == n:
@@ -274,6 +288,9 @@ def _focus_seconds(
     pixels = int(np.prod(grid.shape)) * len(layers)
     if few == n:
         return most, pixels, loading
+    if not linear:
+        whole, part = (focuser.cpu_seconds(radar, grid) for radar in (stopped, middle_pulses(stopped, few)))
+        return most * whole / part, pixels, loading
     less = max(1, few // 4)
     slope = max(0.0, (most - steady(less)) / (few - less))
     return most + slope * (n - few), pixels, loading
