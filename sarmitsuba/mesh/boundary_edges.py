@@ -375,7 +375,8 @@ def _straight(
 
 def _sums(group: I64, rows: F64) -> F64:
     """Sums of the rows of each group."""
-    return np.stack([np.bincount(group, column) for column in rows.T], axis=1)
+    # of no rows the counts are integers
+    return np.stack([np.bincount(group, column) for column in rows.T], axis=1).astype(np.float64, copy=False)
 
 
 def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:

@@ -127,11 +127,11 @@ def test_names_that_are_too_long_are_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_record_with_names_that_are_too_long_is_one_line() -> None:
+def test_a_record_with_names_that_are_too_long_is_one_line(tmp_path: Path) -> None:
     from sarmitsuba.page.run_folder import _scene
 
     with pytest.raises(DataError, match="does not exist any more"):
-        _scene({"scene": LONGER, "definitions": {}}, False)
+        _scene({"scene": LONGER, "definitions": {}}, tmp_path, False)
 
 
 def test_whatever_else_the_system_refuses_is_one_line(
