@@ -40,6 +40,7 @@ machine below and on its load; ratios were measured in one run.
 # sections that come first: what accuracy costs at a glance
 FIRST = ("error_time", "bounce_depth")
 # before the section of each benchmark, and before what follows them
+OLDER = "*Measured with older kernels.*"
 SECTION, END = "<!-- benchmark: {} -->", "<!-- by hand -->"
 
 
@@ -131,8 +132,13 @@ def collect(output: Path | None, page: Path = DOCS / "benchmarks.md") -> None:
     changes = f"| kernels' sources changed since, to | the figures hold because |\n|---|---|\n{reasons}\n\n"
     parts = [HEAD.format(facts=head, changes=changes if reasons else "", contents=listing.suite(titles))]
     order = [name for name in FIRST if name in sections] + [name for name in sections if name not in FIRST]
-    parts += [f"{SECTION.format(name)}\n{sections[name]}" for name in order]
+    parts += [f"{SECTION.format(name)}\n{_dated(sections[name])}" for name in order]
     page.write_text("\n".join([*parts, f"{END}\n{listing.by_hand()}\n"]), encoding="utf-8")
+
+
+def _dated(section: str) -> str:
+    """A section that does not say what it was measured with is of older kernels, and says that."""
+    return section if kernel_sources.MARK in section or OLDER in section else f"{section}\n{OLDER}\n"
 
 
 def _page(page: Path) -> tuple[str, dict[str, str]]:

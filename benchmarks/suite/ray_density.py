@@ -41,7 +41,7 @@ def run(quick: bool) -> harness.Report:
         rows = []
         for factor in FACTORS[1:4] if quick else FACTORS:
             trial = run_trial(scene, base.but(**rays.at(factor)), grid)
-            count = trial.sampling.rays_per_key_pulse if trial.sampling else 0
+            count = trial.statistics.rays // max(trial.statistics.key_pulses, 1)
             seconds = trial.seconds - trial.stages["focus"]
             rows.append([factor, factor * rays.coherent, count, trial.error_db(reference), seconds])
         report.table(

@@ -16,6 +16,7 @@ import stored
 # packages of tracing, binning and focusing, with the plan and the sampling that choose what they do
 PACKAGES = ("trace", "echo", "simulation", "effects", "focusing", "materials", "mesh")
 LIST = "kernels"
+MARK = "Kernels' sources:"
 
 
 def without_words(source: str) -> str:
@@ -73,9 +74,14 @@ def holds(measured_with: str) -> bool:
     return all(known()[later] for later in order[order.index(measured_with) + 1 :])
 
 
+def outdated(page: str) -> list[str]:
+    """Hashes on a page whose figures are not known to hold for the sources as they are."""
+    return [found for found in re.findall(rf"{MARK} `(\w+)`", page) if not holds(found)]
+
+
 def statement(measured_with: str) -> str:
     """Line of a page: the hash it was measured with."""
-    return f"Kernels' sources: `{measured_with}`."
+    return f"{MARK} `{measured_with}`."
 
 
 def stated(page: Path) -> list[str]:

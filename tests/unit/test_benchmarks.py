@@ -123,16 +123,16 @@ def test_sections_that_were_not_run_stay_on_the_page(runner: ModuleType, tmp_pat
     runner.collect(out, page)
     assert page.read_text(encoding="utf-8") == before
     (out / "methods.md").write_text("## Methods\n\nnew\n", encoding="utf-8")
-    (out / "loading.md").write_text("## Loading\n\nmeasured now\n", encoding="utf-8")
+    (out / "kill.md").write_text("## Killed runs\n\nmeasured now\n", encoding="utf-8")
     runner.collect(out, page)
     after = page.read_text(encoding="utf-8")
     assert "## Methods\n\nnew\n" in after and after.count("## Methods\n") == 1
-    assert "## Loading\n\nmeasured now\n" in after and "| [Loading](#loading) |" in after
+    assert "## Killed runs\n\nmeasured now\n" in after and "| [Killed runs](#killed-runs) |" in after
 
     def sections(text: str) -> list[str]:
         return re.findall(r"^<!-- benchmark: (\w+) -->$", text, re.MULTILINE)
 
-    assert sections(after) == [*sections(before), "loading"]
+    assert sections(after) == list(dict.fromkeys([*sections(before), "kill"]))
     # a page that is made from nothing names the machine
     page.unlink()
     runner.collect(out, page)
@@ -169,3 +169,11 @@ def test_figures_hold_while_every_change_has_its_reason(
     assert sources.holds("c" * 12) and not sources.holds("a" * 12)
     sources.still_holds("the same bits")
     assert sources.holds("a" * 12)
+
+
+def test_figures_of_the_pages_hold_for_these_kernels(benchmark_script: Callable[[str], ModuleType]) -> None:
+    """A change of kernels is measured again, or python benchmarks/run_all.py --still-holds says why it need not be."""
+    sources = benchmark_script("kernel_sources")
+    page = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    assert page.count(sources.MARK) >= 10
+    assert sources.outdated(page) == [], f"sources are {sources.current()}; measure, or say --still-holds WHY"
