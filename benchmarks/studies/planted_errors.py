@@ -48,10 +48,10 @@ def one_way_phase() -> AbstractContextManager[None]:
 
 def _phase_factors(make: Callable[[Any], Any]) -> AbstractContextManager[None]:
     """Replace the phase of a path in every module that forms it."""
-    from sarmitsuba.simulation import pilot
+    from sarmitsuba.simulation import pilot_patches
     from sarmitsuba.trace import accumulators
 
-    return _all(*(_replaced(module, "phase_factor", make) for module in (accumulators, pilot)))
+    return _all(*(_replaced(module, "phase_factor", make) for module in (accumulators, pilot_patches)))
 
 
 def float32_phase() -> AbstractContextManager[None]:
