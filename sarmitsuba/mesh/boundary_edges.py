@@ -166,7 +166,7 @@ class _TriangleEdges:
 
     def own(self, faces: I64) -> F64:
         """(len(faces), N_EDGES, 4) boundary edges of each triangle alone."""
-        lines = np.tile([0.0, 0.0, 0.0, -1.0], (faces.size, N_EDGES, 1))
+        lines = _unused(faces.size)
         row, k = np.nonzero(self.sharp[faces])
         inward, start = self.inward[faces[row], k], self.corners[faces[row], k]
         offset = np.einsum("ei,ei->e", inward, start - self.corners[faces[row], 0])
@@ -192,8 +192,7 @@ class _FacetOutlines:
 def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _FacetOutlines:
     """Boundary edges of the triangles ``faces``, which are all those of some facets."""
     n = len(facet)
-    boundary = np.zeros((n, N_EDGES, 4), dtype=np.float32)
-    boundary[:, :, 3] = -1.0
+    boundary = _unused(n).astype(np.float32)
     inner, fine = np.zeros((n, N_EDGES), dtype=bool), np.zeros(n, dtype=bool)
     alone = (edges.mate[faces] < 0).all(axis=1)
     boundary[faces[alone]] = edges.own(faces[alone])
@@ -221,6 +220,11 @@ def _outlines(edges: _TriangleEdges, facet: I64, faces: I64) -> _FacetOutlines:
             for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
                 boundary[slab[some]] = _limits(edges, slab[some], near[some, :most])
     return _FacetOutlines(boundary, facet, inner, fine)
+
+
+def _unused(n: int) -> F64:
+    """(n, N_EDGES, 4) boundary edges that limit nothing."""
+    return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
 
 
 def _largest(values: F64) -> F64:
@@ -265,7 +269,7 @@ def _simple_facets(edges: _TriangleEdges, facet: I64, faces: I64) -> tuple[NDArr
     lines = np.bincount(of, minlength=count)
     column = np.arange(order.size) - np.repeat(np.cumsum(lines) - lines, lines)
     few = (lines <= N_EDGES)[of[order]]
-    table = np.tile([0.0, 0.0, 0.0, -1.0], (count, N_EDGES, 1))
+    table = _unused(count)
     kept = order[few]
     table[of[kept], column[few]] = np.column_stack([inward[kept], offset[kept]])
 
@@ -404,7 +408,7 @@ def _limits(edges: _TriangleEdges, faces: I64, near: I64) -> F64:
     covered = np.einsum("nsr,nr->ns", same, np.where(valid, cover, 0.0))
     valid &= covered > FACING
 
-    out = np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
+    out = _unused(n)
     row = np.arange(n)
     for k in range(N_EDGES):
         best = np.where(valid, lowest, np.inf).argmin(axis=1)

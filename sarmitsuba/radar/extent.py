@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sarmitsuba.arrays import F64, I32
+from sarmitsuba.boxes import box_of_each
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,8 @@ class Extent:
 
     def is_empty(self, center: F64, reach: float) -> bool:
         """Whether no scatterer lies within a horizontal distance ``reach`` of ``center``, (2,), m."""
-        if self.faces is None:
+        # a corner is near in most scenes: their triangles need not be looked at
+        if self.faces is None or (np.hypot(*(self.outline[:, :2] - center).T) <= reach).any():
             return False
         low, high, _ = self._parts(self.faces)
         gap = np.maximum(np.maximum(low - center, center - high), 0.0)
@@ -71,9 +73,10 @@ class Extent:
         alone = np.ones(len(self.outline), dtype=bool)
         alone[faces] = False
         points = self.outline[alone, :2]
+        low, high = box_of_each(corners[..., :2])
         return (
-            np.concatenate([corners[..., :2].min(axis=1), points]),
-            np.concatenate([corners[..., :2].max(axis=1), points]),
+            np.concatenate([low, points]),
+            np.concatenate([high, points]),
             np.concatenate([0.5 * np.linalg.norm(across, axis=1), np.ones(len(points))]),
         )
 

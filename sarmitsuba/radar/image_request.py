@@ -45,25 +45,26 @@ class ImageRequest:
 
     def scaled(self, share: float) -> "ImageRequest":
         """The same pixels of the middle of the image, ``share`` of each extent."""
-        pixels = [max(1, round(share * n)) if n else 0 for n in (self.pixels_azimuth, self.pixels_range)]
         return replace(
-            self,
+            self._with_pixels(share),
             extent_azimuth=share * self.extent_azimuth,
             extent_range=share * self.extent_range,
-            pixels_azimuth=pixels[0],
-            pixels_range=pixels[1],
         )
 
     def coarser(self, factor: float, spacing: tuple[float, float]) -> "ImageRequest":
         """The same area in pixels ``factor`` times as wide as ``spacing``, m."""
-        pixels = [max(1, round(n / factor)) if n else 0 for n in (self.pixels_azimuth, self.pixels_range)]
         return replace(
-            self,
+            self._with_pixels(1.0 / factor),
             spacing_azimuth=factor * spacing[0],
             spacing_range=factor * spacing[1],
-            pixels_azimuth=pixels[0],
-            pixels_range=pixels[1],
         )
+
+    def _with_pixels(self, share: float) -> "ImageRequest":
+        """The same with that share of the numbers of pixels, where these are given."""
+        azimuth, across = (
+            max(1, round(share * n)) if n else 0 for n in (self.pixels_azimuth, self.pixels_range)
+        )
+        return replace(self, pixels_azimuth=azimuth, pixels_range=across)
 
     def fade_out(self, cell: float) -> float:
         """Width of the fade-out zone around the image, m: 5 % of half its longer side, 10 cells at least.

@@ -246,7 +246,7 @@ def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid:
     radar, n_layers = scene.radar, len(layers.layers)
     n_pulses = radar.track.n_pulses
     samples = n_layers * n_pulses * radar.window.n_samples
-    focuser = _default_focuser(radar, grid, tracing is None) if grid else None
+    focuser = default_focuser(radar, grid, tracing is None) if grid else None
     focusing = (
         focusing_bytes(grid, n_layers, focuser.making_bytes(radar, grid, n_layers)) if grid and focuser else 0
     )
@@ -322,7 +322,7 @@ def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid:
     )
 
 
-def _default_focuser(radar: Radar, grid: ImageGrid, exact: bool) -> Focuser:
+def default_focuser(radar: Radar, grid: ImageGrid, exact: bool) -> Focuser:
     """The focuser that a run takes where none is named; ``exact``: its echoes are those of ideal points."""
     radar = radar.as_recorded().start_stop()
     return parse_focuser(DEFAULT).resolved(radar, grid, lambda: -math.inf if exact else math.nan)[0]

@@ -1,7 +1,6 @@
 """Predicted time by stage and memory of a run, from tracing one batch of it."""
 
 import gc
-import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -13,12 +12,13 @@ from sarmitsuba.arrays import C64
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.focuser import DEFAULT, EXACT, parse_focuser
+from sarmitsuba.focusing.focuser import EXACT
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.prediction.both_ways import measured_both_ways
+from sarmitsuba.simulation.prediction.counting import default_focuser
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import SpeedModel, Work
 from sarmitsuba.simulation.run import Run
@@ -259,9 +259,7 @@ def _focus_seconds(
     few = min(n, max(FOCUS_PULSES, n // FOCUS_SHARE))
     grid = default_grid(radar, scene.image)
     stopped = radar.as_recorded().start_stop()
-    focuser = parse_focuser(DEFAULT).resolved(stopped, grid, lambda: math.nan if scene.traced else -math.inf)[
-        0
-    ]
+    focuser = default_focuser(radar, grid, exact=not scene.traced)
     linear = focuser.name == EXACT
     if not linear and focuser.objection(middle_pulses(stopped, few), grid):
         few = n
