@@ -192,6 +192,16 @@ class PilotResult:
                 return n
         return 0
 
+    def last_turn(self, tolerance_db: float) -> int:
+        """Last bounce at which echoes that count turn back along their chain; 1: none beyond the first."""
+        limit = self.cell_limit_db(tolerance_db)
+        counts = [
+            n
+            for n in range(2, self.n_orders + 1)
+            if self.energy_db(2, n, upper=True) > tolerance_db or self.cell_db(2, n) > limit
+        ]
+        return max(counts, default=1)
+
     def settled(self, tolerance_db: float) -> bool:
         """Whether enough bounces were traced, by their returns and by the power that continues after the last."""
         limit = 10.0 ** (0.1 * tolerance_db)

@@ -56,10 +56,12 @@ class EffectsPlan:
     Parameters
     ----------
     flags : switches of the trace kernel
-    max_depth : most bounces
+    max_depth : most bounces of a ray
     decisions : one per effect
     notes : one line each: explicit settings that cost accuracy, and limitations of the pilot
     pilot : results of the pilot trace; empty without one
+    echo_bounces : most bounces of an echo: an echo back along its chain has 2 n - 1 of them where its ray has n;
+        0: as many as a ray
     """
 
     flags: KernelFlags
@@ -67,6 +69,7 @@ class EffectsPlan:
     decisions: tuple[Decision, ...] = field(default_factory=tuple)
     notes: tuple[str, ...] = ()
     pilot: PilotFigures = field(default_factory=PilotFigures)
+    echo_bounces: int = 0
 
     def decision(self, name: str) -> Decision | None:
         """Decision on an effect, None when there is none."""
@@ -250,7 +253,16 @@ def plan_effects(
         tuple(decided.values()),
         tuple(notes),
         {} if pilot is None else _figures(context, pilot),
+        _echo_bounces(context, chosen, depth),
     )
+
+
+def _echo_bounces(context: SceneContext, chosen: Mapping[str, FlagValue], depth: int) -> int:
+    """Most bounces of an echo of rays with ``depth`` bounces, those back along their chain included."""
+    if not chosen.get("diffuse_double") or depth < 2:
+        return depth
+    turns = depth if context.pilot is None else min(depth, context.pilot.last_turn(context.tolerance_db))
+    return max(depth, 2 * turns - 1)
 
 
 def _check_switches(scene: Scene) -> None:

@@ -42,7 +42,14 @@ INTEGRATOR = ParamTable(
             choices=tuple(METHODS),
         ),
         Param(
-            "max_depth", "integer or auto", 0, "largest number of bounces per path", "", 0, 1000, auto=True
+            "max_depth",
+            "integer or auto",
+            0,
+            "largest number n of bounces of a ray; an echo back along its chain has 2 n - 1",
+            "",
+            0,
+            1000,
+            auto=True,
         ),
         Param(
             "ray_spacing", "float", 0.0, "distance between rays in the launch plane", "m", 0.0, 1e6, auto=True
@@ -98,7 +105,12 @@ INTEGRATOR = ParamTable(
             0.0,
             1e5,
         ),
-        Param("keep_orders", "boolean", False, "store bounce orders separately, each in its own layers"),
+        Param(
+            "keep_orders",
+            "boolean",
+            False,
+            "store echoes by their number of bounces, each in its own layers; the last has all beyond",
+        ),
         Param(
             "keep_subsets", "boolean", False, "store two independent ray subsets separately, for error bars"
         ),

@@ -15,7 +15,7 @@ class LayerPlan:
     Parameters
     ----------
     channels : polarisation channels
-    orders : bounce orders kept separately; (0,) where all are summed
+    orders : numbers of bounces of echoes kept separately, the last with all beyond; (0,) where all are summed
     subsets : ray subsets kept separately; (0,) for one set of all rays, and where nothing is traced
     """
 
@@ -30,6 +30,7 @@ class LayerPlan:
         # scatterers beside the mesh return over the ground whatever rays do
         depth = max(
             plan.max_depth,
+            plan.echo_bounces,
             most_bounces(scene) if scene.has_sources else 1,
             2 if plan.flags.diffuse_pairs else 1,  # whatever mirrors return
         )
