@@ -15,6 +15,8 @@ from sarmitsuba.simulation.blocks import partition
 from sarmitsuba.simulation.raw import simulate
 
 
+# drawn scenes switch edges off, which most of them would not notice
+@pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
 @pytest.mark.parametrize(
     ("seed", "subsets"),
     # C band spotlight and error bars; X band stripmap with a beam, metal in C band

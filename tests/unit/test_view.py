@@ -239,3 +239,17 @@ def test_profile_runs_through_the_peak() -> None:
     assert profile(image, "azimuth").axes[0].get_xlabel() == "azimuth (m)"
     with pytest.raises(DataError, match="outside the image, 0 to"):
         cut(image, "range", at=99.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_lone_body_is_not_white_over_its_side_lobes(seed: int) -> None:
+    # Rationale: the picture of a mesh alone is a body on a fifth of the pixels, 20 dB of spread, over side lobes 40 dB
+    # below, which are the only even area: they are not the clutter by which a picture is scaled.
+    rng = np.random.default_rng(seed)
+    power = 1e-5 * rng.exponential(1.0, (120, 200))
+    power[40:80, 30:150] = rng.exponential(1.0, (40, 120)) * 10.0 ** rng.uniform(-1.0, 1.0, (40, 120))
+    values = decibels(power)
+    low, high = limits_db(values, clutter=True)
+    # tol: the 98th percentile; over side lobes a fifth of the pixels would be white
+    assert np.mean(values > high) < 0.025
+    assert low < np.median(values[40:80, 30:150]) < high
