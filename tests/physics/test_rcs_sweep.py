@@ -216,8 +216,10 @@ def test_what_cannot_be_swept_is_said() -> None:
     with pytest.raises(RadarError, match="rotates only the polarisation"):
         sweep(scene, np.array([0.0, 1.0]), 0.5 * np.pi)
     assert "azimuth" in image_refusal(Aspects(np.zeros(3), np.linspace(0, 1, 3)))
-    assert "elevation" in image_refusal(Aspects(np.linspace(0, 1, 3), np.full(3, -0.1)))
-    assert not image_refusal(Aspects(np.linspace(0, 1, 3), np.zeros(3)))
+    assert "elevation" in image_refusal(Aspects(np.linspace(0, 1, 31), np.full(31, -0.1)))
+    assert not image_refusal(Aspects(np.linspace(0, 1, 31), np.zeros(31)))
+    assert not image_refusal(Aspects(np.radians(np.arange(0, 20, 5.0)), np.zeros(4)))
+    assert "30 deg apart" in image_refusal(Aspects(np.radians([0.0, 30.0, 60.0]), np.zeros(3)))
 
 
 @pytest.mark.slow
