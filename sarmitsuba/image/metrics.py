@@ -243,6 +243,8 @@ def _cut(piece: Chip, peak: tuple[float, float], direction: F64, spacing: F64) -
         extent = float(np.min(np.where(np.abs(rate) > 1e-12, room / np.abs(rate), np.inf)))
     step = 1.0 / (_FINE * float(np.abs(rate).max()))
     n = int(extent / step)
+    if n < 1:
+        raise DataError("point target: its peak lies at the edge of the image; choose a point farther inside")
     x = np.asarray(step * np.arange(-n, n + 1), dtype=np.float64)
     power = np.abs(piece.at(peak[0] + rate[0] * x, peak[1] + rate[1] * x)) ** 2
     return cut_metrics(x, power.astype(np.float64))

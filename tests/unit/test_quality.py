@@ -124,6 +124,17 @@ def test_points_are_found_and_clutter_is_not() -> None:
         assert abs(area.enl - 1.0) < 4.0 * area.enl_sigma
 
 
+def test_corners_of_a_body_are_not_isolated_points() -> None:
+    """Corners two cells apart are brighter than all around and as narrow as points, but side lobes of each other."""
+    radar = ideal_radar(resolution=0.9, bandwidth=180e6, n_samples=384)
+    places = np.array([[-30.0, -30.0, 0.0], [-30.0, -28.0, 0.0], [30.0, 30.0, 0.0]])
+    request = ImageRequest(grid="ground", extent_azimuth=160.0, extent_range=160.0)
+    raw = ideal_echoes(radar, places, [4.0, 3.0, 1.0])
+    report = image_quality(focus(raw, request=request, range_window="taylor", azimuth_window="taylor"))
+    (point,) = report.points
+    np.testing.assert_allclose(point.position, places[2], atol=0.15)  # tol: 0.1 of a cell
+
+
 @cache
 def noise_image(request: ImageRequest, window: str = "rectangular", radar: Radar | None = None) -> SarImage:
     """Focused receiver noise: speckle of one look whose spectrum is exactly the processed band."""

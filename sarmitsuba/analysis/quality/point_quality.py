@@ -22,6 +22,9 @@ _SMALLEST_CHIP, _LARGEST_CHIP = 32, 512
 # 9.2 dB above the mean), and about the width of a point
 _ALONE, _ABOVE_DB = 6.0, 16.0
 _WIDTHS = (0.7, 1.4)
+# side lobes of a point: -13 dB without window, and 5 dB for clutter 16 dB below the peak. Higher ones are other targets
+# or speckle
+_HIGHEST_LOBE_DB = -8.0
 # mean over median of single-look intensity
 _MEAN_OVER_MEDIAN = 1.0 / math.log(2.0)
 
@@ -128,7 +131,8 @@ def find_points(image: SarImage, channel: str | None = None, most: int = 12) -> 
     """Find isolated point targets, the brightest first.
 
     A point is a pixel that is the brightest within 6 cells, 16 dB above the mean of its surroundings, of about the
-    predicted width (0.7 to 1.4 times, in both directions), and not at the image's edge.
+    predicted width (0.7 to 1.4 times, in both directions), without a side lobe above -8 dB, and not at the image's
+    edge.
     """
     carrier, data = Carrier.of(image), image.total(channel)
     power = np.abs(data.astype(np.complex128)) ** 2
@@ -155,7 +159,9 @@ def find_points(image: SarImage, channel: str | None = None, most: int = 12) -> 
             cut.irw / wanted
             for cut, wanted in zip((point.azimuth_cut, point.range_cut), point.predicted_irw, strict=True)
         ]
-        if point.background_db >= _ABOVE_DB and all(_WIDTHS[0] < ratio < _WIDTHS[1] for ratio in ratios):
+        alone = all(cut.pslr_db < _HIGHEST_LOBE_DB for cut in (point.azimuth_cut, point.range_cut))
+        narrow = all(_WIDTHS[0] < ratio < _WIDTHS[1] for ratio in ratios)
+        if point.background_db >= _ABOVE_DB and narrow and alone:
             found.append(point)
     return tuple(found)
 
