@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.geodesy import Anchor
 
 
+PROFILE = "sarmitsuba"  # of files with calibrated amplitudes, in ProductInfo
 NAMESPACE = "http://api.nsgreg.nga.mil/schema/cphd/1.1.0"
 # per-vector parameters in the order of the file: name, numbers of 8 bytes
 LAYOUT = (
@@ -146,7 +147,7 @@ def document(recording: CphdRecording) -> lxml.etree._ElementTree:
     }
     root.append(sarkit.cphd.compute_reference_geometry(tree, vectors))
     top["ProductInfo"] = {
-        "Profile": "sarmitsuba",
+        "Profile": PROFILE,
         "CreationInfo": [
             {
                 "Application": f"sarmitsuba {__version__}",

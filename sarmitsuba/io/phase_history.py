@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.autofocus_records import AutofocusRecords
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.image.sar_image import UNCALIBRATED
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
@@ -50,6 +52,7 @@ class PhaseHistory:
     source : name for messages
     receiver : (n_pulses, 3) float64, m, of a separate receiver
     time : (n_pulses,) float64, s, strictly increasing, where it is known
+    records : autofocus corrections of the provider, which ``samples`` do not have
     """
 
     samples: NDArray[np.number]
@@ -60,6 +63,7 @@ class PhaseHistory:
     source: str
     receiver: F64 | None = None
     time: F64 | None = None
+    records: AutofocusRecords | None = None
 
     def check(self) -> None:
         """Raise a DataError for inconsistent lengths, invalid numbers and non-uniform frequencies."""
@@ -140,6 +144,10 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
             f"{first.source} ... {parts[-1].source}: bistatic and monostatic files are mixed; focus them separately"
         )
     same = all(p.frequency.ndim == 1 and np.array_equal(p.frequency, first.frequency) for p in parts)
+    records = [part.records for part in parts if part.records is not None]
+    if records and len(records) < len(parts):
+        bare = next(part for part in parts if part.records is None)
+        raise DataError(f"{bare.source}: has no autofocus records (data.af), other files have; focus them separately")
     frequency = (
         first.frequency
         if same
@@ -154,6 +162,12 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
         source=f"{first.source} ... {parts[-1].source}",
         receiver=np.concatenate(apart) if apart else None,
         time=None,
+        records=AutofocusRecords(
+            np.concatenate([one.range_correction for one in records]),
+            np.concatenate([one.phase_correction for one in records]),
+        )
+        if records
+        else None,
     )
     whole.check()
     return whole
@@ -216,9 +230,15 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
         extent_azimuth=_SWATH_SHARE * swath,
         extent_range=_SWATH_SHARE * swath,
     )
-    facts = {"source": first.source, "unambiguous_swath_m": swath}
+    facts = {"source": first.source, "unambiguous_swath_m": swath, **UNCALIBRATED}
     return RawData(
-        data, tuple(Layer(history.channel) for history in histories), "compressed", radar, facts, request
+        data,
+        tuple(Layer(history.channel) for history in histories),
+        "compressed",
+        radar,
+        facts,
+        request,
+        autofocus_records={one.channel: one.records for one in histories if one.records is not None},
     )
 
 

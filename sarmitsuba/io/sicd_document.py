@@ -20,7 +20,7 @@ from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.image.sar_image import UNCALIBRATED, ImageGrid, SarImage
 from sarmitsuba.io.nga import EPOCH, LETTERS, MODE_TYPES, OTHER_MODE, Element, polarisations
 from sarmitsuba.radar.collection import Collection, Signal
 from sarmitsuba.radar.flight import Flight
@@ -355,6 +355,7 @@ def image_of(top: Element, pixels: C64, what: str) -> SarImage:
         range_resolution_cell=widths[0] * axes.bandwidth[0] / slant,
         incidence_angle=np.arccos(-line[:, 2] / np.linalg.norm(line, axis=1)),
         metadata={
+            **(UNCALIBRATED if top["Radiometric"].get("RCSSFPoly") is None else {}),
             "source": what,
             "scene": str(top["CollectionInfo"]["CoreName"]),
             "focus": {

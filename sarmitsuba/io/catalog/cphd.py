@@ -22,7 +22,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.cphd_document import LAYOUT, CphdRecording, GroundArea, document
+from sarmitsuba.io.cphd_document import LAYOUT, PROFILE, CphdRecording, GroundArea, document
 from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.nga import DAMAGED, LETTERS, plain_xml, refuse_document_type, said
@@ -251,7 +251,10 @@ def read_raw(path: Path) -> RawData:
             raise DataError(f"{path}: its document has no {missing[0]}; export it again")
         raw = raw_of(histories)
         radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
-        return replace(raw, radar=radar, request=_request(raw, anchor, corners))
+        facts = dict(raw.metadata)
+        if tree.findtext("{*}ProductInfo/{*}Profile") == PROFILE:  # amplitudes are roots of radar cross sections
+            del facts["calibrated"]
+        return replace(raw, radar=radar, request=_request(raw, anchor, corners), metadata=facts)
     except DAMAGED as error:
         raise DataError(f"{path}: cannot be read as CPHD: {said(error)}") from error
 
