@@ -123,7 +123,9 @@ def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
             if not has(group, field.name):
                 values[field.name] = None
                 continue
-        if field.default is not dataclasses.MISSING and hint is int and not has(group, field.name):
+        if field.name == "sweep" and field.name not in group.attrs:
+            values[field.name] = field.default  # older files have up-chirps
+        elif field.default is not dataclasses.MISSING and hint is int and not has(group, field.name):
             values[field.name] = field.default  # counts that older files do not know
         elif dataclasses.is_dataclass(hint):
             assert isinstance(hint, type)

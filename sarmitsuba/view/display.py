@@ -244,8 +244,8 @@ def _values(image: SarImage, options: PictureOptions, block: tuple[int, int]) ->
     if quantity == "phase":
         total = image.total(options.channel).astype(np.complex128)
         return np.asarray(np.angle(block_means(total.real, block) + 1j * block_means(total.imag, block)))
-    whole = quantity == "amplitude" or not image.calibrated
-    power = backscatter(image, "rcs" if whole else quantity, options.channel)
+    absolute = quantity if quantity != "amplitude" and image.calibrated else "rcs"
+    power = backscatter(image, absolute, options.channel)
     mean = block_means(power, block)
     return np.sqrt(mean) if quantity == "amplitude" else db_from_power(mean)
 

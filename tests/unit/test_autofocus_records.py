@@ -1,4 +1,4 @@
-"""Autofocus records of Gotcha-like files: they undo the errors that a test put into the data, and our autofocus agrees."""
+"""Autofocus records of Gotcha-like files undo the errors that a test put into the data, and our autofocus agrees."""
 
 from pathlib import Path
 

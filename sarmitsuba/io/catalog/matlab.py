@@ -6,12 +6,10 @@ A struct ``data`` holds, per file (one degree of azimuth there), ``fp`` (frequen
 
 import os
 import re
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
@@ -19,9 +17,9 @@ from sarmitsuba.echo.autofocus_records import AutofocusRecords
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.mat_file import load_mat
 from sarmitsuba.io.phase_history import PhaseHistory, joined, raw_of
 from sarmitsuba.isolated import survive
-from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.polarisation import CHANNELS
 
 _STRUCT = "data"
@@ -146,28 +144,7 @@ def _second_antenna(path: Path, fields: Mapping[str, object]) -> tuple[str, ...]
 
 def _fields(path: Path) -> dict[str, object]:
     """Fields of the struct ``data``."""
-    try:
-        content = scipy.io.loadmat(path, variable_names=[_STRUCT])
-    except NotImplementedError as error:
-        raise DataError(f"{path}: has MATLAB version 7.3; save it in MATLAB with -v7") from error
-    except (
-        ArithmeticError,
-        AssertionError,
-        AttributeError,
-        LookupError,
-        MemoryError,
-        NameError,
-        OSError,
-        RuntimeError,
-        TypeError,
-        ValueError,
-        zlib.error,
-        scipy.io.matlab.MatReadError,
-    ) as error:  # exceptions of loadmat for damaged files
-        reason = one_line(error, 300)
-        raise DataError(
-            f"{path}: cannot be read as a MATLAB file, it may be damaged: {reason or type(error).__name__}"
-        ) from error
+    content = load_mat(path, [_STRUCT])
     struct = content.get(_STRUCT)
     if not isinstance(struct, np.ndarray) or struct.dtype.names is None or struct.size != 1:
         raise DataError(f"{path}: has no struct {_STRUCT!r} of one element")
