@@ -7,8 +7,8 @@ With the spectrum :math:`S_t(f)` of pulse t over its baseband frequency f, carri
 The phase at f = 0 gives the centroid up to a multiple of the pulse rate (average cross-correlation coefficient), its
 slope over f the multiple (wavelength diversity: the range walk from pulse to pulse).
 
-References: S. N. Madsen, IEEE Trans. Aerosp. Electron. Syst. 25 (1989), 134; R. Bamler and H. Runge, IEEE Trans. Geosci.
-Remote Sens. 29 (1991), 995.
+References: S. N. Madsen, IEEE Trans. Aerosp. Electron. Syst. 25 (1989), 134; R. Bamler and H. Runge, IEEE Trans.
+Geosci. Remote Sens. 29 (1991), 995.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,9 @@ from sarmitsuba.errors import DataError
 
 # parts of the pulses, each left out once for the standard deviation (jackknife)
 _PARTS = 16
-# standard deviations that must lie between the estimate and half the pulse rate from the multiple that is taken
-_SURE = 4.0
+# standard deviations that must lie between the estimate and half the pulse rate from the multiple that is taken: the
+# next multiple is 5 of them away at least
+_SURE = 2.5
 # largest standard deviation of the centroid within the pulse rate, over the pulse rate
 _COARSE = 0.05
 _BATCH = 1 << 22  # complex samples transformed at once
@@ -48,7 +49,9 @@ class DopplerEstimate:
     walk_deviation: float
 
 
-def estimate_doppler(echoes: C64, prf: float, carrier: float, sampling_rate: float, band: float) -> DopplerEstimate:
+def estimate_doppler(
+    echoes: C64, prf: float, carrier: float, sampling_rate: float, band: float
+) -> DopplerEstimate:
     """Doppler centroid of echoes at uniform pulse times, averaged over the swath.
 
     Parameters
@@ -70,7 +73,9 @@ def estimate_doppler(echoes: C64, prf: float, carrier: float, sampling_rate: flo
     """
     n_pulses = echoes.shape[0]
     if n_pulses < 2 * _PARTS:
-        raise DataError(f"Doppler centroid: {n_pulses} pulses are too few to estimate it; at least {2 * _PARTS} are needed")
+        raise DataError(
+            f"Doppler centroid: {n_pulses} pulses are too few to estimate it; at least {2 * _PARTS} are needed"
+        )
     frequency, parts = _correlations(echoes, sampling_rate, band)
     whole = parts.sum(axis=0)
     if not np.abs(whole).sum() > 0.0:
@@ -80,15 +85,16 @@ def estimate_doppler(echoes: C64, prf: float, carrier: float, sampling_rate: flo
     spread = np.sqrt((_PARTS - 1) * np.mean((left_out - left_out.mean(axis=0)) ** 2, axis=0))
     if spread[0] > _COARSE * prf:
         raise DataError(
-            f"Doppler centroid: the echoes show {base:.0f} Hz within the pulse rate of {prf:g} Hz with a standard deviation "
-            f"of {spread[0]:.0f} Hz, too coarse; give doppler_centroid_hz"
+            f"Doppler centroid: the echoes show {base:.0f} Hz within the pulse rate of {prf:g} Hz with a standard "
+            f"deviation of {spread[0]:.0f} Hz, too coarse; give doppler_centroid_hz"
         )
     multiple = round((walk - base) / prf)
     found = base + multiple * prf
     if abs(walk - found) + _SURE * float(spread[1]) > 0.5 * prf:
         raise DataError(
-            f"Doppler centroid: {base:.1f} Hz plus a multiple of the pulse rate {prf:g} Hz; range walk says {walk:.0f} Hz "
-            f"with a standard deviation of {spread[1]:.0f} Hz, which does not tell the multiple; give doppler_centroid_hz"
+            f"Doppler centroid: {base:.1f} Hz plus a multiple of the pulse rate {prf:g} Hz; the range walk shows "
+            f"{walk:.0f} Hz with a standard deviation of {spread[1]:.0f} Hz, which does not tell the multiple; give "
+            "doppler_centroid_hz"
         )
     return DopplerEstimate(found, float(spread[0]), multiple, walk, float(spread[1]))
 

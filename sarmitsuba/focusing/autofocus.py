@@ -174,7 +174,9 @@ def apply_autofocus_records(raw: RawData) -> RawData:
         one = replace(raw, data=raw.data[i : i + 1], layers=(layer,), autofocus_records={})
         turn = np.exp(1j * records.phase_correction).astype(np.complex64)
         data[i] = correct_ranges(one, -records.range_correction).data[0] * turn[:, None]
-    return replace(raw, data=data, autofocus_records={}, metadata={**raw.metadata, "autofocus_records": "applied"})
+    return replace(
+        raw, data=data, autofocus_records={}, metadata={**raw.metadata, "autofocus_records": "applied"}
+    )
 
 
 def without_trend(radar: Radar, error: F64, weight: F64) -> F64:

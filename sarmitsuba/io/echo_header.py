@@ -96,8 +96,9 @@ class EchoHeader:
         edge = abs(doppler) + 0.5 * self.doppler_bandwidth
         if self.sine(edge) > _SQUINT:
             raise DataError(
-                f"{self.source}: {_CENTROID} = {doppler:g} Hz with a band of {self.doppler_bandwidth:g} Hz is a squint sine "
-                f"of {self.sine(edge):.3g} at effective_velocity_m_per_s = {self.effective_velocity:g}; at most {_SQUINT}"
+                f"{self.source}: {_CENTROID} = {doppler:g} Hz with a band of {self.doppler_bandwidth:g} Hz is a squint "
+                f"sine of {self.sine(edge):.3g} at effective_velocity_m_per_s = {self.effective_velocity:g}; at most "
+                f"{_SQUINT}"
             )
 
 
@@ -107,15 +108,20 @@ def read_header(path: Path) -> EchoHeader:
     Raises
     ------
     DataError
-        The file cannot be read, or a value is missing, unknown, of the wrong type, out of bounds or contradicts another.
+        The file cannot be read, or a value is missing, unknown, of another type, out of bounds or contradicts another.
     """
     content = _content(path)
     known = {*_NUMBERS, _CENTROID, *_START, *_OPTIONAL, *_TEXTS}
     for name in content:
         if name not in known:
-            raise DataError(f'{path}: "{printable(str(name))[:60]}" is unknown{did_you_mean(str(name), sorted(known))}')
+            raise DataError(
+                f'{path}: "{printable(str(name))[:60]}" is unknown{did_you_mean(str(name), sorted(known))}'
+            )
     texts = {name: _text(path, content, name, default) for name, default in _TEXTS.items()}
-    if not is_inside(texts["data"], path.parent) or Path(texts["data"]).suffix.lower() not in (".npy", ".mat"):
+    if not is_inside(texts["data"], path.parent) or Path(texts["data"]).suffix.lower() not in (
+        ".npy",
+        ".mat",
+    ):
         raise DataError(
             f'{path}: data = "{printable(texts["data"])[:200]}" is not a .npy or .mat file in the folder of the header'
         )
@@ -160,14 +166,18 @@ def _content(path: Path) -> Mapping[str, object]:
             try:
                 reader = importlib.import_module("tomllib")
             except ModuleNotFoundError:
-                raise DataError(f"{path}: TOML needs Python 3.11 or later; write the header as JSON") from None
+                raise DataError(
+                    f"{path}: TOML needs Python 3.11 or later; write the header as JSON"
+                ) from None
             content = reader.loads(text)
         else:
             content = json_value(text)
     except (ValueError, RecursionError) as error:  # tomllib's and json's
         raise DataError(f"{path}: cannot be read as a header: {one_line(error, 200)}") from None
     if not isinstance(content, dict):
-        raise DataError(f"{path}: a header is a table of names and values, this is a {type(content).__name__}")
+        raise DataError(
+            f"{path}: a header is a table of names and values, this is a {type(content).__name__}"
+        )
     return content
 
 
@@ -205,13 +215,15 @@ def _check_together(path: Path, header: EchoHeader) -> None:
         )
     if header.sampling_rate < header.bandwidth:
         raise DataError(
-            f"{path}: sampling_rate_hz = {header.sampling_rate:g} is below the bandwidth {header.bandwidth:g} Hz of the pulse; "
-            "complex samples need at least that"
+            f"{path}: sampling_rate_hz = {header.sampling_rate:g} is below the pulse's bandwidth "
+            f"{header.bandwidth:g} Hz; complex samples need at least that"
         )
     if header.pulse_length * header.prf >= 1.0:
         raise DataError(f"{path}: pulse_length_s = {header.pulse_length:g} is not shorter than 1 / prf_hz")
     if header.doppler_bandwidth > header.prf:
-        raise DataError(f"{path}: doppler_bandwidth_hz = {header.doppler_bandwidth:g} is above prf_hz = {header.prf:g}")
+        raise DataError(
+            f"{path}: doppler_bandwidth_hz = {header.doppler_bandwidth:g} is above prf_hz = {header.prf:g}"
+        )
     nearest = 0.5 * SPEED_OF_LIGHT * header.first_sample_time
     if nearest < 1.0:
         raise DataError(f"{path}: the first sample is of the range {nearest:g} m; at least 1 m is needed")

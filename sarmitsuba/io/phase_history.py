@@ -147,7 +147,9 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
     records = [part.records for part in parts if part.records is not None]
     if records and len(records) < len(parts):
         bare = next(part for part in parts if part.records is None)
-        raise DataError(f"{bare.source}: has no autofocus records (data.af), other files have; focus them separately")
+        raise DataError(
+            f"{bare.source}: has no autofocus records (data.af), other files have; focus them separately"
+        )
     frequency = (
         first.frequency
         if same

@@ -189,10 +189,9 @@ class Radar:
 
     @property
     def range_per_rate(self) -> float:
-        r"""Range-Doppler coupling: range shift of echoes over their range rate, :math:`f_c T_p / B`, s, negative
-        for a down-chirp.
+        r"""Range-Doppler coupling: range shift of echoes over their range rate, :math:`f_c T_p / B`, s.
 
-        0 for the start-stop approximation.
+        Negative for a down-chirp, 0 for the start-stop approximation.
         """
         wave = self.waveform
         return 0.0 if self.delay is None else wave.center_frequency / wave.chirp_rate

@@ -116,7 +116,9 @@ def test_every_channel_has_its_own_records_through_hdf5(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.phase_correction, other.phase_correction)
         got = apply_autofocus_records(again).total(channel)
         clean = read_raw(tmp_path / f"clean_{channel}.mat").total()
-        assert np.linalg.norm(got - clean) < 0.02 * np.linalg.norm(clean)  # tol: the shift at the swath's ends
+        assert np.linalg.norm(got - clean) < 0.02 * np.linalg.norm(
+            clean
+        )  # tol: the shift at the swath's ends
     some = again.of_pulses(slice(10, 60))
     np.testing.assert_array_equal(
         some.autofocus_records["HH"].range_correction,
@@ -147,7 +149,10 @@ def test_the_command_applies_them_when_asked(tmp_path: Path, capsys: pytest.Capt
         (np.ones(3), "af is not a struct"),
         ({"r_correct": np.zeros(N_PULSES)}, "af is not a struct"),
         ({"r_correct": np.zeros(N_PULSES), "ph_correct": np.zeros(5)}, "af.ph_correct has 5 finite values"),
-        ({"r_correct": np.full(N_PULSES, np.nan), "ph_correct": np.zeros(N_PULSES)}, "af.r_correct has 0 finite"),
+        (
+            {"r_correct": np.full(N_PULSES, np.nan), "ph_correct": np.zeros(N_PULSES)},
+            "af.r_correct has 0 finite",
+        ),
         ({"r_correct": np.zeros(N_PULSES) + 1j, "ph_correct": np.zeros(N_PULSES)}, "af.r_correct is complex"),
         ({"r_correct": "none", "ph_correct": np.zeros(N_PULSES)}, "af.r_correct holds"),
     ],

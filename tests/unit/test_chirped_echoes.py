@@ -41,8 +41,8 @@ def drawn(rng: np.random.Generator, multiple: int | None = None) -> Header:
 def echoes(header: Header, shape: tuple[int, int], points: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Echoes of points (time s, range m) of closest approach, by the delay equation at every received sample.
 
-    The antenna is at V t at all times t and sends the carrier with its chirp over the pulse about t_n; a wave received at
-    t left at the time t' with |x(t') - p| + |x(t) - p| = c (t - t'). The beam lights a point while its Doppler
+    The antenna is at V t at all times t and sends the carrier with its chirp over the pulse about t_n; a wave received
+    at t left at the time t' with |x(t') - p| + |x(t) - p| = c (t - t'). The beam lights a point while its Doppler
     frequency is within half the pulse rate of the centroid.
     """
     f0, rate, length = (header[n] for n in ("carrier_hz", "chirp_rate_hz_per_s", "pulse_length_s"))
@@ -102,7 +102,7 @@ def save(folder: Path, header: Header, data: np.ndarray, kind: str = "npy", rows
     return path
 
 
-@pytest.mark.parametrize("seed", few_of(range(8), 2))
+@pytest.mark.parametrize("seed", few_of(range(8), 1))
 def test_points_land_in_place_with_the_resolution_of_the_bands(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     header, shape = drawn(rng), (900, 900)
@@ -124,11 +124,173 @@ def test_points_land_in_place_with_the_resolution_of_the_bands(tmp_path: Path, s
     band = 0.8 * header["prf_hz"]
     cells = (v / band, 0.5 * LIGHT / abs(header["chirp_rate_hz_per_s"] * header["pulse_length_s"]))
     for point in report.points:
-        print(
-            f"{point.azimuth_error / cells[0]:.3f} {point.range_error / cells[1]:.3f} "
-            f"{point.azimuth_cut.irw / cells[0]:.3f} {point.range_cut.irw / cells[1]:.3f} "
-            f"{point.azimuth_cut.pslr_db:.2f} {point.range_cut.pslr_db:.2f} "
-            f"{point.azimuth_cut.islr_null_db:.2f} {point.range_cut.islr_null_db:.2f}"
-        )
-        assert abs(point.azimuth_error) < 0.05 * cells[0]
-        assert abs(point.range_error) < 0.05 * cells[1]
+        # tol: found 0.004 of a cell in azimuth, the delay's change over the swath; 0.0003 in range
+        assert abs(point.azimuth_error) < 0.01 * cells[0]
+        assert abs(point.range_error) < 0.005 * cells[1]
+        # tol: uniform bands: 0.886 cells, -13.26 dB, ISLR over 16 cells -10 dB; pixels of half a cell, chirp's edges
+        assert point.azimuth_cut.irw == pytest.approx(0.886 * cells[0], rel=0.005)
+        assert point.range_cut.irw == pytest.approx(0.886 * cells[1], rel=0.01)
+        for cut in (point.azimuth_cut, point.range_cut):
+            assert cut.pslr_db == pytest.approx(-13.26, abs=0.05)
+            assert cut.islr_null_db == pytest.approx(-10.0, abs=0.1)
+
+
+def clutter(
+    rng: np.random.Generator, shape: tuple[int, int], header: Header, centroid: float, beam: float
+) -> np.ndarray:
+    """Echoes of uniform clutter by their spectrum: at each frequency f a beam's band about centroid (1 + f / f0)."""
+    prf, f0 = header["prf_hz"], header["carrier_hz"]
+    f = np.fft.fftfreq(shape[1], 1.0 / header["sampling_rate_hz"])
+    off = np.fft.fftfreq(shape[0], 1.0 / prf)[:, None] - centroid * (1.0 + f / f0)
+    folded = np.mod(off + 0.5 * prf, prf) - 0.5 * prf
+    power = sum(np.sinc(0.886 * (folded + k * prf) / beam) ** 4 for k in (-1, 0, 1))
+    noise = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+    band = abs(header["chirp_rate_hz_per_s"] * header["pulse_length_s"])
+    return np.fft.ifft2(noise * np.sqrt(power) * (np.abs(f) <= 0.5 * band))
+
+
+def test_the_centroid_of_clutter_is_found_or_refused() -> None:
+    """Drawn centroids of L band (carrier over bandwidth 43), where the range walk tells the multiple, and of C band."""
+    found = refused = 0
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        header = drawn(rng, 0) | {"carrier_hz": [1.27e9, 5.3e9][seed % 2]}
+        prf, centroid = header["prf_hz"], float(rng.uniform(-6000.0, 6000.0))
+        data = clutter(rng, (512, 700), header, centroid, 0.75 * prf).astype(np.complex64)
+        band = abs(header["chirp_rate_hz_per_s"] * header["pulse_length_s"])
+        try:
+            got = estimate_doppler(data, prf, header["carrier_hz"], header["sampling_rate_hz"], band)
+        except DataError as error:
+            refused += 1
+            assert "does not tell the multiple" in str(error) and seed % 2 == 1
+            continue
+        found += 1
+        assert (
+            abs(got.frequency - centroid) < 5.0 * got.deviation < 0.01 * prf
+        )  # tol: five standard deviations
+        assert abs(got.walk - centroid) < 5.0 * got.walk_deviation  # tol: the same
+    assert found >= 12 and refused >= 4
+
+
+def test_auto_estimates_the_centroid(tmp_path: Path) -> None:
+    """Uniform clutter of L band, two pulse rates off, as the reader sees it."""
+    rng = np.random.default_rng(5)
+    header = drawn(rng, -2) | {"carrier_hz": 1.27e9, "effective_velocity_m_per_s": 7000.0}
+    data = clutter(rng, (600, 1000), header, header["doppler_centroid_hz"], 0.75 * header["prf_hz"])
+    told = read_raw(save(tmp_path, header, data))
+    raw = read_raw(save(tmp_path, header | {"doppler_centroid_hz": "auto"}, data))
+    facts = raw.metadata["doppler_centroid"]
+    assert facts["multiple_of_prf"] == round(header["doppler_centroid_hz"] / header["prf_hz"]) == -2
+    assert (
+        abs(facts["frequency_hz"] - header["doppler_centroid_hz"]) < 5.0 * facts["deviation_hz"]
+    )  # tol: 5 sigma
+    np.testing.assert_array_equal(raw.data, told.data)
+    write_raw(raw, tmp_path / "raw.h5")
+    again = read_raw(tmp_path / "raw.h5").radar
+    assert again.waveform == raw.radar.waveform
+    np.testing.assert_array_equal(again.window.start_range, raw.radar.window.start_range)
+
+
+GOOD: Header = drawn(np.random.default_rng(1), 1) | {"data": "echoes.npy"}
+LATE = GOOD["first_sample_time_s"]
+WRONG: dict[str, tuple[Header, str]] = {
+    "missing rate": ({"chirp_rate_hz_per_s": None}, "chirp_rate_hz_per_s is missing"),
+    "no data": ({"data": None}, "data is missing"),
+    "NaN": ({"prf_hz": float("nan")}, "prf_hz = nan is out of bounds"),
+    "infinite": ({"carrier_hz": float("inf")}, "carrier_hz = inf is out of bounds"),
+    "negative": ({"pulse_length_s": -1e-6}, "pulse_length_s = -1e-06 is out of bounds"),
+    "text": ({"prf_hz": "fast"}, "prf_hz = fast is not a number"),
+    "truth": ({"prf_hz": True}, "prf_hz = True is not a number"),
+    "list": ({"prf_hz": [1200.0]}, "is not a number"),
+    "no sweep": ({"chirp_rate_hz_per_s": 0.0}, "sweeps 0 Hz"),
+    "undersampled": ({"sampling_rate_hz": 1e7}, "is below the pulse's bandwidth"),
+    "long pulse": ({"pulse_length_s": 1e-3, "chirp_rate_hz_per_s": 1e10}, "is not shorter than 1 / prf_hz"),
+    "two starts": ({"first_range_m": 3e5}, "give one of"),
+    "no start": ({"first_sample_time_s": None}, "give one of"),
+    "at once": ({"first_sample_time_s": 0.0}, "the first sample is of the range 0 m"),
+    "slow": ({"effective_velocity_m_per_s": 1.0}, "is a squint sine of"),
+    "wide": ({"doppler_bandwidth_hz": 5000.0}, "is above prf_hz"),
+    "far ahead": ({"doppler_centroid_hz": 5e5}, "is a squint sine of"),
+    "centroid": ({"doppler_centroid_hz": "find"}, "doppler_centroid_hz = find is not a number"),
+    "typo": ({"prf": 1200.0}, '"prf" is unknown'),
+    "elsewhere": ({"data": "../echoes.npy"}, "is not a .npy or .mat file in the folder of the header"),
+    "other kind": ({"data": "echoes.csv"}, "is not a .npy or .mat file"),
+    "gone": ({"data": "other.npy"}, "other.npy: no such file"),
+    "variable": ({"variable": "data"}, "has no effect with a .npy file"),
+    "side": ({"look_side": "down"}, "is none of left, right"),
+    "channel": ({"channel": "XX"}, "is none of"),
+    "migration": (
+        {"doppler_centroid_hz": 5e4, "effective_velocity_m_per_s": 5e3},
+        "no range is recorded throughout",
+    ),
+    "above": ({"incidence_angle_deg": 1.0, "first_sample_time_s": 5e-6}, "is above the ground"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_headers_are_one_line(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    changes, text = WRONG[name]
+    header = {key: value for key, value in (GOOD | changes).items() if value is not None}
+    np.save(tmp_path / "echoes.npy", np.ones((400, 340), np.complex64))
+    (tmp_path / "scene.json").write_text(json.dumps(header))
+    assert cli.main(["focus", str(tmp_path / "scene.json"), "-o", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert (
+        text in message and message.count("\n") == 1 and "scene.json" in message
+    ) or "other.npy" in message
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (np.ones((400, 340)), "holds float64 of shape (400, 340)"),
+        (np.ones((2, 400, 340), np.complex64), "of shape (2, 400, 340)"),
+        (np.full((400, 340), np.nan, np.complex64), "NaN or infinite"),
+        (np.full((400, 340), 1e300, np.complex128), "NaN or infinite"),
+        (np.ones((400, 300), np.complex64), "longer than the 324 samples of the chirp"),
+        (np.ones((4, 340), np.complex64), "holds 4 pulses"),
+        (np.array([{"a": 1}], dtype=object), "cannot be read as a NumPy array"),
+        (
+            b"\x93NUMPY\x01\x00v\x00{'descr': '<c8', 'fortran_order': False, 'shape': (1000000, 1000000), }",
+            "cannot be read",
+        ),
+        (b"nothing", "cannot be read as a NumPy array"),
+        (b"", "cannot be read as a NumPy array"),
+    ],
+)
+def test_wrong_data_are_one_line(tmp_path: Path, content: Any, text: str) -> None:
+    if isinstance(content, bytes):
+        (tmp_path / "echoes.npy").write_bytes(content)
+    else:
+        np.save(tmp_path / "echoes.npy", content, allow_pickle=True)
+    (tmp_path / "scene.json").write_text(json.dumps(GOOD))
+    with pytest.raises(DataError) as caught:
+        read_raw(tmp_path / "scene.json")
+    assert text in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", "3", "[" * 100000, "prf_hz = ", "\x00", "a = 1\na = 2"])
+@pytest.mark.parametrize("kind", ["json", "toml"])
+def test_wrong_texts_are_one_line(tmp_path: Path, content: str, kind: str) -> None:
+    path = tmp_path / f"scene.{kind}"
+    path.write_text(content)
+    with pytest.raises(DataError) as caught:
+        read_raw(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_matlab_files_with_several_matrices_name_one(tmp_path: Path) -> None:
+    data = np.ones((400, 340), np.complex64)
+    scipy.io.savemat(tmp_path / "echoes.mat", {"data": data, "other": data, "n": 3.0})
+    header = GOOD | {"data": "echoes.mat"}
+    (tmp_path / "scene.json").write_text(json.dumps(header))
+    with pytest.raises(DataError, match="2 complex matrices: data, other; name one by variable"):
+        read_raw(tmp_path / "scene.json")
+    (tmp_path / "scene.json").write_text(json.dumps(header | {"variable": "n"}))
+    with pytest.raises(DataError, match='has no complex matrix "n"'):
+        read_raw(tmp_path / "scene.json")
+    (tmp_path / "scene.json").write_text(json.dumps(header | {"variable": "other"}))
+    assert read_raw(tmp_path / "scene.json").data.shape == (1, 400, 340)
+    (tmp_path / "echoes.mat").write_bytes((tmp_path / "echoes.mat").read_bytes()[:700])
+    with pytest.raises(DataError, match=r"MATLAB file|no complex matrix"):
+        read_raw(tmp_path / "scene.json")

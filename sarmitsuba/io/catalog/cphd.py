@@ -252,7 +252,9 @@ def read_raw(path: Path) -> RawData:
         raw = raw_of(histories)
         radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
         facts = dict(raw.metadata)
-        if tree.findtext("{*}ProductInfo/{*}Profile") == PROFILE:  # amplitudes are roots of radar cross sections
+        if (
+            tree.findtext("{*}ProductInfo/{*}Profile") == PROFILE
+        ):  # amplitudes are roots of radar cross sections
             del facts["calibrated"]
         return replace(raw, radar=radar, request=_request(raw, anchor, corners), metadata=facts)
     except DAMAGED as error:

@@ -43,10 +43,10 @@ def read_raw(path: Path) -> RawData:
 
     Notes
     -----
-    One effective velocity and one squint angle serve the whole swath: ignores their change over range (and with it that
-    of the centroid). The antenna's pattern is unknown and taken as isotropic over the processed Doppler band. Levels are
-    those of the samples: the data are uncalibrated. The frame's origin is below mid-track; its place on the Earth is not
-    known.
+    One effective velocity and one squint angle serve the whole swath: ignores their change over range (and with it
+    that of the centroid). The antenna's pattern is unknown and taken as isotropic over the processed Doppler band.
+    Levels are those of the samples: the data are uncalibrated. The frame's origin is below mid-track; its place on the
+    Earth is not known.
     """
     header = read_header(path)
     echoes = _echoes(path.parent / header.data, header)
@@ -96,7 +96,9 @@ def _echoes(path: Path, header: EchoHeader) -> C64:
 
 def _from_numpy(path: Path, header: EchoHeader) -> NDArray[np.generic]:
     if header.variable:
-        raise DataError(f'{header.source}: variable = "{printable(header.variable)[:60]}" has no effect with a .npy file')
+        raise DataError(
+            f'{header.source}: variable = "{printable(header.variable)[:60]}" has no effect with a .npy file'
+        )
     try:  # mapped: a header that claims more than the file holds takes no memory
         return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
     except (OSError, ValueError, EOFError, OverflowError, MemoryError, SyntaxError) as error:
@@ -143,8 +145,8 @@ def _radar(
     height = middle * math.cos(header.incidence_angle)
     if height >= near:
         raise DataError(
-            f"{path}: at incidence_angle_deg = {math.degrees(header.incidence_angle):g} of the middle range {middle:.6g} m "
-            f"the nearest range {near:.6g} m is above the ground; give a larger angle"
+            f"{path}: at incidence_angle_deg = {math.degrees(header.incidence_angle):g} of the middle range "
+            f"{middle:.6g} m the nearest range {near:.6g} m is above the ground; give a larger angle"
         )
     flight = np.array([0.0, header.effective_velocity, 0.0])
     track = Track.straight([0.0, 0.0, height], flight, header.prf, n_pulses)
@@ -161,7 +163,9 @@ def _radar(
     radar = Radar(
         mode="stripmap",
         track=track,
-        waveform=Waveform(header.carrier, header.bandwidth, header.pulse_length, "up" if sweep == "up" else "down"),
+        waveform=Waveform(
+            header.carrier, header.bandwidth, header.pulse_length, "up" if sweep == "up" else "down"
+        ),
         antenna=Antenna(),
         pointing=MODES["stripmap"].pointing(track, AimGeometry(aim, center, along, across)),
         # the first sample is the beginning of an echo from this range

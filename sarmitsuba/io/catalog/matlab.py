@@ -113,7 +113,9 @@ def _records(path: Path, value: object, n_pulses: int) -> AutofocusRecords:
     """Autofocus records of the struct ``data.af``."""
     struct = np.asarray(value)
     if struct.dtype.names is None or struct.size != 1 or not set(_RECORDS) <= set(struct.dtype.names):
-        raise DataError(f"{path}: af is not a struct of one element with {' and '.join(_RECORDS)}; leave it out")
+        raise DataError(
+            f"{path}: af is not a struct of one element with {' and '.join(_RECORDS)}; leave it out"
+        )
     cell = struct.reshape(-1)[0]
     found = []
     for name in _RECORDS:
