@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.io.nga import EPOCH, MODE_TYPES, OTHER_MODE, Element, polarisations
+from sarmitsuba.io.nga import MODE_TYPES, OTHER_MODE, Element, polarisations, set_utc, whole_microseconds
 from sarmitsuba.version import __version__
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ class CphdRecording:
     anchor : geodetic position of the file frame's origin
     dwell : s; centre of dwell at the scene reference point, its slope along the flight in s/m, and dwell time
     facts : further values by name
+    start : UTC of the first pulse, from which times count, datetime64[ns]
     """
 
     name: str
@@ -96,6 +97,7 @@ class CphdRecording:
     anchor: Anchor
     dwell: tuple[float, float, float]
     facts: dict[str, str]
+    start: np.datetime64
 
 
 def document(recording: CphdRecording) -> lxml.etree._ElementTree:
@@ -119,13 +121,14 @@ def document(recording: CphdRecording) -> lxml.etree._ElementTree:
         "DomainType": "FX",
         "SGN": -1,
         "Timeline": {
-            "CollectionStart": EPOCH,
+            "CollectionStart": whole_microseconds(recording.start),
             "TxTime1": float(vectors["TxTime"][0]),
             "TxTime2": float(vectors["TxTime"][-1]),
         },
         "FxBand": {"FxMin": float(vectors["FX1"].min()), "FxMax": float(vectors["FX2"].max())},
         "TOASwath": {"TOAMin": float(vectors["TOA1"].min()), "TOAMax": float(vectors["TOA2"].max())},
     }
+    set_utc(root, "Global/Timeline/CollectionStart", recording.start)
     _scene_coordinates(top, area, recording.anchor)
     _data(top, recording)
     _channels(top, recording)

@@ -13,6 +13,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.io.encoding import json_value
 from sarmitsuba.parameters import did_you_mean, one_line, printable
 from sarmitsuba.radar.polarisation import CHANNELS
+from sarmitsuba.radar.utc import utc_of
 from sarmitsuba.regular_files import is_inside, read_text
 
 AUTO = "auto"
@@ -29,7 +30,14 @@ _NUMBERS = {
 _CENTROID = "doppler_centroid_hz"
 _START = {"first_sample_time_s": (0.0, 100.0), "first_range_m": (0.0, 1e10)}
 _OPTIONAL = {"doppler_bandwidth_hz": (1e-3, 1e7), "incidence_angle_deg": (1.0, 89.0)}
-_TEXTS = {"data": "", "variable": "", "pulses_along": "rows", "look_side": "right", "channel": "VV"}
+_TEXTS = {
+    "data": "",
+    "variable": "",
+    "pulses_along": "rows",
+    "look_side": "right",
+    "channel": "VV",
+    "first_pulse_utc": "",
+}
 _CHOICES = {"pulses_along": ("rows", "columns"), "look_side": ("left", "right"), "channel": CHANNELS}
 # share of the pulse rate processed unless the header says how wide the beam's Doppler band is: its rest is ambiguous
 _PROCESSED = 0.8
@@ -58,6 +66,7 @@ class EchoHeader:
     doppler_bandwidth : Hz, processed about the centroid
     incidence_angle : rad, at mid-swath
     look_side, channel : of the radar
+    first_pulse : UTC of the first pulse, datetime64[ns]; None: not given
     """
 
     source: str
@@ -76,6 +85,7 @@ class EchoHeader:
     incidence_angle: float
     look_side: str
     channel: str
+    first_pulse: np.datetime64 | None
 
     @property
     def bandwidth(self) -> float:
@@ -148,6 +158,7 @@ def read_header(path: Path) -> EchoHeader:
         incidence_angle=math.radians(_optional(path, content, "incidence_angle_deg", _INCIDENCE)),
         look_side=texts["look_side"],
         channel=texts["channel"],
+        first_pulse=_utc(path, texts["first_pulse_utc"]),
     )
     _check_together(path, header)
     return header
@@ -189,6 +200,13 @@ def _text(path: Path, content: Mapping[str, object], name: str, default: str) ->
     if choices and value not in choices:
         raise DataError(f'{path}: {name} = "{printable(value)[:60]}" is none of {", ".join(choices)}')
     return value
+
+
+def _utc(path: Path, text: str) -> np.datetime64 | None:
+    try:
+        return utc_of(text) if text else None
+    except ValueError as error:
+        raise DataError(f"{path}: first_pulse_utc = {error}") from None
 
 
 def _number(path: Path, content: Mapping[str, object], name: str, low: float, high: float) -> float:

@@ -19,6 +19,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.utc import DEFAULT_EPOCH
 from sarmitsuba.radar.validity import FARTHEST
 from sarmitsuba.radar.waveform import Waveform
 
@@ -53,6 +54,7 @@ class PhaseHistory:
     receiver : (n_pulses, 3) float64, m, of a separate receiver
     time : (n_pulses,) float64, s, strictly increasing, where it is known
     records : autofocus corrections of the provider, which ``samples`` do not have
+    epoch : UTC of time zero, datetime64[ns]
     """
 
     samples: NDArray[np.number]
@@ -64,6 +66,7 @@ class PhaseHistory:
     receiver: F64 | None = None
     time: F64 | None = None
     records: AutofocusRecords | None = None
+    epoch: np.datetime64 = DEFAULT_EPOCH
 
     def check(self) -> None:
         """Raise a DataError for inconsistent lengths, invalid numbers and non-uniform frequencies."""
@@ -289,7 +292,7 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
     if time is None:
         path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(history.position, axis=0), axis=1))])
         time = path / _NOMINAL_SPEED
-    track = Track.from_samples(time, history.position)
+    track = Track.from_samples(time, history.position, history.epoch)
     aim = _aim_point(history, swath)
     to_aim = (aim - track.center_position) * np.array([1.0, 1.0, 0.0])
     right = np.array([track.along[1], -track.along[0], 0.0])
@@ -310,7 +313,9 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
         channels=channels,
         look_side="right" if side == "right" else "left",
         aim_point=aim,
-        receiver=None if history.receiver is None else Track.from_samples(time, history.receiver),
+        receiver=None
+        if history.receiver is None
+        else Track.from_samples(time, history.receiver, history.epoch),
     )
 
 

@@ -21,7 +21,16 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import UNCALIBRATED, ImageGrid, SarImage
-from sarmitsuba.io.nga import EPOCH, LETTERS, MODE_TYPES, OTHER_MODE, Element, polarisations
+from sarmitsuba.io.nga import (
+    LETTERS,
+    MODE_TYPES,
+    OTHER_MODE,
+    Element,
+    polarisations,
+    read_utc,
+    set_utc,
+    whole_microseconds,
+)
 from sarmitsuba.radar.collection import Collection, Signal
 from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.geodesy import Anchor
@@ -160,7 +169,7 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
     _grid(top, image, axes, flight)
     duration = flight.duration + 1.0 / flight.pulse_rate  # the last pulse's interval included
     top["Timeline"] = {
-        "CollectStart": EPOCH,
+        "CollectStart": whole_microseconds(flight.start),
         "CollectDuration": duration,
         "IPP": {
             "@size": 1,
@@ -176,6 +185,7 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
             ],
         },
     }
+    set_utc(root, "Timeline/CollectStart", flight.start)
     anchor = image.anchor
     position = flight.polynomial() @ anchor.axes
     position[0] += anchor.origin
@@ -438,6 +448,7 @@ def _collection(top: Element, anchor: Anchor) -> Collection:
         np.asarray(np.polynomial.polynomial.polyval(center, np.polynomial.polynomial.polyder(rows))),
         (0.0, center, duration),
         np.stack([np.pad(one, (0, size - one.size)) for one in series], axis=1),
+        read_utc(top.elem, "Timeline/CollectStart"),
     )
     signal = Signal(
         mode=kinds.get(str(top["CollectionInfo"]["RadarMode"]["ModeType"]), "spotlight"),

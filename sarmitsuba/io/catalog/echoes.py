@@ -26,6 +26,7 @@ from sarmitsuba.radar.in_pulse import later
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.radar.waveform import Waveform
 
 
@@ -150,6 +151,8 @@ def _radar(
         )
     flight = np.array([0.0, header.effective_velocity, 0.0])
     track = Track.straight([0.0, 0.0, height], flight, header.prf, n_pulses)
+    if header.first_pulse is not None:
+        track = replace(track, epoch=utc_after(header.first_pulse, -float(track.time[0])))
     across = np.array([1.0 if header.look_side == "right" else -1.0, 0.0, 0.0])
     along = np.array([0.0, 1.0, 0.0])
     ground = [math.sqrt(one**2 - height**2) for one in (near, far)]
