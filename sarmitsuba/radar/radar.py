@@ -205,7 +205,8 @@ class Radar:
     def start_stop(self) -> "Radar":
         r"""Equivalent start-stop radar: at rest during a pulse, with nearly the same echoes.
 
-        Its antenna is halfway between transmission and reception, and so is its UTC at mid-aperture: slant ranges are those of both places to
+        Its antenna is halfway between transmission and reception, and so is its UTC at mid-aperture. Slant ranges are
+        those of both places to
         :math:`b^2 \cos^2\psi / 8 R`, for a path b meanwhile and a squint psi, the same for all that is seen. Its
         receive window begins nearer by the range-Doppler shift of an echo from the boresight. A start-stop radar is
         returned unchanged; separate antennas stay separate.

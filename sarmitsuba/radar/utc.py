@@ -34,7 +34,7 @@ def utc_of(value: object) -> np.datetime64:
         if np.isnat(value):
             raise ValueError("the time is NaT")
         _check_year(int(value.astype("datetime64[Y]").astype(int)) + 1970, str(value))
-        return np.datetime64(value, "ns")
+        return np.datetime64(str(value), "ns")
     match = _FORMAT.fullmatch(value.strip()) if isinstance(value, str) else None
     shown = printable(str(value))[:60]
     if match is None:
