@@ -251,7 +251,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         names = results.expected_names(
             formats, raw.channels, raw=False, image=True, orders=orders, chart=not args.no_chart
         )
-        run_hash = str(raw.metadata.get(results.RUN_HASH) or _run_hash_of(Path(args.raw)))
+        run_hash = str(raw.metadata.get(results.RUN_HASH) or _run_hash_of(Path(args.raw), raw))
         if args.focuser == _ALL:
             names += (COMPARISON,)
         folder.check(run_hash, names, force=args.force)
@@ -275,9 +275,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _run_hash_of(path: Path) -> str:
-    """Run hash of raw data without one: from the file, or from the files in the folder."""
+def _run_hash_of(path: Path, raw: "RawData") -> str:
+    """Run hash of raw data without one: from the file and the one it names, or from the files in the folder."""
+    from sarmitsuba.echo.raw_data import DATA_FILE
+
     files = sorted(path.iterdir()) if os.path.isdir(path) else [path]
+    if DATA_FILE in raw.metadata:
+        files.append(path.parent / str(raw.metadata[DATA_FILE]))
     facts = ((file.name, file.stat()) for file in files)
     state = hashlib.sha256(
         "".join(f"{name} {status.st_size} {status.st_mtime_ns}\n" for name, status in facts).encode()

@@ -17,6 +17,9 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track, numbers_of
 from sarmitsuba.registry import late, png_of
 
+# metadata: file beside the one that was read, which holds the samples
+DATA_FILE = "data_file"
+
 
 @dataclass(frozen=True)
 class Layer:

@@ -295,7 +295,7 @@ def test_files_of_tracks_have_dates(tmp_path: Path) -> None:
             radar=replace(sensor, epoch="2024-05-01T06:00:00Z"),
         )
     path.write_text("\n".join([lines[0], "2024-05-01T06:00:99Z, 5000, 0, 4000"]))
-    with pytest.raises(RadarError, match="is not a date and time of the calendar"):
+    with pytest.raises(RadarError, match="is not a date and time of the cale"):
         Track.from_csv(path)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import C64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.doppler_estimate import estimate_doppler
-from sarmitsuba.echo.raw_data import Layer, RawData
+from sarmitsuba.echo.raw_data import DATA_FILE, Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.finite import all_finite
 from sarmitsuba.image.sar_image import UNCALIBRATED
@@ -28,6 +28,9 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.radar.waveform import Waveform
+
+# samples at either end of the swath that the image leaves out: pixels are interpolated from their neighbours
+_RIM = 4
 
 
 def read_raw(path: Path) -> RawData:
@@ -46,7 +49,7 @@ def read_raw(path: Path) -> RawData:
     -----
     One effective velocity and one squint angle serve the whole swath: ignores their change over range (and with it
     that of the centroid). The antenna's pattern is unknown and taken as isotropic over the processed Doppler band.
-    Levels are those of the samples: the data are uncalibrated. The frame's origin is below mid-track; its place on the
+    The data are uncalibrated: a point in the middle of the swath has the amplitude of its samples. The frame's origin is below mid-track; its place on the
     Earth is not known.
     """
     header = read_header(path)
@@ -58,7 +61,7 @@ def read_raw(path: Path) -> RawData:
             f"{path}: {header.data} holds {n_pulses} pulses of {n_fast} samples along pulses_along = "
             f"{header.pulses_along}; at least 16 pulses are needed, longer than the {pulse} samples of the chirp"
         )
-    facts: dict[str, object] = {"source": path.name, **UNCALIBRATED}
+    facts: dict[str, object] = {"source": path.name, DATA_FILE: header.data, **UNCALIBRATED}
     centroid = header.doppler_centroid
     if centroid is None:
         try:
@@ -77,6 +80,9 @@ def read_raw(path: Path) -> RawData:
             "from_range_walk_deviation_hz": found.walk_deviation,
         }
     radar, request = _radar(path, header, centroid, n_pulses, n_fast - pulse)
+    # a point at the middle range keeps the amplitude of its samples
+    middle = float(radar.window.start_range[0]) + 0.5 * radar.window.extent
+    echoes *= np.float32(radar.amplitude_constant / middle**2)
     return RawData(echoes[None], (Layer(header.channel),), "chirped", radar, facts, request)
 
 
@@ -89,7 +95,7 @@ def _echoes(path: Path, header: EchoHeader) -> C64:
         raise DataError(f"{path}: holds {matrix.dtype} of shape {matrix.shape}; a complex matrix is needed")
     matrix = matrix if header.pulses_along == "rows" else matrix.T
     with np.errstate(over="ignore"):
-        echoes = np.ascontiguousarray(matrix, dtype=np.complex64)
+        echoes = np.array(matrix, dtype=np.complex64, order="C")
     if not all_finite(echoes):
         raise DataError(f"{path}: holds NaN or infinite samples; set missing samples to zero")
     return echoes
@@ -134,9 +140,10 @@ def _radar(
     spacing = SPEED_OF_LIGHT / (2.0 * header.sampling_rate)
     first = 0.5 * SPEED_OF_LIGHT * header.first_sample_time
     last = first + (n_samples - 1) * spacing
-    # ranges of closest approach whose whole migration was recorded
-    near = first * (1.0 if edges[0] <= 0.0 <= edges[1] else float(cosines.max()))
-    far = last * float(cosines.min())
+    # ranges of closest approach whose whole migration was recorded, less the shift of a chirp by the centroid
+    rim = _RIM * spacing + abs(0.5 * SPEED_OF_LIGHT * centroid / header.chirp_rate)
+    near = (first + rim) * (1.0 if edges[0] <= 0.0 <= edges[1] else float(cosines.max()))
+    far = (last - rim) * float(cosines.min())
     if not near < far:
         raise DataError(
             f"{path}: the range migration over doppler_bandwidth_hz = {header.doppler_bandwidth:g} about the centroid "
