@@ -49,8 +49,8 @@ def read_raw(path: Path) -> RawData:
     -----
     One effective velocity and one squint angle serve the whole swath: ignores their change over range (and with it
     that of the centroid). The antenna's pattern is unknown and taken as isotropic over the processed Doppler band.
-    The data are uncalibrated: a point in the middle of the swath has the amplitude of its samples. The frame's origin is below mid-track; its place on the
-    Earth is not known.
+    The data are uncalibrated: a point in the middle of the swath has the amplitude of its samples. The frame's origin
+    is below mid-track; its place on the Earth is not known.
     """
     header = read_header(path)
     echoes = _echoes(path.parent / header.data, header)
