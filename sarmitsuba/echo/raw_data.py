@@ -125,6 +125,11 @@ class RawData:
         return channels_of(self.layers)
 
     @property
+    def calibrated(self) -> bool:
+        """Whether echoes are in sqrt(W) of the radar's power and gain; False for data of unknown gain."""
+        return self.metadata.get("calibrated", True) is not False
+
+    @property
     def anchor(self) -> Anchor:
         """Position on the Earth of the origin of the file's frame."""
         return self.radar.anchor

@@ -85,6 +85,7 @@ class CphdRecording:
     dwell : s; centre of dwell at the scene reference point, its slope along the flight in s/m, and dwell time
     facts : further values by name
     start : UTC of the first pulse, from which times count, datetime64[ns]
+    calibrated : whether amplitudes are roots of radar cross sections
     """
 
     name: str
@@ -98,6 +99,7 @@ class CphdRecording:
     dwell: tuple[float, float, float]
     facts: dict[str, str]
     start: np.datetime64
+    calibrated: bool
 
 
 def document(recording: CphdRecording) -> lxml.etree._ElementTree:
@@ -150,7 +152,7 @@ def document(recording: CphdRecording) -> lxml.etree._ElementTree:
     }
     root.append(sarkit.cphd.compute_reference_geometry(tree, vectors))
     top["ProductInfo"] = {
-        "Profile": PROFILE,
+        "Profile": PROFILE if recording.calibrated else f"{PROFILE}, uncalibrated",
         "CreationInfo": [
             {
                 "Application": f"sarmitsuba {__version__}",

@@ -193,7 +193,8 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
     _signal(top, channel, flight, "RMA" if image.grid.kind == "slant" else "OTHER")
     scp_coa = sarkit.sicd.compute_scp_coa(tree)
     root.append(scp_coa)
-    top["Radiometric"] = {"RCSSFPoly": np.array([[1.0]])}
+    if image.calibrated:
+        top["Radiometric"] = {"RCSSFPoly": np.array([[1.0]])}
     if image.grid.kind == "slant":
         _range_migration(top, axes, flight)
     return tree
@@ -331,7 +332,8 @@ def image_of(top: Element, pixels: C64, what: str) -> SarImage:
         _pair(top, "ImpRespBW"),
     )
     rows, columns = axes.ramp(pixels.shape)
-    scale = float(np.sqrt(_constant(top["Radiometric"].get("RCSSFPoly"), what)))
+    calibrated = top.elem.find("{*}Radiometric/{*}RCSSFPoly") is not None
+    scale = float(np.sqrt(_constant(top["Radiometric"]["RCSSFPoly"] if calibrated else None, what)))
     data = pixels * (scale * np.exp(2j * np.pi * rows))[:, None] * np.exp(2j * np.pi * columns)
     data = data.T[::-1] if turned else data.T
     first = pixels.shape[1] - 1 - axes.pixel[1] if turned else axes.pixel[1]
@@ -365,7 +367,7 @@ def image_of(top: Element, pixels: C64, what: str) -> SarImage:
         range_resolution_cell=widths[0] * axes.bandwidth[0] / slant,
         incidence_angle=np.arccos(-line[:, 2] / np.linalg.norm(line, axis=1)),
         metadata={
-            **(UNCALIBRATED if top["Radiometric"].get("RCSSFPoly") is None else {}),
+            **({} if calibrated else UNCALIBRATED),
             "source": what,
             "scene": str(top["CollectionInfo"]["CoreName"]),
             "focus": {

@@ -16,7 +16,7 @@ from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.path import FlightPath
-from sarmitsuba.radar.utc import DEFAULT_EPOCH, epoch_of_stamp, is_time, seconds_of, utc_after
+from sarmitsuba.radar.utc import DEFAULT_EPOCH, epoch_of_stamp, is_number, is_time, seconds_of, utc_after
 from sarmitsuba.regular_files import read_bytes, read_text
 
 _COLUMNS = "time_s (or an ISO date and time), x_m, y_m, z_m, vx_m_s, vy_m_s, vz_m_s"
@@ -144,7 +144,7 @@ class StateVectors:
             rows = np.array([[float(cell) for cell in cells[1:]] for cells in lines])
         except ValueError as error:
             raise RadarError(f"{path}: {one_line(error)}; every line needs {_COLUMNS}") from error
-        dated = not _is_number(lines[0][0])
+        dated = not is_number(lines[0][0])
         return StateVectors(time, rows[:, :3], rows[:, 3:], path.name, utc_after(epoch, first), dated)
 
     def at(self, time: F64) -> tuple[F64, F64]:
@@ -276,11 +276,3 @@ def _document(data: bytes, path: Path) -> ElementTree.Element:
             f"{path}: holds a document type (<!DOCTYPE), which is not allowed in an orbit file; remove it"
         )
     return ElementTree.fromstring(data)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -61,19 +61,23 @@ def utc_after(epoch: np.datetime64, seconds: float) -> np.datetime64:
 
 def seconds_of(text: str, first: str) -> float:
     """Time of a file's entry in s: a number as it is, a date and time since that of the first entry."""
-    try:
+    if is_number(text) and is_number(first):
         return float(text)
-    except ValueError:
-        return float((utc_of(text) - utc_of(first)) / np.timedelta64(1, "ns")) * 1e-9
+    return float((utc_of(text) - utc_of(first)) / np.timedelta64(1, "ns")) * 1e-9
 
 
 def epoch_of_stamp(first: str) -> np.datetime64:
     """UTC of time zero of entries that begin with this one: its own if it is a date, else the default."""
+    return DEFAULT_EPOCH if is_number(first) else utc_of(first)
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number."""
     try:
-        float(first)
+        float(text)
     except ValueError:
-        return utc_of(first)
-    return DEFAULT_EPOCH
+        return False
+    return True
 
 
 def is_time(text: str) -> bool:

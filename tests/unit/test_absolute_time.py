@@ -301,6 +301,32 @@ def test_files_of_tracks_have_dates(tmp_path: Path) -> None:
         Track.from_csv(path)
 
 
+def test_an_orbit_file_of_sentinel_1_has_dates(tmp_path: Path) -> None:
+    time = np.arange(0.0, 9.0) * 10.0
+    stamps = [
+        f"UTC=2024-05-01T06:00:{t:09.6f}" if t < 60.0 else f"UTC=2024-05-01T06:01:{t - 60.0:09.6f}"
+        for t in time
+    ]
+    names = ("X", "Y", "Z", "VX", "VY", "VZ")
+    items = "".join(
+        f"<OSV><UTC>{stamp}</UTC>"
+        + "".join(f"<{n}>{v:.9f}</{n}>" for n, v in zip(names, row, strict=True))
+        + "</OSV>"
+        for stamp, row in zip(stamps, vectors(np.random.default_rng(0), time - 40.0), strict=True)
+    )
+    (tmp_path / "orbit.EOF").write_text(f"<E><Ref_Frame>EARTH_FIXED</Ref_Frame>{items}</E>")
+    found = StateVectors.read(tmp_path / "orbit.EOF")
+    assert found.dated and utc_text(found.epoch) == "2024-05-01T06:00:00Z" and found.time[-1] == 80.0
+
+
+def test_files_that_mix_dates_and_seconds_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "track.csv"
+    for first, then in (("2024-05-01T06:00:00Z", "1.0"), ("0.0", "2024-05-01T06:00:00Z")):
+        path.write_text(f"{first}, 0, 0, 1\n{then}, 1, 0, 1\n")
+        with pytest.raises(RadarError, match="is not a UTC date and time"):
+            Track.from_csv(path)
+
+
 def test_state_vectors_by_seconds_take_the_epoch_of_their_zero(tmp_path: Path) -> None:
     time = np.arange(0.0, 9.0) * 10.0 + 1000.0
     rows = vectors(np.random.default_rng(0), time - 1040.0)

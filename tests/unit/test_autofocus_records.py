@@ -15,7 +15,7 @@ from sarmitsuba.focusing.autofocus import AutofocusTask, parse_autofocus
 from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.calibration import calibrate
-from sarmitsuba.io import read_raw, write_raw
+from sarmitsuba.io import read_image, read_raw, write_image, write_raw
 from sarmitsuba.view.display import PictureOptions, prepare
 from tests.support.draws import few_of
 
@@ -177,5 +177,10 @@ def test_pictures_of_uncalibrated_data_do_not_say_sigma0(tmp_path: Path) -> None
         assert shown.label == "intensity, uncalibrated (dB)"
         np.testing.assert_allclose(shown.values.max(), 20.0 * np.log10(np.abs(image.data).max()), atol=1e-3)
     assert prepare(image, PictureOptions(quantity="amplitude"), 400).label == "amplitude, uncalibrated"
+    for suffix in (".nitf", ".h5"):
+        write_image(image, tmp_path / f"image{suffix}")
+        assert not read_image(tmp_path / f"image{suffix}").calibrated
+    write_raw(read_raw(tmp_path / "a.mat"), tmp_path / "raw.cphd")
+    assert not read_raw(tmp_path / "raw.cphd").calibrated
     absolute = calibrate(image, float(image.rcs().max()), 10.0)
     assert absolute.calibrated and prepare(absolute, PictureOptions(), 400).label == "sigma0 (dB)"

@@ -80,6 +80,7 @@ def write_raw(path: Path, raw: RawData) -> None:
         dwell=_dwell(radar),
         facts={"pulse_width_s": repr(radar.waveform.pulse_width), "antenna_pattern": radar.antenna.pattern},
         start=utc_after(radar.track.epoch, float(radar.track.time[0])),
+        calibrated=raw.calibrated,
     )
     tree = document(recording)
     metadata = sarkit.Metadata(xmltree=tree)
