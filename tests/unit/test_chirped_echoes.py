@@ -75,7 +75,7 @@ def seen(rng: np.random.Generator, header: Header, shape: tuple[int, int], n: in
     step = 0.5 * LIGHT / header["sampling_rate_hz"]
     first = 0.5 * LIGHT * header["first_sample_time_s"]
     last = first + step * (shape[1] - header["pulse_length_s"] * header["sampling_rate_hz"])
-    near, far = first * cosine.max() + 20.0 * step, last * cosine.min() - 20.0 * step
+    near, far = first * cosine.max() + 40.0 * step, last * cosine.min() - 40.0 * step
     assert near < far
     ranges = np.linspace(near, far, n) + rng.uniform(-1.0, 1.0, n) * step
     span = shape[0] / prf
@@ -116,8 +116,11 @@ def test_points_land_in_place_with_the_resolution_of_the_bands(tmp_path: Path, s
     assert not image.calibrated
     for focuser in ("omega_k", "chirp_scaling"):
         other = focus(raw, focuser=focuser)
-        # tol: found -42 dB: ends of apertures and of the swath; the focusers state -33 dB
-        assert np.linalg.norm(other.data - image.data) < 10.0 ** (-38 / 20) * np.linalg.norm(image.data)
+        # tol: the error that the focuser states, for ends of apertures and of the swath; found -37 to -49
+        stated = other.metadata["focus"]["stated_error_db"]
+        off = 20.0 * np.log10(np.linalg.norm(other.data - image.data) / np.linalg.norm(image.data))
+        print(f"{focuser}: {off:.1f} dB off backprojection, {stated:.1f} dB stated")
+        assert off < stated < -25.0
     grid, v = image.grid, header["effective_velocity_m_per_s"]
     across = np.sqrt(points[:, 1] ** 2 - (grid.origin[2] - grid.height) ** 2)
     # the frame's origin is below the antenna at time zero
@@ -326,3 +329,15 @@ def test_matlab_files_with_several_matrices_name_one(tmp_path: Path) -> None:
     (tmp_path / "echoes.mat").write_bytes((tmp_path / "echoes.mat").read_bytes()[:700])
     with pytest.raises(DataError, match=r"MATLAB file|no complex matrix"):
         read_raw(tmp_path / "scene.json")
+
+
+def test_a_centroid_that_the_echoes_do_not_tell_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(2)
+    data = rng.normal(size=(200, 600)) + 1j * rng.normal(size=(200, 600))
+    for samples, text in ((data, "give doppler_centroid_hz"), (0.0 * data, "the echoes are zero")):
+        path = save(tmp_path, GOOD | {"doppler_centroid_hz": "auto"}, samples)
+        assert cli.main(["focus", str(path), "-o", str(tmp_path / "out")]) == 2
+        message = capsys.readouterr().err
+        assert "scene.json: Doppler centroid: " in message and text in message and message.count("\n") == 1
