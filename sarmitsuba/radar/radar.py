@@ -194,8 +194,11 @@ class Radar:
 
         Negative for a down-chirp, 0 for the start-stop approximation.
         """
+        if self.delay is None:
+            return 0.0
         wave = self.waveform
-        return 0.0 if self.delay is None else wave.center_frequency / wave.chirp_rate
+        sign = 1.0 if wave.sweep == "up" else -1.0
+        return sign * wave.center_frequency * wave.pulse_width / wave.bandwidth
 
     @property
     def receives_itself(self) -> bool:
