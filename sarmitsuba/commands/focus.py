@@ -94,6 +94,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--force", action="store_true", help="replace results of other raw data in OUT; other files stay"
     )
     add_focus_arguments(parser)
+    parser.add_argument(
+        "--autofocus-records",
+        action="store_true",
+        help="apply the autofocus corrections that the provider delivered with the data (data.af of Gotcha files)",
+    )
     image = parser.add_argument_group(
         "image", "pixel grid of the image (default: the scene's, as stored in RAW)"
     )
@@ -226,7 +231,7 @@ def _windows() -> str:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Focus."""
     from sarmitsuba.commands import results
-    from sarmitsuba.focusing import image_request
+    from sarmitsuba.focusing import apply_autofocus_records, image_request
     from sarmitsuba.io import read_raw
     from sarmitsuba.io.output import output_folder
     from sarmitsuba.loader.kept_paths import kept_path
@@ -237,12 +242,16 @@ def run(args: argparse.Namespace, console: Console) -> int:
     with output_folder(args.output) as folder:
         with watch.stage("read raw"):
             raw = read_raw(args.raw)
+            if args.autofocus_records:
+                raw = apply_autofocus_records(raw)
+            elif raw.autofocus_records:
+                console.say("autofocus records of the data are not applied; --autofocus-records applies them")
         request = _request(raw, args)
         orders = any(layer.order > 0 for layer in raw.layers)
         names = results.expected_names(
             formats, raw.channels, raw=False, image=True, orders=orders, chart=not args.no_chart
         )
-        run_hash = str(raw.metadata.get(results.RUN_HASH) or _run_hash_of(Path(args.raw)))
+        run_hash = str(raw.metadata.get(results.RUN_HASH) or _run_hash_of(Path(args.raw), raw))
         if args.focuser == _ALL:
             names += (COMPARISON,)
         folder.check(run_hash, names, force=args.force)
@@ -266,9 +275,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _run_hash_of(path: Path) -> str:
-    """Run hash of raw data without one: from the file, or from the files in the folder."""
+def _run_hash_of(path: Path, raw: "RawData") -> str:
+    """Run hash of raw data without one: from the file and the one it names, or from the files in the folder."""
+    from sarmitsuba.echo.raw_data import DATA_FILE
+
     files = sorted(path.iterdir()) if os.path.isdir(path) else [path]
+    if DATA_FILE in raw.metadata:
+        files.append(path.parent / str(raw.metadata[DATA_FILE]))
     facts = ((file.name, file.stat()) for file in files)
     state = hashlib.sha256(
         "".join(f"{name} {status.st_size} {status.st_mtime_ns}\n" for name, status in facts).encode()

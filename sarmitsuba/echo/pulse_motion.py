@@ -98,7 +98,7 @@ def widest_shift(radar: Radar, box: F64, pulses: slice) -> float:
     if radar.delay is None:
         return 0.0
     return (
-        radar.range_per_rate
+        abs(radar.range_per_rate)
         * 1.1
         * max(float(np.abs(radar.range_rate(p, pulses)).max()) for p in box_corners(box))
     )

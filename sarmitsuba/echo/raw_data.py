@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.arrays import C64
+from sarmitsuba.echo.autofocus_records import AutofocusRecords
 from sarmitsuba.errors import DataError
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track, numbers_of
 from sarmitsuba.registry import late, png_of
+
+# metadata: file beside the one that was read, which holds the samples
+DATA_FILE = "data_file"
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,8 @@ class RawData:
     metadata : JSON-able facts: parameters, versions, seed, timings, warnings
     request : default image to focus, in the frame of ``radar``
     flown : the true track, in the frame of ``radar``, where it is not the recorded one; not used by focusers
+    autofocus_records : by channel, a provider's autofocus corrections that came with the data and are not applied to
+        them, see :func:`sarmitsuba.focusing.apply_autofocus_records`; empty: none
 
     Notes
     -----
@@ -93,6 +99,7 @@ class RawData:
     metadata: Mapping[str, Any] = field(default_factory=dict)
     request: ImageRequest | None = None
     flown: Track | None = None
+    autofocus_records: Mapping[str, AutofocusRecords] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.data.ndim != 3 or self.data.shape[0] != len(self.layers):
@@ -101,6 +108,12 @@ class RawData:
             raise DataError(
                 f"raw data: {self.flown.n_pulses} pulses flown and {self.radar.track.n_pulses} recorded do not match"
             )
+        for channel, records in self.autofocus_records.items():
+            if records.range_correction.size != self.radar.track.n_pulses or channel not in self.channels:
+                raise DataError(
+                    f"raw data: autofocus records of {records.range_correction.size} pulses, channel {channel}, do not "
+                    f"match {self.radar.track.n_pulses} pulses of {', '.join(self.channels)}"
+                )
         if self.data.shape[1] != self.radar.track.n_pulses:
             raise DataError(
                 f"raw data: {self.data.shape[1]} pulses in the data, {self.radar.track.n_pulses} in the track"
@@ -110,6 +123,11 @@ class RawData:
     def channels(self) -> tuple[str, ...]:
         """Channels in order of first appearance."""
         return channels_of(self.layers)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether echoes are in sqrt(W) of the radar's power and gain; False for data of unknown gain."""
+        return self.metadata.get("calibrated", True) is not False
 
     @property
     def anchor(self) -> Anchor:
@@ -157,6 +175,7 @@ class RawData:
             data=np.ascontiguousarray(self.data[:, pick]),
             radar=self.radar.of_pulses(pick),
             flown=self.flown and self.flown.of_pulses(pick),
+            autofocus_records={name: one.of_pulses(pick) for name, one in self.autofocus_records.items()},
         )
 
     def to_xarray(self) -> object:

@@ -1,6 +1,6 @@
 """Focusing of raw data into calibrated complex images."""
 
-from sarmitsuba.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTask
+from sarmitsuba.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTask, apply_autofocus_records
 from sarmitsuba.focusing.focus import focus
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.grid import default_grid, image_request
@@ -18,6 +18,7 @@ __all__ = [
     "Focuser",
     "WindowFamily",
     "WindowParameter",
+    "apply_autofocus_records",
     "default_grid",
     "focus",
     "image_request",

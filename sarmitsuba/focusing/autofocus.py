@@ -143,6 +143,42 @@ def correct_ranges(raw: RawData, error: F64) -> RawData:
     return replace(raw, data=data)
 
 
+def apply_autofocus_records(raw: RawData) -> RawData:
+    """Data corrected by the autofocus records that came with them.
+
+    Parameters
+    ----------
+    raw : range compressed, with ``autofocus_records``
+
+    Returns
+    -------
+    RawData without records; ``metadata`` says that they were applied
+
+    Raises
+    ------
+    DataError
+        A channel has no records, or the data are chirped.
+
+    Notes
+    -----
+    An error that differs over the scene is not modelled.
+    """
+    without = [channel for channel in raw.channels if channel not in raw.autofocus_records]
+    if without:
+        raise DataError(f"autofocus records: channel {without[0]} has none; leave --autofocus-records out")
+    if raw.domain != "compressed":
+        raise DataError("autofocus records: the data are chirped; range compress them first")
+    data = np.empty_like(raw.data)
+    for i, layer in enumerate(raw.layers):
+        records = raw.autofocus_records[layer.channel]
+        one = replace(raw, data=raw.data[i : i + 1], layers=(layer,), autofocus_records={})
+        turn = np.exp(1j * records.phase_correction).astype(np.complex64)
+        data[i] = correct_ranges(one, -records.range_correction).data[0] * turn[:, None]
+    return replace(
+        raw, data=data, autofocus_records={}, metadata={**raw.metadata, "autofocus_records": "applied"}
+    )
+
+
 def without_trend(radar: Radar, error: F64, weight: F64) -> F64:
     """Range error without its constant and its slope, which only shift the image.
 

@@ -95,7 +95,7 @@ def focus(
     focuser = parse_focuser(focuser)
     range_window, azimuth_window = parse_window(range_window), parse_window(azimuth_window)
     check_pulses(raw.data, "focus: ")
-    raw = range_compress(raw, method=compression)
+    raw = replace(range_compress(raw, method=compression), autofocus_records={})
     halfway = start_stop_phase(raw.radar)
     raw = echoes = standing_still(raw)
     if grid is None:

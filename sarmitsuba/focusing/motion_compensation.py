@@ -150,7 +150,8 @@ def plan_straightening(radar: Radar, grid: ImageGrid) -> Straightening:
     time = np.linspace(track.time[0], track.time[-1], x.size)
     speed = float(x[-1] - x[0]) / float(time[-1] - time[0])
     position = origin + uniform[:, None] * along
-    flown = Track(time, position, np.broadcast_to(speed * along, position.shape).copy())
+    velocity = np.broadcast_to(speed * along, position.shape).copy()
+    flown = Track(time, position, velocity, track.epoch)
 
     middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2] - origin
     aim = np.array([middle @ along, middle @ radar.across, middle[2]])

@@ -51,5 +51,5 @@ def calibrate(image: SarImage, measured_rcs: float, known_rcs: float) -> SarImag
         )
     factor = np.sqrt(known_rcs / measured_rcs)
     total = float(factor) * float(image.metadata.get("calibration_factor", 1.0))
-    facts = {**image.metadata, "calibration_factor": total}
+    facts = {**image.metadata, "calibration_factor": total, "calibrated": True}
     return replace(image, data=(image.data * np.float32(factor)).astype(np.complex64), metadata=facts)

@@ -15,6 +15,8 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.registry import late, png_of
 
 Quantity = Literal["sigma0", "rcs"]
+# metadata of data of unknown gain, whose |pixel|^2 is an intensity in unknown units
+UNCALIBRATED: Mapping[str, bool] = {"calibrated": False}
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +209,7 @@ class SarImage:
             range=block_middles(self.grid.range, range),
             channel=channel or self.channels[0],
             quantity=quantity,
+            calibrated=self.calibrated,
         )
 
     @property
@@ -226,6 +229,11 @@ class SarImage:
     def rcs(self, channel: str | None = None) -> F64:
         """Radar cross section: squared magnitude of every pixel, m^2."""
         return np.abs(self.total(channel).astype(np.complex128)) ** 2
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether ``|pixel|^2`` is in m^2; False for data from elsewhere of unknown gain."""
+        return self.metadata.get("calibrated", True) is not False
 
     @property
     def cell_area(self) -> F64:
@@ -273,6 +281,7 @@ class Multilook:
     power : (n_azimuth, n_range) float64, linear
     azimuth, range : float64, m, centres of the blocks on the image's axes
     channel, quantity : polarisation; ``sigma0``, or ``rcs`` in m^2
+    calibrated : whether the quantity's unit holds, see `SarImage.calibrated`
     """
 
     power: F64
@@ -280,6 +289,7 @@ class Multilook:
     range: F64
     channel: str
     quantity: Quantity
+    calibrated: bool = True
 
     def __repr__(self) -> str:
         return f"Multilook({self.channel} {self.quantity}: {self.azimuth.size} x {self.range.size} blocks)"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.io.nga import EPOCH, MODE_TYPES, OTHER_MODE, Element, polarisations
+from sarmitsuba.io.nga import MODE_TYPES, OTHER_MODE, Element, polarisations, set_utc, whole_microseconds
 from sarmitsuba.version import __version__
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.geodesy import Anchor
 
 
+PROFILE = "sarmitsuba"  # of files with calibrated amplitudes, in ProductInfo
 NAMESPACE = "http://api.nsgreg.nga.mil/schema/cphd/1.1.0"
 # per-vector parameters in the order of the file: name, numbers of 8 bytes
 LAYOUT = (
@@ -83,6 +84,8 @@ class CphdRecording:
     anchor : geodetic position of the file frame's origin
     dwell : s; centre of dwell at the scene reference point, its slope along the flight in s/m, and dwell time
     facts : further values by name
+    start : UTC of the first pulse, from which times count, datetime64[ns]
+    calibrated : whether amplitudes are roots of radar cross sections
     """
 
     name: str
@@ -95,6 +98,8 @@ class CphdRecording:
     anchor: Anchor
     dwell: tuple[float, float, float]
     facts: dict[str, str]
+    start: np.datetime64
+    calibrated: bool
 
 
 def document(recording: CphdRecording) -> lxml.etree._ElementTree:
@@ -118,13 +123,14 @@ def document(recording: CphdRecording) -> lxml.etree._ElementTree:
         "DomainType": "FX",
         "SGN": -1,
         "Timeline": {
-            "CollectionStart": EPOCH,
+            "CollectionStart": whole_microseconds(recording.start),
             "TxTime1": float(vectors["TxTime"][0]),
             "TxTime2": float(vectors["TxTime"][-1]),
         },
         "FxBand": {"FxMin": float(vectors["FX1"].min()), "FxMax": float(vectors["FX2"].max())},
         "TOASwath": {"TOAMin": float(vectors["TOA1"].min()), "TOAMax": float(vectors["TOA2"].max())},
     }
+    set_utc(root, "Global/Timeline/CollectionStart", recording.start)
     _scene_coordinates(top, area, recording.anchor)
     _data(top, recording)
     _channels(top, recording)
@@ -146,7 +152,7 @@ def document(recording: CphdRecording) -> lxml.etree._ElementTree:
     }
     root.append(sarkit.cphd.compute_reference_geometry(tree, vectors))
     top["ProductInfo"] = {
-        "Profile": "sarmitsuba",
+        "Profile": PROFILE if recording.calibrated else f"{PROFILE}, uncalibrated",
         "CreationInfo": [
             {
                 "Application": f"sarmitsuba {__version__}",

@@ -14,6 +14,7 @@ import numpy as np
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
+from sarmitsuba.radar.utc import utc_of, utc_text
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -54,8 +55,10 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "noise_temperature": ("K", "of the receiver with its antenna; 0: no noise"),
     "origin": ("m", "origin of azimuth and range"),
     "position": ("m", "of the antenna's phase centre, per pulse"),
+    "phase_correction": ("rad", "of a provider's autofocus, per pulse; not applied to the echoes"),
     "pulse_width": ("s", "length of the transmitted pulse"),
     "range": ("m", "of the columns: slant range, or metres along `across` from `origin`"),
+    "range_correction": ("m", "of a provider's autofocus, per pulse, added to ranges; not applied to the echoes"),
     "range_resolution_cell": ("m", "noise-equivalent width of the impulse response in slant range"),
     "sample_spacing": ("m", "slant range between samples, c / (2 sampling rate)"),
     "pixels_azimuth": ("1", "number of pixels along the track; 0: as many as cover the extent"),
@@ -68,6 +71,8 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "velocity": ("m/s", "of the antenna, per pulse"),
     "wavelength": ("m", "at the centre frequency"),
 }  # fmt: skip
+# fields that older files do not have, with a default: counts of pixels, direction of the chirp, date
+_LATER = ("pixels_azimuth", "pixels_range", "sweep", "epoch")
 # largest compression ratio: a dataset that states more is damaged or malicious
 _MOST_COMPRESSION = 1100
 _ALLOWANCE = 1 << 20  # bytes allowed for a small dataset independent of its stored size
@@ -90,6 +95,8 @@ def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tup
             write_fields(group.create_group(field.name), value)
         elif isinstance(value, str):
             group.attrs[field.name] = value
+        elif isinstance(value, np.datetime64):
+            group.attrs[field.name] = utc_text(value)
         elif isinstance(value, tuple):
             group.attrs[field.name] = list(value)
         else:
@@ -121,20 +128,25 @@ def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
             if not has(group, field.name):
                 values[field.name] = None
                 continue
-        if field.default is not dataclasses.MISSING and hint is int and not has(group, field.name):
-            values[field.name] = field.default  # counts that older files do not know
-        elif dataclasses.is_dataclass(hint):
-            assert isinstance(hint, type)
-            values[field.name] = read_fields(group_of(group, field.name), hint)
-        elif hint in (float, int):
-            values[field.name] = number(group, field.name, hint)
-        elif typing.get_origin(hint) is tuple:
-            values[field.name] = texts_of(group, field.name)
-        elif hint is str or typing.get_origin(hint) is typing.Literal:
-            (values[field.name],) = texts_of(group, field.name)
+        if field.name in _LATER and not (has(group, field.name) or field.name in group.attrs):
+            values[field.name] = field.default
         else:
-            values[field.name] = numbers(group, field.name)
+            values[field.name] = _value(group, field.name, hint)
     return cls(**values)
+
+
+def _value(group: h5py.Group, name: str, hint: type) -> object:
+    """Field of a dataclass by its declared type."""
+    if dataclasses.is_dataclass(hint):
+        return read_fields(group_of(group, name), hint)
+    if hint is float or hint is int:
+        return number(group, name, float if hint is float else int)
+    if typing.get_origin(hint) is tuple:
+        return texts_of(group, name)
+    if hint in (str, np.datetime64) or typing.get_origin(hint) is typing.Literal:
+        (text,) = texts_of(group, name)
+        return utc_of(text) if hint is np.datetime64 else text
+    return numbers(group, name)
 
 
 def group_of(group: h5py.Group, name: str) -> h5py.Group:

@@ -6,6 +6,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.extras import formats_package
+from sarmitsuba.radar.utc import utc_text
 
 
 def labelled_image(image: SarImage) -> object:
@@ -56,7 +57,7 @@ def labelled_raw(raw: RawData) -> object:
         name="echoes",
         coords={
             "channel": list(raw.channels),
-            "time": ("pulse", radar.track.time, {"units": "s"}),
+            "time": ("pulse", radar.track.time, {"units": "s", "epoch": utc_text(radar.track.epoch)}),
             **{
                 f"position_{name}": (
                     "pulse",

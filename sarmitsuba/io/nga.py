@@ -7,7 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
+
 from sarmitsuba.errors import DataError
+from sarmitsuba.radar.utc import utc_of, utc_text
 
 if TYPE_CHECKING:
     import lxml.etree
@@ -15,8 +18,6 @@ if TYPE_CHECKING:
 # element of a document as wrapped by sarkit: a mapping by the names of the standard
 Element: TypeAlias = Any
 
-# simulated flights have no date
-EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.timezone.utc)
 MODE_TYPES = {"spotlight": "SPOTLIGHT", "circular": "SPOTLIGHT", "stripmap": "STRIPMAP"}
 OTHER_MODE = "DYNAMIC STRIPMAP"
 POLARISATIONS = {"H": "H", "V": "V", "R": "RHC", "L": "LHC"}
@@ -48,6 +49,35 @@ def polarisations(channel: str, what: str) -> tuple[str, str]:
     if any(letter not in POLARISATIONS for letter in channel):
         raise DataError(f"{what}: channel {channel} has no name in the standard; leave it out, or write HDF5")
     return POLARISATIONS[channel[0]], POLARISATIONS[channel[1]]
+
+
+def whole_microseconds(time: np.datetime64) -> datetime.datetime:
+    """UTC time for sarkit, cut to microseconds; `set_utc` adds the rest."""
+    cut: datetime.datetime = time.astype("datetime64[us]").item()
+    return cut.replace(tzinfo=datetime.timezone.utc)
+
+
+def set_utc(root: "lxml.etree._Element", path: str, time: np.datetime64) -> None:
+    """Write a UTC time to the nanosecond into an element that exists, by its path of local names."""
+    found = _element(root, path)
+    assert found is not None
+    found.text = utc_text(time)
+
+
+def read_utc(root: "lxml.etree._Element", path: str) -> np.datetime64:
+    """UTC time of an element, datetime64[ns].
+
+    Raises
+    ------
+    ValueError
+        It is missing or is not a date and time.
+    """
+    found = _element(root, path)
+    return utc_of(None if found is None else found.text)
+
+
+def _element(root: "lxml.etree._Element", path: str) -> "lxml.etree._Element | None":
+    return root.find("/".join(f"{{*}}{name}" for name in path.split("/")))
 
 
 @contextmanager

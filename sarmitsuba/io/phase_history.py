@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.autofocus_records import AutofocusRecords
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.image.sar_image import UNCALIBRATED
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.utc import DEFAULT_EPOCH
 from sarmitsuba.radar.validity import FARTHEST
 from sarmitsuba.radar.waveform import Waveform
 
@@ -50,6 +53,8 @@ class PhaseHistory:
     source : name for messages
     receiver : (n_pulses, 3) float64, m, of a separate receiver
     time : (n_pulses,) float64, s, strictly increasing, where it is known
+    records : autofocus corrections of the provider, which ``samples`` do not have
+    epoch : UTC of time zero, datetime64[ns]
     """
 
     samples: NDArray[np.number]
@@ -60,6 +65,8 @@ class PhaseHistory:
     source: str
     receiver: F64 | None = None
     time: F64 | None = None
+    records: AutofocusRecords | None = None
+    epoch: np.datetime64 = DEFAULT_EPOCH
 
     def check(self) -> None:
         """Raise a DataError for inconsistent lengths, invalid numbers and non-uniform frequencies."""
@@ -140,6 +147,12 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
             f"{first.source} ... {parts[-1].source}: bistatic and monostatic files are mixed; focus them separately"
         )
     same = all(p.frequency.ndim == 1 and np.array_equal(p.frequency, first.frequency) for p in parts)
+    records = [part.records for part in parts if part.records is not None]
+    if records and len(records) < len(parts):
+        bare = next(part for part in parts if part.records is None)
+        raise DataError(
+            f"{bare.source}: has no autofocus records (data.af), other files have; focus them separately"
+        )
     frequency = (
         first.frequency
         if same
@@ -154,6 +167,12 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
         source=f"{first.source} ... {parts[-1].source}",
         receiver=np.concatenate(apart) if apart else None,
         time=None,
+        records=AutofocusRecords(
+            np.concatenate([one.range_correction for one in records]),
+            np.concatenate([one.phase_correction for one in records]),
+        )
+        if records
+        else None,
     )
     whole.check()
     return whole
@@ -216,9 +235,15 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
         extent_azimuth=_SWATH_SHARE * swath,
         extent_range=_SWATH_SHARE * swath,
     )
-    facts = {"source": first.source, "unambiguous_swath_m": swath}
+    facts = {"source": first.source, "unambiguous_swath_m": swath, **UNCALIBRATED}
     return RawData(
-        data, tuple(Layer(history.channel) for history in histories), "compressed", radar, facts, request
+        data,
+        tuple(Layer(history.channel) for history in histories),
+        "compressed",
+        radar,
+        facts,
+        request,
+        autofocus_records={one.channel: one.records for one in histories if one.records is not None},
     )
 
 
@@ -267,7 +292,7 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
     if time is None:
         path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(history.position, axis=0), axis=1))])
         time = path / _NOMINAL_SPEED
-    track = Track.from_samples(time, history.position)
+    track = Track.from_samples(time, history.position, history.epoch)
     aim = _aim_point(history, swath)
     to_aim = (aim - track.center_position) * np.array([1.0, 1.0, 0.0])
     right = np.array([track.along[1], -track.along[0], 0.0])
@@ -288,7 +313,9 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
         channels=channels,
         look_side="right" if side == "right" else "left",
         aim_point=aim,
-        receiver=None if history.receiver is None else Track.from_samples(time, history.receiver),
+        receiver=None
+        if history.receiver is None
+        else Track.from_samples(time, history.receiver, history.epoch),
     )
 
 

@@ -20,8 +20,17 @@ from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.io.nga import EPOCH, LETTERS, MODE_TYPES, OTHER_MODE, Element, polarisations
+from sarmitsuba.image.sar_image import UNCALIBRATED, ImageGrid, SarImage
+from sarmitsuba.io.nga import (
+    LETTERS,
+    MODE_TYPES,
+    OTHER_MODE,
+    Element,
+    polarisations,
+    read_utc,
+    set_utc,
+    whole_microseconds,
+)
 from sarmitsuba.radar.collection import Collection, Signal
 from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.geodesy import Anchor
@@ -160,7 +169,7 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
     _grid(top, image, axes, flight)
     duration = flight.duration + 1.0 / flight.pulse_rate  # the last pulse's interval included
     top["Timeline"] = {
-        "CollectStart": EPOCH,
+        "CollectStart": whole_microseconds(flight.start),
         "CollectDuration": duration,
         "IPP": {
             "@size": 1,
@@ -176,6 +185,7 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
             ],
         },
     }
+    set_utc(root, "Timeline/CollectStart", flight.start)
     anchor = image.anchor
     position = flight.polynomial() @ anchor.axes
     position[0] += anchor.origin
@@ -183,7 +193,8 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
     _signal(top, channel, flight, "RMA" if image.grid.kind == "slant" else "OTHER")
     scp_coa = sarkit.sicd.compute_scp_coa(tree)
     root.append(scp_coa)
-    top["Radiometric"] = {"RCSSFPoly": np.array([[1.0]])}
+    if image.calibrated:
+        top["Radiometric"] = {"RCSSFPoly": np.array([[1.0]])}
     if image.grid.kind == "slant":
         _range_migration(top, axes, flight)
     return tree
@@ -321,7 +332,8 @@ def image_of(top: Element, pixels: C64, what: str) -> SarImage:
         _pair(top, "ImpRespBW"),
     )
     rows, columns = axes.ramp(pixels.shape)
-    scale = float(np.sqrt(_constant(top["Radiometric"].get("RCSSFPoly"), what)))
+    calibrated = top.elem.find("{*}Radiometric/{*}RCSSFPoly") is not None
+    scale = float(np.sqrt(_constant(top["Radiometric"]["RCSSFPoly"] if calibrated else None, what)))
     data = pixels * (scale * np.exp(2j * np.pi * rows))[:, None] * np.exp(2j * np.pi * columns)
     data = data.T[::-1] if turned else data.T
     first = pixels.shape[1] - 1 - axes.pixel[1] if turned else axes.pixel[1]
@@ -355,6 +367,7 @@ def image_of(top: Element, pixels: C64, what: str) -> SarImage:
         range_resolution_cell=widths[0] * axes.bandwidth[0] / slant,
         incidence_angle=np.arccos(-line[:, 2] / np.linalg.norm(line, axis=1)),
         metadata={
+            **({} if calibrated else UNCALIBRATED),
             "source": what,
             "scene": str(top["CollectionInfo"]["CoreName"]),
             "focus": {
@@ -437,6 +450,7 @@ def _collection(top: Element, anchor: Anchor) -> Collection:
         np.asarray(np.polynomial.polynomial.polyval(center, np.polynomial.polynomial.polyder(rows))),
         (0.0, center, duration),
         np.stack([np.pad(one, (0, size - one.size)) for one in series], axis=1),
+        read_utc(top.elem, "Timeline/CollectStart"),
     )
     signal = Signal(
         mode=kinds.get(str(top["CollectionInfo"]["RadarMode"]["ModeType"]), "spotlight"),

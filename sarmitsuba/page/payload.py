@@ -179,7 +179,10 @@ def image_payload(image: SarImage, channel: str) -> dict[str, Value]:
     scale = STORED_PEAK / peak if peak > 0.0 else 1.0
     return {
         "scale": scale,
-        "cell_area": image.cell_area[image.grid.shape[0] // 2].astype(np.float32),
+        "cell_area": image.cell_area[image.grid.shape[0] // 2].astype(np.float32)
+        if image.calibrated
+        else None,
+        "calibrated": image.calibrated,
         "resolution": (image.azimuth_resolution_cell, image.range_resolution_cell),
         "layers": [
             {

@@ -22,6 +22,7 @@ from sarmitsuba.radar.attitude import pointing_error
 from sarmitsuba.radar.beam import antenna_of
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.ephemeris import EphemerisPath
 from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
@@ -29,6 +30,7 @@ from sarmitsuba.radar.image_request import ImageRequest, build_image_request, fa
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.orbit import orbit_of
 from sarmitsuba.radar.parallel_pass import parallel_pass
+from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
 from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
@@ -36,6 +38,7 @@ from sarmitsuba.radar.receiver import receiver_track
 from sarmitsuba.radar.recorded import recorded_track
 from sarmitsuba.radar.swath import Box, receive_window
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_after, utc_of
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.units import power_from_db
 
@@ -109,6 +112,7 @@ def build_radar(
             return radar, image, (f"{note}aim_x = {x:.6g} m, aim_y = {y:.6g} m", *notes)
     box = image_box(image, scene)
     half_aperture = np.inf
+    path: FlightPath | None = None
     if track is None:
         width, all_round = image.fade_out(max(cells)), MODES[s.mode].all_round
         faded = faded_box(box, scene, width, cells[0], all_round=all_round)
@@ -116,7 +120,7 @@ def build_radar(
         track, half_aperture = automatic_track(given, geometry, box, faded, waveform, antenna, path)
         boxes, pulses = (box, faded), track.n_pulses
         notes += spare_pulses(given, geometry, boxes, waveform, antenna, path, pulses, image.extent_azimuth)
-    track, geometry = parallel_pass(given, track, geometry)
+    track, geometry = parallel_pass(given, _dated(given, track, path), geometry)
     _check_height(given, track, scene, image, shift)
     receiver = receiver_track(given, track, aim, shift)
     tracks = [track] if receiver is None else [track, receiver]
@@ -148,6 +152,26 @@ def build_radar(
     for text in doubts:
         _warn(text)
     return radar, image, notes
+
+
+def _dated(given: RadarInput, track: Track, path: FlightPath | None) -> Track:
+    """The track with the UTC of its time zero."""
+    dated = path.epoch if isinstance(path, EphemerisPath) and path.vectors.dated else track.epoch
+    if dated != DEFAULT_EPOCH:
+        if given.sensor.epoch:
+            raise RadarError(
+                f"{given.where}: epoch has no effect beside dates of the track's file; leave it out"
+            )
+        return replace(track, epoch=dated)
+    if not given.sensor.epoch:
+        return track
+    try:
+        epoch = utc_of(given.sensor.epoch)
+    except ValueError as error:
+        raise RadarError(f"{given.where}: epoch = {error}") from None
+    # vectors by seconds: the epoch is of their time zero, the track's is at mid-aperture
+    late = path.since_default if isinstance(path, EphemerisPath) else 0.0
+    return replace(track, epoch=utc_after(epoch, late))
 
 
 def _film(given: RadarInput) -> FilmDescription:

@@ -9,6 +9,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.utc import utc_after
 
 _STRAIGHT = 1e-3  # m
 
@@ -84,6 +85,11 @@ class Collection:
             Signal(**{**signal, "aim_point": tuple(signal["aim_point"])}),
             Flight.from_dict(flight),  # type: ignore[arg-type]
         )
+
+    @property
+    def start(self) -> np.datetime64:
+        """UTC of the first pulse, datetime64[ns]."""
+        return utc_after(self.flight.epoch, self.flight.span[0])
 
     @property
     def duration(self) -> float:

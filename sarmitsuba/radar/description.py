@@ -144,6 +144,11 @@ class RadarDescription:
     height: float = described(
         0.0, "height of the origin of the file's frame over the WGS-84 ellipsoid", "m", -1e4, 1e6
     )
+    epoch: str = described(
+        "",
+        "UTC of the track's time zero, mid-aperture unless a file gives times, as 2024-05-01T12:00:00.5Z; files "
+        "with dates have their own; automatic: 2000-01-01T00:00:00Z, or the dates of the file",
+    )
     recorded_track_file: str = described(
         "",
         "CSV as track_file, of the same pulses: recorded positions, which the focuser uses, where they differ from "

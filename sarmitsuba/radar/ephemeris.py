@@ -16,6 +16,7 @@ from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.path import FlightPath
+from sarmitsuba.radar.utc import DEFAULT_EPOCH, epoch_of_stamp, is_number, is_time, seconds_of, utc_after
 from sarmitsuba.regular_files import read_bytes, read_text
 
 _COLUMNS = "time_s (or an ISO date and time), x_m, y_m, z_m, vx_m_s, vy_m_s, vz_m_s"
@@ -44,6 +45,8 @@ class StateVectors:
     time : (n,) float64, s, strictly increasing; n >= 2
     position, velocity : (n, 3) float64, m and m/s, WGS-84 ECEF; velocities are those relative to the turning Earth
     source : start of errors
+    epoch : UTC of time zero, datetime64[ns]
+    dated : whether the epoch was given with the vectors; else it is the default
 
     Raises
     ------
@@ -59,6 +62,8 @@ class StateVectors:
     position: F64
     velocity: F64
     source: str = "state vectors"
+    epoch: np.datetime64 = DEFAULT_EPOCH
+    dated: bool = False
 
     def __post_init__(self) -> None:
         n = self.time.size
@@ -107,14 +112,15 @@ class StateVectors:
         found = root.findall(".//OSV")
         try:
             stamps = [item.findtext("UTC", "").removeprefix("UTC=") for item in found]
-            time = np.array([_seconds(stamp, stamps[0]) for stamp in stamps])
+            time = np.array([seconds_of(stamp, stamps[0]) for stamp in stamps])
+            epoch = epoch_of_stamp(stamps[0]) if stamps else DEFAULT_EPOCH
             rows = np.array([[float(item.findtext(name, "")) for name in _COMPONENTS] for item in found])
         except ValueError as error:
             raise RadarError(
                 f"{path}: {one_line(error)}; every OSV needs UTC, {', '.join(_COMPONENTS)}"
             ) from error
         rows = rows.reshape(-1, 6)
-        return StateVectors(time, rows[:, :3], rows[:, 3:], path.name)
+        return StateVectors(time, rows[:, :3], rows[:, 3:], path.name, epoch, dated=True)
 
     @staticmethod
     def from_csv(path: Path | str) -> "StateVectors":
@@ -128,17 +134,18 @@ class StateVectors:
         except OSError as error:
             raise RadarError(f"{path}: cannot read the state vectors: {error.strerror}") from error
         lines = [line.split(",") for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
-        if lines and not _is_time(lines[0][0]):
+        if lines and not is_time(lines[0][0]):
             lines = lines[1:]
         if not lines or any(len(cells) != 7 for cells in lines):
             raise RadarError(f"{path}: every line needs seven columns: {_COLUMNS}")
         try:
-            first = _seconds(lines[0][0], lines[0][0])
-            time = np.array([_seconds(cells[0], lines[0][0]) for cells in lines]) - first
+            epoch, first = epoch_of_stamp(lines[0][0]), seconds_of(lines[0][0], lines[0][0])
+            time = np.array([seconds_of(cells[0], lines[0][0]) for cells in lines]) - first
             rows = np.array([[float(cell) for cell in cells[1:]] for cells in lines])
         except ValueError as error:
             raise RadarError(f"{path}: {one_line(error)}; every line needs {_COLUMNS}") from error
-        return StateVectors(time, rows[:, :3], rows[:, 3:], path.name)
+        dated = not is_number(lines[0][0])
+        return StateVectors(time, rows[:, :3], rows[:, 3:], path.name, utc_after(epoch, first), dated)
 
     def at(self, time: F64) -> tuple[F64, F64]:
         """Position and velocity, two (n, 3) float64, ECEF, at (n,) times in s.
@@ -242,6 +249,16 @@ class EphemerisPath(FlightPath):
         """See `FlightPath`."""
         return self.in_scene(*self.vectors.at(time + self.middle))
 
+    @property
+    def epoch(self) -> np.datetime64:
+        """UTC of mid-aperture, datetime64[ns]."""
+        return utc_after(self.vectors.epoch, self.middle)
+
+    @property
+    def since_default(self) -> float:
+        """Mid-aperture in s after time zero of the file, for vectors without dates."""
+        return float((self.epoch - DEFAULT_EPOCH) / np.timedelta64(1, "ns")) * 1e-9
+
     def in_scene(self, position: F64, velocity: F64) -> tuple[F64, F64]:
         """Earth-fixed states, (n, 3) m and m/s, in the scene frame."""
         return self.anchor.from_ecef(position) - self.offset, np.asarray(velocity @ self.anchor.axes.T)
@@ -259,21 +276,3 @@ def _document(data: bytes, path: Path) -> ElementTree.Element:
             f"{path}: holds a document type (<!DOCTYPE), which is not allowed in an orbit file; remove it"
         )
     return ElementTree.fromstring(data)
-
-
-def _seconds(text: str, first: str) -> float:
-    """Time of a cell in s; of a date and time, since the first."""
-    text, first = (each.strip().removesuffix("Z") for each in (text, first))
-    try:
-        return float(text)
-    except ValueError:
-        since = np.datetime64(text, "ns") - np.datetime64(first, "ns")
-        return float(since / np.timedelta64(1, "ns")) * 1e-9
-
-
-def _is_time(text: str) -> bool:
-    try:
-        _seconds(text, text)
-    except ValueError:
-        return False
-    return True

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from sarmitsuba.arrays import F64
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_of, utc_text
 
 # degree of the polynomial: for an orbit over seconds and an aircraft's slow motion the rest is below a micrometre
 _DEGREE = 5
@@ -21,6 +22,7 @@ class FlightFacts(TypedDict):
     velocity: list[float]
     span: list[float]
     coefficients: list[list[float]]
+    epoch: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,7 @@ class Flight:
     velocity : (3,) float64, m/s; there
     span : first, middle and last pulse time, s
     coefficients : (n, 3) float64, m; Chebyshev series of the position less ``center`` over the span
+    epoch : UTC of time zero, datetime64[ns]
 
     Notes
     -----
@@ -43,6 +46,7 @@ class Flight:
     velocity: F64
     span: tuple[float, float, float]
     coefficients: F64
+    epoch: np.datetime64 = DEFAULT_EPOCH
 
     @staticmethod
     def of(track: Track, offset: ArrayLike = (0.0, 0.0, 0.0)) -> "Flight":
@@ -61,6 +65,7 @@ class Flight:
             track.velocity[track.center_index],
             (first, middle, last),
             np.asarray(fit, dtype=np.float64),
+            track.epoch,
         )
 
     def position(self, time: F64) -> F64:
@@ -82,6 +87,7 @@ class Flight:
             "velocity": self.velocity.tolist(),
             "span": list(self.span),
             "coefficients": self.coefficients.tolist(),
+            "epoch": utc_text(self.epoch),
         }
 
     @staticmethod
@@ -89,7 +95,8 @@ class Flight:
         """Flight of what `as_dict` made."""
         first, middle, last = (float(v) for v in facts["span"])
         center, velocity = np.asarray(facts["center"]), np.asarray(facts["velocity"])
-        return Flight(center, velocity, (first, middle, last), np.asarray(facts["coefficients"]))
+        epoch = utc_of(facts.get("epoch", DEFAULT_EPOCH))
+        return Flight(center, velocity, (first, middle, last), np.asarray(facts["coefficients"]), epoch)
 
 
 def flight_facts(radar: Radar) -> dict[str, object]:

@@ -52,4 +52,4 @@ def later(track: Track, delay: F64) -> Track:
         acceleration = np.gradient(track.velocity, track.time, axis=0)
     lag = delay[:, None]
     position = track.position + lag * track.velocity + 0.5 * lag**2 * acceleration
-    return Track(track.time, position, track.velocity + lag * acceleration)
+    return replace(track, position=position, velocity=track.velocity + lag * acceleration)

@@ -14,6 +14,7 @@ from sarmitsuba.radar.effective_velocity import effective_velocity_ratio
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, RadarMode
 from sarmitsuba.radar.track import Track, numbers_of
+from sarmitsuba.radar.utc import utc_after
 from sarmitsuba.radar.waveform import Waveform
 
 
@@ -191,10 +192,13 @@ class Radar:
     def range_per_rate(self) -> float:
         r"""Range-Doppler coupling: range shift of echoes over their range rate, :math:`f_c T_p / B`, s.
 
-        0 for the start-stop approximation.
+        Negative for a down-chirp, 0 for the start-stop approximation.
         """
+        if self.delay is None:
+            return 0.0
         wave = self.waveform
-        return 0.0 if self.delay is None else wave.center_frequency * wave.pulse_width / wave.bandwidth
+        sign = 1.0 if wave.sweep == "up" else -1.0
+        return sign * wave.center_frequency * wave.pulse_width / wave.bandwidth
 
     @property
     def receives_itself(self) -> bool:
@@ -204,7 +208,8 @@ class Radar:
     def start_stop(self) -> "Radar":
         r"""Equivalent start-stop radar: at rest during a pulse, with nearly the same echoes.
 
-        Its antenna is halfway between transmission and reception: slant ranges are those of both places to
+        Its antenna is halfway between transmission and reception, and so is its UTC at mid-aperture. Slant ranges are
+        those of both places to
         :math:`b^2 \cos^2\psi / 8 R`, for a path b meanwhile and a squint psi, the same for all that is seen. Its
         receive window begins nearer by the range-Doppler shift of an echo from the boresight. A start-stop radar is
         returned unchanged; separate antennas stay separate.
@@ -222,7 +227,10 @@ class Radar:
         if not self.receives_itself:
             return replace(self, window=window, delay=None)
         middle = Track(
-            sent.time, 0.5 * (sent.position + back.position), 0.5 * (sent.velocity + back.velocity)
+            sent.time,
+            0.5 * (sent.position + back.position),
+            0.5 * (sent.velocity + back.velocity),
+            utc_after(sent.epoch, 0.5 * float(self.delay[sent.center_index])),
         )
         return replace(self, track=middle, window=window, receiver=None, delay=None)
 
@@ -277,7 +285,9 @@ class Radar:
         if receiver is not None and self.recorded is not None:
             error = self.recorded.position - self.track.position
             drift = self.recorded.velocity - self.track.velocity
-            receiver = Track(self.recorded.time, receiver.position + error, receiver.velocity + drift)
+            receiver = replace(
+                self.recorded, position=receiver.position + error, velocity=receiver.velocity + drift
+            )
         return replace(
             self,
             track=self.recorded or self.track,

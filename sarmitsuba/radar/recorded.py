@@ -11,6 +11,7 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.jitter import wandering
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_after
 
 _ERRORS = ("track_offset", "track_drift", "track_jitter")
 _JITTER_PARTS = ("track_jitter_corner", "track_jitter_slope", "track_jitter_seed")
@@ -50,7 +51,7 @@ class TrackError:
         if self.jitter > 0.0:
             error = error + wandering(track.time, 3, self.jitter, self.corner, self.slope, self.seed)
         axes = np.array([track.along, right_of(track.along), [0.0, 0.0, 1.0]])
-        return Track.from_samples(track.time, track.position + error @ axes)
+        return Track.from_samples(track.time, track.position + error @ axes, track.epoch)
 
 
 def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None:
@@ -113,4 +114,6 @@ def of_same_pulses(name: str, track: Track, flown: Track, what: str) -> Track:
             f"{name}: its pulse times differ by up to {late:.3g} s from those of the track flown; give "
             "the same pulses"
         )
+    if track.epoch == DEFAULT_EPOCH:  # without dates: the same pulses are at the same time
+        track = replace(track, epoch=utc_after(flown.epoch, float(flown.time[0] - track.time[0])))
     return track

@@ -1,6 +1,6 @@
 """The antenna's trajectory: one position and velocity per pulse, float64, scene frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import one_line
+from sarmitsuba.radar.utc import DEFAULT_EPOCH, epoch_of_stamp, is_time, seconds_of, utc_after, utc_of
 from sarmitsuba.regular_files import read_text
 
 _FARTHEST = 1e12  # m, bound of positions in a file
@@ -34,6 +35,7 @@ class Track:
     time : (n_pulses,) float64, s, strictly increasing
     position : (n_pulses, 3) float64, m, scene frame (east, north, up)
     velocity : (n_pulses, 3) float64, m/s, scene frame
+    epoch : UTC of time zero, datetime64[ns]; an ISO 8601 text or a ``datetime`` with a time zone is converted
 
     Notes
     -----
@@ -43,8 +45,13 @@ class Track:
     time: F64
     position: F64
     velocity: F64
+    epoch: np.datetime64 = DEFAULT_EPOCH
 
     def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "epoch", utc_of(self.epoch))
+        except ValueError as error:
+            raise RadarError(f"track: epoch: {error}") from None
         n = self.time.shape[0]
         if n < 1 or self.position.shape != (n, 3) or self.velocity.shape != (n, 3):
             raise RadarError(
@@ -55,6 +62,11 @@ class Track:
             raise RadarError("track: time and position must be finite")
         if n > 1 and not (np.diff(self.time) > 0).all():
             raise RadarError("track: pulse times must increase strictly; sort the pulses by time")
+
+    @property
+    def utc(self) -> NDArray[np.datetime64]:
+        """(n_pulses,) datetime64[ns], UTC of the pulses."""
+        return np.array([utc_after(self.epoch, float(time)) for time in self.time], dtype="datetime64[ns]")
 
     @property
     def n_pulses(self) -> int:
@@ -102,7 +114,7 @@ class Track:
 
     def moved(self, shift: ArrayLike) -> "Track":
         """Parallel track, every position shifted by ``shift`` (3,), m."""
-        return Track(self.time, self.position + np.asarray(shift, dtype=np.float64), self.velocity)
+        return replace(self, position=self.position + np.asarray(shift, dtype=np.float64))
 
     def of_pulses(self, pulses: slice | ArrayLike) -> "Track":
         """Track of selected pulses: a slice, pulse numbers or a mask.
@@ -112,7 +124,7 @@ class Track:
         RadarError : no pulse is left, or the pulses do not follow each other in time
         """
         pick = numbers_of(pulses, self.n_pulses)
-        return Track(self.time[pick], self.position[pick], self.velocity[pick])
+        return Track(self.time[pick], self.position[pick], self.velocity[pick], self.epoch)
 
     @staticmethod
     def straight(center: ArrayLike, velocity: ArrayLike, prf: float, n_pulses: int) -> "Track":
@@ -133,17 +145,23 @@ class Track:
     def from_csv(path: Path | str) -> "Track":
         """Read one pulse per line: ``time_s, x_m, y_m, z_m``, comma separated, ``#`` comments, one optional header.
 
-        Velocities come from a cubic spline through the positions.
+        Times are seconds, or UTC in ISO 8601, which count from the first pulse. Velocities come from a cubic spline
+        through the positions.
         """
         path = Path(path)
         try:
             lines = [ln for ln in read_text(path).splitlines() if ln.strip() and ln.lstrip()[0] != "#"]
         except OSError as error:
             raise RadarError(f"{path}: cannot read the track: {error.strerror}") from error
-        if lines and not _is_number(lines[0].split(",")[0]):
+        if lines and not is_time(lines[0].split(",")[0]):
             lines = lines[1:]
         try:
-            rows = np.array([[float(c) for c in ln.split(",")] for ln in lines], dtype=np.float64)
+            first = lines[0].split(",")[0] if lines else "0"
+            epoch = epoch_of_stamp(first)
+            cells = [ln.split(",") for ln in lines]
+            rows = np.array(
+                [[seconds_of(c[0], first), *(float(each) for each in c[1:])] for c in cells], dtype=np.float64
+            )
         except ValueError as error:
             raise RadarError(f"{path}: {one_line(error)}; every line needs time_s, x_m, y_m, z_m") from error
         if rows.ndim != 2 or rows.shape[1] != 4:
@@ -154,12 +172,12 @@ class Track:
             )
         try:
             with np.errstate(over="ignore"):
-                return Track.from_samples(rows[:, 0], rows[:, 1:])
+                return Track.from_samples(rows[:, 0], rows[:, 1:], epoch)
         except ValueError as error:  # times so close to each other that velocities overflow
             raise RadarError(f"{path}: {one_line(error)}; give times in s") from error
 
     @staticmethod
-    def from_samples(time: ArrayLike, position: ArrayLike) -> "Track":
+    def from_samples(time: ArrayLike, position: ArrayLike, epoch: np.datetime64 = DEFAULT_EPOCH) -> "Track":
         """Track through given pulse times and positions; velocities from a cubic spline (zero for one pulse)."""
         t = np.asarray(time, dtype=np.float64)
         p = np.asarray(position, dtype=np.float64)
@@ -171,12 +189,4 @@ class Track:
             )
         else:
             v = np.zeros_like(p)
-        return Track(t, p, v)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+        return Track(t, p, v, epoch)

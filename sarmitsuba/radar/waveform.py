@@ -1,6 +1,7 @@
 """Transmitted waveform: a linear frequency-modulated pulse."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
@@ -15,11 +16,13 @@ class Waveform:
     center_frequency : Hz
     bandwidth : swept bandwidth, Hz
     pulse_width : s
+    sweep : ``up`` or ``down``: direction of the frequency during the pulse
     """
 
     center_frequency: float
     bandwidth: float
     pulse_width: float
+    sweep: Literal["up", "down"] = "up"
 
     def __post_init__(self) -> None:
         if not (self.center_frequency > 0 and self.bandwidth > 0 and self.pulse_width > 0):
@@ -27,6 +30,8 @@ class Waveform:
                 f"waveform: center_frequency = {self.center_frequency:g} Hz, bandwidth = {self.bandwidth:g} Hz and "
                 f"pulse_width = {self.pulse_width:g} s must be positive"
             )
+        if self.sweep not in ("up", "down"):
+            raise RadarError(f"waveform: sweep = {self.sweep!r} is neither up nor down")
         if self.bandwidth >= 2 * self.center_frequency:
             raise RadarError(
                 f"waveform: bandwidth = {self.bandwidth:g} Hz must be below twice the "
@@ -40,8 +45,9 @@ class Waveform:
 
     @property
     def chirp_rate(self) -> float:
-        """Sweep rate, Hz/s."""
-        return self.bandwidth / self.pulse_width
+        """Sweep rate, Hz/s; negative for a down-chirp."""
+        rate = self.bandwidth / self.pulse_width
+        return rate if self.sweep == "up" else -rate
 
     @property
     def range_cell(self) -> float:

@@ -31,6 +31,9 @@ _LABELS: dict[str, str] = {
     "phase": "phase (rad)",
 }
 
+# of data from elsewhere of unknown gain: every quantity of power is |pixel|^2
+_UNCALIBRATED, _UNCALIBRATED_AMPLITUDE = "intensity, uncalibrated (dB)", "amplitude, uncalibrated"
+
 # If an image does not state whether its scene scatters diffusely, clutter is told from side lobes of targets by the
 # spread of its bright part, the 75th to the 95th percentile of power averaged over 4 x 4 pixels: 1 to 10 dB for
 # clutter on a third or more of the picture, texture included; 17 to 32 dB for side lobes of any window
@@ -148,7 +151,14 @@ def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
         a0 + rows * block[0] * grid.azimuth_spacing,
     )
     limits = options.limits or _limits(values, options, has_clutter(image))
-    return Display(values, limits, extent, _LABELS[options.quantity], block)
+    return Display(values, limits, extent, quantity_label(image, options.quantity), block)
+
+
+def quantity_label(image: SarImage, quantity: Quantity) -> str:
+    """Quantity and unit of displayed values; of an uncalibrated image, that it is one."""
+    if image.calibrated or quantity == "phase":
+        return _LABELS[quantity]
+    return _UNCALIBRATED_AMPLITUDE if quantity == "amplitude" else _UNCALIBRATED
 
 
 def of_order(image: SarImage, order: int) -> SarImage:
@@ -241,7 +251,8 @@ def _values(image: SarImage, options: PictureOptions, block: tuple[int, int]) ->
     if quantity == "phase":
         total = image.total(options.channel).astype(np.complex128)
         return np.asarray(np.angle(block_means(total.real, block) + 1j * block_means(total.imag, block)))
-    power = backscatter(image, "rcs" if quantity == "amplitude" else quantity, options.channel)
+    absolute = quantity if quantity != "amplitude" and image.calibrated else "rcs"
+    power = backscatter(image, absolute, options.channel)
     mean = block_means(power, block)
     return np.sqrt(mean) if quantity == "amplitude" else db_from_power(mean)
 

@@ -51,7 +51,8 @@ def multilook_figure(looks: Multilook) -> Figure:
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.locator_params(axis="x", nbins=4)
     unit = "dBsm" if looks.quantity == "rcs" else "dB"
-    figure.colorbar(shown, ax=axes, label=f"{looks.channel} {looks.quantity} ({unit})")
+    what = f"{looks.quantity} ({unit})" if looks.calibrated else f"{looks.quantity}, uncalibrated (dB)"
+    figure.colorbar(shown, ax=axes, label=f"{looks.channel} {what}")
     return figure
 
 

@@ -9,6 +9,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.calibration import Quantity, backscatter
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
+from sarmitsuba.view.display import quantity_label
 from sarmitsuba.view.figure import Figure
 
 
@@ -62,7 +63,7 @@ def profile(
     axes.set_ylim(top - span_db, top + 3.0)
     axes.set_xlim(float(position[0]), float(position[-1]))
     axes.set_xlabel(f"{axis} (m)")
-    axes.set_ylabel("radar cross section (dBsm)" if quantity == "rcs" else f"{quantity} (dB)")
+    axes.set_ylabel(quantity_label(image, quantity))
     axes.set_title(
         f"{channel or image.channels[0]}, {axis} cut at {other} {place:.2f} m", fontsize=9, parse_math=False
     )

@@ -11,7 +11,7 @@ import scipy.io
 
 from sarmitsuba import cli
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.io import read_raw
@@ -318,15 +318,6 @@ def test_missing_things_are_one_line(tmp_path: Path) -> None:
     (tmp_path / "new.mat").write_bytes(newer)
     with pytest.raises(DataError, match=r"version 7\.3; save it in MATLAB with -v7"):
         read_raw(tmp_path / "new.mat")
-
-
-def test_an_autofocus_solution_is_not_applied_and_said(tmp_path: Path) -> None:
-    content, *_ = scenario(1)
-    plain = read_raw(save(tmp_path / "a.mat", content))
-    content["af"] = {"r_correct": np.ones((1, 160)), "ph_correct": np.ones((1, 160))}
-    with pytest.warns(SarmitsubaWarning, match=r"data\.af, is not applied"):
-        raw = read_raw(save(tmp_path / "b.mat", content))
-    np.testing.assert_array_equal(raw.data, plain.data)
 
 
 def test_grid_beside_the_data_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

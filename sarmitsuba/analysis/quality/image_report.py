@@ -39,6 +39,7 @@ class QualityReport:
     nesz_db : predicted noise-equivalent sigma0 at the image's centre; NaN without noise
     darkest_db : mean sigma0 of the darkest area, an upper bound of the noise in the image; NaN without such an area
     left_out : one line for each point that could not be measured
+    calibrated : whether radar cross sections and sigma0 are absolute, see `SarImage.calibrated`
     """
 
     channel: str
@@ -50,11 +51,13 @@ class QualityReport:
     nesz_db: float
     darkest_db: float
     left_out: tuple[str, ...]
+    calibrated: bool = True
 
     def as_dict(self) -> dict[str, object]:
         """Values for JSON, units in the names; None for those not measured."""
         return {
             "channel": self.channel,
+            "calibrated": self.calibrated,
             "looks": list(self.looks),
             "contrast": self.contrast,
             "entropy_nats": self.entropy,
@@ -68,6 +71,8 @@ class QualityReport:
     def as_table(self) -> str:
         """Tables for a terminal."""
         lines: list[str] = []
+        if not self.calibrated:
+            lines += ["uncalibrated data: RCS and sigma0 are up to one unknown factor", ""]
         if self.points:
             lines += _table(_PLACE_COLUMNS, [_place_row(p) for p in self.points])
             lines += ["", *_table(_RESPONSE_COLUMNS, [_response_row(p) for p in self.points])]
@@ -180,6 +185,7 @@ def image_quality(
         nesz_db=10.0 * math.log10(noise) if noise else math.nan,
         darkest_db=min((area.sigma0_db for area in found), default=math.nan),
         left_out=left_out,
+        calibrated=image.calibrated,
     )
 
 

@@ -39,9 +39,9 @@ class MotionInPulse(Effect):
             )
         wave, n = radar.waveform, radar.track.n_pulses
         few = radar.of_pulses(np.unique(np.linspace(0, n - 1, min(n, 33)).round().astype(int)))
-        kappa = wave.center_frequency * wave.pulse_width / wave.bandwidth
+        kappa = wave.center_frequency / wave.chirp_rate
         rate, beyond = _widest(few, context)
-        shift = kappa * rate
+        shift = abs(kappa) * rate
         # rms over the band of the phase of a range shift, and the phase at the carrier
         phase = np.hypot(
             np.pi / np.sqrt(3.0) * shift / wave.range_cell, 4.0 * np.pi / wave.wavelength * beyond

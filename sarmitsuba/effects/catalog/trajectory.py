@@ -58,7 +58,7 @@ def _straightened(track: Track) -> Track:
     position = _fit(track)
     time = np.linspace(track.time[0], track.time[-1], track.n_pulses)
     velocity = (position[-1] - position[0]) / max(float(time[-1] - time[0]), 1e-12)
-    return Track(time, position, np.broadcast_to(velocity, position.shape).copy())
+    return Track(time, position, np.broadcast_to(velocity, position.shape).copy(), track.epoch)
 
 
 def _fit(track: Track) -> F64:

@@ -22,10 +22,10 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.cphd_document import LAYOUT, CphdRecording, GroundArea, document
+from sarmitsuba.io.cphd_document import LAYOUT, PROFILE, CphdRecording, GroundArea, document
 from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
-from sarmitsuba.io.nga import DAMAGED, LETTERS, plain_xml, refuse_document_type, said
+from sarmitsuba.io.nga import DAMAGED, LETTERS, plain_xml, read_utc, refuse_document_type, said
 from sarmitsuba.io.phase_history import PhaseHistory, raw_of
 from sarmitsuba.parameters import printable
 from sarmitsuba.radar.collection import Signal
@@ -33,6 +33,7 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.utc import utc_after
 
 if TYPE_CHECKING:
     import lxml.etree
@@ -78,6 +79,8 @@ def write_raw(path: Path, raw: RawData) -> None:
         anchor=radar.anchor,
         dwell=_dwell(radar),
         facts={"pulse_width_s": repr(radar.waveform.pulse_width), "antenna_pattern": radar.antenna.pattern},
+        start=utc_after(radar.track.epoch, float(radar.track.time[0])),
+        calibrated=raw.calibrated,
     )
     tree = document(recording)
     metadata = sarkit.Metadata(xmltree=tree)
@@ -225,6 +228,7 @@ def read_raw(path: Path) -> RawData:
                 helper.load(f"{{*}}Dwell/{{*}}{name}Poly")
                 for name in ("CODTime/{*}CODTime", "DwellTime/{*}DwellTime")
             )
+            start = read_utc(tree.getroot(), "Global/Timeline/CollectionStart")
             two = tree.findtext("{*}CollectionID/{*}CollectType") == "BISTATIC"
             histories = []
             for node in tree.findall("{*}Channel/{*}Parameters"):
@@ -236,7 +240,7 @@ def read_raw(path: Path) -> RawData:
                         f"{path}: polarisation {letters} is not supported; supported: H, V, RHC, LHC"
                     )
                 channel = "".join(LETTERS[one] for one in letters)
-                histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two))
+                histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two, start))
         missing = [
             name
             for name, value in (
@@ -251,7 +255,12 @@ def read_raw(path: Path) -> RawData:
             raise DataError(f"{path}: its document has no {missing[0]}; export it again")
         raw = raw_of(histories)
         radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
-        return replace(raw, radar=radar, request=_request(raw, anchor, corners))
+        facts = dict(raw.metadata)
+        if (
+            tree.findtext("{*}ProductInfo/{*}Profile") == PROFILE
+        ):  # amplitudes are roots of radar cross sections
+            del facts["calibrated"]
+        return replace(raw, radar=radar, request=_request(raw, anchor, corners), metadata=facts)
     except DAMAGED as error:
         raise DataError(f"{path}: cannot be read as CPHD: {said(error)}") from error
 
@@ -331,6 +340,7 @@ def _read_channel(
     sign: int,
     anchor: Anchor,
     two: bool,
+    start: np.datetime64,
 ) -> PhaseHistory:
     """Phase history of one channel in the anchor's frame."""
     names = vectors.dtype.names or ()
@@ -346,6 +356,7 @@ def _read_channel(
     moved = np.linalg.norm(back - there, axis=1).max() > _SAME_ANTENNA
     frequency: F64 = vectors["SC0"][None] + vectors["SCSS"][None] * np.arange(samples.shape[1])[:, None]
     steady = np.ptp(vectors["SC0"]) == 0.0 and np.ptp(vectors["SCSS"]) == 0.0
+    time = vectors["TxTime"] if two or not moved else 0.5 * (vectors["TxTime"] + vectors["RcvTime"])
     return PhaseHistory(
         samples=(samples if sign < 0 else samples.conj()).T,
         frequency=frequency[:, 0] if steady else frequency,
@@ -354,7 +365,8 @@ def _read_channel(
         channel=channel,
         source=path.name,
         receiver=back if two else None,
-        time=vectors["TxTime"].astype(np.float64),
+        time=time.astype(np.float64),
+        epoch=start,
     )
 
 

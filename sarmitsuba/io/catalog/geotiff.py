@@ -38,7 +38,7 @@ def write_image(path: Path, image: SarImage) -> None:
     with atomic_path(path) as temporary, rasterio.open(temporary, "w", **profile) as file:
         file.write(on_map.magnitude)
         file.update_tags(
-            quantity="square root of sigma0",
+            quantity="square root of sigma0" + ("" if image.calibrated else ", uncalibrated: up to a factor"),
             software=f"sarmitsuba {__version__}",
             wavelength_m=image.wavelength,
         )

@@ -24,6 +24,7 @@ from h5py._objects import phil as h5py_lock
 
 from sarmitsuba.arrays import C64
 from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.autofocus_records import AutofocusRecords
 from sarmitsuba.echo.raw_data import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.finite import check_pulses
@@ -137,6 +138,8 @@ def write_raw(path: Path | str, raw: RawData) -> None:
         if raw.request is not None:
             asked = raw.request.moved(raw.radar.offset)
             groups.write_fields(file.create_group("image_request"), asked)
+        for channel, records in raw.autofocus_records.items():
+            groups.write_fields(file.create_group(f"autofocus_records/{channel}"), records)
         _write_planes(file, _ECHOES, raw.data, raw.layers)
         file[_ECHOES.root].attrs["domain"] = raw.domain
         _write_metadata(file, raw.metadata)
@@ -217,7 +220,14 @@ def read_raw(path: Path | str) -> RawData:
         metadata = _read_metadata(file)
         if planes:
             check_pulses(data)
-        return RawData(data, layers, domain, radar, metadata, request, flown)  # type: ignore[arg-type]
+        records = {}
+        if groups.has(file, "autofocus_records"):
+            aside_group = groups.group_of(file, "autofocus_records")
+            records = {
+                str(name): groups.read_fields(groups.group_of(aside_group, name), AutofocusRecords)
+                for name in aside_group
+            }
+        return RawData(data, layers, domain, radar, metadata, request, flown, records)  # type: ignore[arg-type]
 
     return _read(path, "raw data", "raw data", load)
 

@@ -6,27 +6,26 @@ A struct ``data`` holds, per file (one degree of azimuth there), ``fp`` (frequen
 
 import os
 import re
-import warnings
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.echo.autofocus_records import AutofocusRecords
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.errors import DataError
 from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.mat_file import load_mat
 from sarmitsuba.io.phase_history import PhaseHistory, joined, raw_of
 from sarmitsuba.isolated import survive
-from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.polarisation import CHANNELS
 
 _STRUCT = "data"
 _NEEDED = ("fp", "freq", "x", "y", "z", "r0")
 _PER_PULSE = ("x", "y", "z", "r0", "th", "phi")
+_RECORDS = ("r_correct", "ph_correct")  # m and rad, per pulse
 # names of a second antenna's coordinates: of the transmitter or of the receiver; x, y, z are those of the other antenna
 _TRANSMITTER = (("xt", "yt", "zt"), ("tx", "ty", "tz"))
 _RECEIVER = (("xr", "yr", "zr"), ("rx", "ry", "rz"))
@@ -72,10 +71,6 @@ def _history(path: Path) -> PhaseHistory:
             f"{path}: {_STRUCT} has no {', '.join(missing)}; it has {', '.join(sorted(fields)) or 'no fields'}"
         )
     second = _second_antenna(path, fields)
-    if "af" in fields:  # same text for all files: shown once
-        warnings.warn(
-            "phase histories: an autofocus solution, data.af, is not applied", SarmitsubaWarning, stacklevel=2
-        )
     numbers = {
         name: _numbers(path, name, fields[name]) for name in {*_NEEDED, *_PER_PULSE, *second} & set(fields)
     }
@@ -108,9 +103,30 @@ def _history(path: Path) -> PhaseHistory:
         channel=found.group(1).upper() if found else "VV",
         source=path.name,
         receiver=other,
+        records=_records(path, fields["af"], samples.shape[1]) if "af" in fields else None,
     )
     history.check()
     return history
+
+
+def _records(path: Path, value: object, n_pulses: int) -> AutofocusRecords:
+    """Autofocus records of the struct ``data.af``."""
+    struct = np.asarray(value)
+    if struct.dtype.names is None or struct.size != 1 or not set(_RECORDS) <= set(struct.dtype.names):
+        raise DataError(
+            f"{path}: af is not a struct of one element with {' and '.join(_RECORDS)}; leave it out"
+        )
+    cell = struct.reshape(-1)[0]
+    found = []
+    for name in _RECORDS:
+        array = _real(path, f"af.{name}", _numbers(path, f"af.{name}", cell[name])).ravel()
+        if array.size != n_pulses or not np.isfinite(array).all():
+            raise DataError(
+                f"{path}: af.{name} has {int(np.isfinite(array).sum())} finite values, fp has {n_pulses} pulses; give "
+                "one for each, or leave af out"
+            )
+        found.append(array)
+    return AutofocusRecords(*found)
 
 
 def _second_antenna(path: Path, fields: Mapping[str, object]) -> tuple[str, ...]:
@@ -130,28 +146,7 @@ def _second_antenna(path: Path, fields: Mapping[str, object]) -> tuple[str, ...]
 
 def _fields(path: Path) -> dict[str, object]:
     """Fields of the struct ``data``."""
-    try:
-        content = scipy.io.loadmat(path, variable_names=[_STRUCT])
-    except NotImplementedError as error:
-        raise DataError(f"{path}: has MATLAB version 7.3; save it in MATLAB with -v7") from error
-    except (
-        ArithmeticError,
-        AssertionError,
-        AttributeError,
-        LookupError,
-        MemoryError,
-        NameError,
-        OSError,
-        RuntimeError,
-        TypeError,
-        ValueError,
-        zlib.error,
-        scipy.io.matlab.MatReadError,
-    ) as error:  # exceptions of loadmat for damaged files
-        reason = one_line(error, 300)
-        raise DataError(
-            f"{path}: cannot be read as a MATLAB file, it may be damaged: {reason or type(error).__name__}"
-        ) from error
+    content = load_mat(path, [_STRUCT])
     struct = content.get(_STRUCT)
     if not isinstance(struct, np.ndarray) or struct.dtype.names is None or struct.size != 1:
         raise DataError(f"{path}: has no struct {_STRUCT!r} of one element")

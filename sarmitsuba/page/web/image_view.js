@@ -2,7 +2,8 @@
 // cursor that says where it stands.
 //
 // image: { layers: [{ order, re, im }] complex amplitudes in m, Float32Array [ny][nx]; scale by which they are too
-//   large (default 1); cellArea Float32Array(nx) m^2 for sigma0, or null for RCS }
+//   large (default 1); cellArea Float32Array(nx) m^2 for sigma0, or null for RCS; calibrated: false
+//   for levels in unknown units }
 // grid: as in backprojector.js, with kind "slant" | "ground", center [3] m, azimuth Float64Array(ny), range
 //   Float64Array(nx): what the axes say
 
@@ -283,7 +284,7 @@ class ImageView {
     const [x, y] = this.pointOf(this.cursor).map(text);
     this.readout.textContent =
       `x ${x} m, y ${y} m; ${names.along[0]} ${text(azimuth[row])} m, ${names.across[0]} ${text(range[column])} m; ` +
-      `${this.image.cellArea ? "sigma0" : "RCS"} ${this.levelText(row * nx + column)}${this.more(this.cursor)}`;
+      `${this.quantity()} ${this.levelText(row * nx + column)}${this.more(this.cursor)}`;
   }
 
   /** Names of the axes: short, and in full. */
@@ -292,9 +293,15 @@ class ImageView {
     return this.axes ?? { along: ["azimuth", "azimuth (m), flight →"], across: [range, `${range} (m), away from the radar →`] };
   }
 
+  quantity() {
+    if (this.image.calibrated === false) return "intensity (uncalibrated)";
+    return this.image.cellArea ? "sigma0" : "RCS";
+  }
+
   levelText(index) {
     const db = this.db[index];
-    return Number.isFinite(db) ? `${db.toFixed(1)} ${this.image.cellArea ? "dB" : "dBm²"}` : "no echo";
+    const unit = this.image.cellArea || this.image.calibrated === false ? "dB" : "dBm²";
+    return Number.isFinite(db) ? `${db.toFixed(1)} ${unit}` : "no echo";
   }
 
   // ---- drawing over the pixels ---------------------------------------------------------------------------------------

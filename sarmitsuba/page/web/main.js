@@ -16,6 +16,14 @@ import { Tour } from "sarmitsuba/tour.js";
 import { World } from "sarmitsuba/world.js";
 
 const $ = (id) => document.getElementById(id);
+
+/** Image of a look, for image_view.js. */
+const imageOf = ({ image }) => ({
+  layers: image.layers,
+  scale: image.scale,
+  cellArea: image.cell_area,
+  calibrated: image.calibrated,
+});
 const PASS_SECONDS = [40, 20, 10, 5, 2];
 const SWEEP_SECONDS = 4; // a shell from the near to the far end of the image
 
@@ -203,7 +211,7 @@ class Page {
   /** Show the look's image beside the scene and on its ground, with the controls for focusing again. */
   showImage() {
     const { look, world } = this;
-    const image = { layers: look.image.layers, scale: look.image.scale, cellArea: look.image.cell_area };
+    const image = imageOf(look);
     if (this.view) this.view.setImage(image, look.pixels);
     else {
       this.view = createImageView($("image"), {
@@ -263,7 +271,7 @@ class Page {
     const now = this.store.get("look");
     const [first, second] = [looks[now], looks[(now + 1) % looks.length]].map((look) => ({
       title: this.nameOf(look),
-      image: { layers: look.image.layers, scale: look.image.scale, cellArea: look.image.cell_area },
+      image: imageOf(look),
       grid: look.pixels,
     }));
     $("comparison").showModal();
