@@ -70,9 +70,8 @@ LOWEST, HIGHEST = 0.0, float(np.radians(80.0))
 RAISED = 1e-4
 # rad; least range of azimuth for an image
 LEAST_TURN = float(np.radians(1.0))
-# widest step of a sweep that is taken as a turn of the target: coarser ones are samples of single aspects, whose image
-# would take hundreds of times their own rays
-WIDEST_STEP = float(np.radians(5.0))
+# widest step of a turn: aspects farther apart are single ones, whose image takes hundreds of times their own rays
+WIDEST_STEP = float(np.radians(5.001))
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,11 +403,8 @@ def image_refusal(aspects: Aspects) -> str:
     if np.ptp(aspects.azimuth) < LEAST_TURN:
         return f"the azimuth turns by less than {np.degrees(LEAST_TURN):g} deg"
     step = np.ptp(aspects.azimuth) / (aspects.azimuth.size - 1)
-    if step > WIDEST_STEP * (1.0 + 1e-9):
-        return (
-            f"aspects {np.degrees(step):.3g} deg apart are single ones; steps of "
-            f"{np.degrees(WIDEST_STEP):g} deg or less give an image"
-        )
+    if step > WIDEST_STEP:
+        return f"aspects are {np.degrees(step):.3g} deg apart; steps of {np.degrees(WIDEST_STEP):.0f} deg give one"
     if not LOWEST <= aspects.elevation[0] <= HIGHEST:
         return f"the elevation is not within 0 to {np.degrees(HIGHEST):g} deg"
     return ""
