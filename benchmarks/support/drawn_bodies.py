@@ -120,7 +120,7 @@ FAMILIES = {
     "cone": Family(lambda r: _log(r, (0.2, 0.7), (0.4, 2.5)), _cone),
     "open_box": Family(lambda r: _log(r, (0.5, 1.8), (0.5, 1.8), (0.5, 2.2)), _open_box),
     "corner": Family(lambda r: [*_log(r, (0.7, 2.2), (0.7, 2.2), (0.7, 2.5)), float(r.uniform(50.0, 130.0))], _corner),
-    "rod": Family(lambda r: _log(r, (0.015, 0.06), (0.3, 4.0)), _cylinder),
+    "rod": Family(lambda r: _log(r, (0.02, 0.06), (0.3, 1.5)), _cylinder),
     "tiny": Family(lambda r: _log(r, (0.05, 0.4), (0.05, 0.4), (0.05, 0.4)), _box),
 }
 

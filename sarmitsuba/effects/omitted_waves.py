@@ -1,8 +1,10 @@
 """Expected level of the waves that physical optics and edge waves leave out, from the shape of the metal alone."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
@@ -13,35 +15,72 @@ from sarmitsuba.mesh.pieces import SMOOTH_BEND, piece_of
 from sarmitsuba.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
 from sarmitsuba.mesh.welding import weld
 
-BETWEEN_EDGES, THIN, NO_EDGES, ROUNDED, CREEPING = "edges", "thin", "no edges", "rounded", "creeping"
+# lines that are evaluated at most: of more, curved ones are thinned out
+MOST_LINES = 3000
+# products of lines and directions at a time
+_BLOCK = 400_000
+# k times the width of a face, below which its two edges act as one; k times a radius, below which it acts as an edge
+ONE_EDGE, AS_EDGE = 1.0, 1.26
+# order of the causes where shares are equal
+CAUSES = ("edges left out", "between edges", "two edges as one", "rounded edges", "curved surface")
 
 
 @dataclass(frozen=True)
 class WaveLaws:
-    r"""Amplitudes of the waves that are left out, as fitted; :math:`k` the wavenumber.
+    r"""Amplitudes D of the waves left out, relative to Keller's edge wave of unit coefficient.
+
+    Hard is for the electric field across the line, soft for that along it; w is the width of a face, k the wavenumber,
+    :math:`\rho` a radius of curvature. Fitted to the method of moments for 58 drawn bodies
+    (``benchmarks/studies/theory_error.py``), the powers above :math:`k w = 1` and those of :math:`k \rho` are set:
+
+    .. math:: D = D_1 (k w)^{-p}, \quad D = \frac{D_0}{\sqrt{1 + (k \rho)^2}}
+
+    Double diffraction at grazing incidence has p = 1/2 for hard and 3/2 for soft edges (here 1: edges lean), and the
+    false return of a sphere's shadow boundary in physical optics is 1 / (k rho) of its echo.
 
     Parameters
     ----------
-    hard, soft : amplitude of a wave that crosses a face of the width w and is diffracted again, at
-        :math:`k w = 1`, over that of Keller's edge of unit coefficient; electric field across and along the edge
-    hard_power, soft_power : falls with :math:`(k w)^{-p}`
-    fringe : the same of an edge that is not simulated
-    dark : energy of edges on the side turned away
-    curved_hard, curved_soft : of curved surfaces of radius :math:`\rho`, at :math:`k \rho = 0`
-    curved_power : falls with :math:`(1 + (k \rho)^2)^{-p / 2}`
+    hard, soft : of waves between the edges of a face, at k w = 1; of wedges, and of rims of sheets
+    power : p above k w = 1, hard and soft
+    narrow : p below
+    tip : of the two ends of a straight edge, in units of 1 / k; of wedges, and of rims
+    fringe : of an edge that is not simulated
+    dark : energy of edges of which both faces are turned away
+    curved : of curved surface, hard and soft
+    mixed : share of the energy that does not keep the polarisation
+    repeated : amplitude of the waves of orders from 2 (two bounces) and 3 on over those of ray optics
     """
 
-    hard: float = 1.0
-    soft: float = 1.0
-    hard_power: float = 0.5
-    soft_power: float = 1.0
-    most_hard: float = 1.0
-    most_soft: float = 1.0
+    hard: tuple[float, float] = (1.27, 1.18)
+    soft: tuple[float, float] = (0.47, 0.18)
+    power: tuple[float, float] = (0.5, 1.0)
+    narrow: tuple[float, float] = (0.41, 0.06)
+    hard_tip: tuple[float, float] = (0.93, 1.13)
+    soft_tip: tuple[float, float] = (1.19, 2.86)
     fringe: float = 0.5
     dark: float = 0.5
-    curved_hard: float = 1.0
-    curved_soft: float = 1.0
-    curved_power: float = 1.0
+    curved: tuple[float, float] = (0.75, 1.37)
+    mixed: float = 0.65
+    repeated: tuple[float, float] = (0.42, 0.64)
+
+
+@dataclass(frozen=True)
+class SimulatedWaves:
+    """Waves beyond physical optics that a run follows.
+
+    Parameters
+    ----------
+    edges : fringe waves of sharp metal edges; those of other surfaces are never simulated
+    between_edges : waves diffracted twice, between the edges of a face
+    one_rim : the two edges of a thin plate act as one rim
+    """
+
+    edges: bool = True
+    between_edges: bool = False
+    one_rim: bool = False
+
+
+LAWS = WaveLaws()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +95,7 @@ class MetalLines:
     normal : (n, 2, 3) float64, outward normals of both faces; zero where waves go all ways
     width : (n, 2) float64, m, of both faces across the line; infinite for curved surface
     radius : (n,) float64, m, of curvature across the line; 0 for sharp edges
+    reflection : (n,) float64, amplitude reflected by the surface at normal incidence; 1 for metal
     """
 
     along: F64
@@ -64,6 +104,7 @@ class MetalLines:
     normal: F64
     width: F64
     radius: F64
+    reflection: F64
 
     @property
     def n(self) -> int:
@@ -71,30 +112,32 @@ class MetalLines:
         return int(self.length.size)
 
 
-def metal_lines(corners: F64, wavelength: float) -> MetalLines:
-    """Lines of metal triangles, see :class:`MetalLines`.
+def metal_lines(corners: F64, reflection: F64, wavelength: float) -> MetalLines:
+    """Lines of triangles, see :class:`MetalLines`.
 
     Parameters
     ----------
     corners : (n, 3, 3) float64, m
+    reflection : (n,) float64, amplitude reflected at normal incidence, 1 for metal
     wavelength : m
+
+    Notes
+    -----
+    Ignores what hides a line, and which faces touch others that do not share their edges. Every triangle counts with
+    its own smooth piece of surface; a piece of several materials reflects as its mean.
     """
     corners = np.asarray(corners, dtype=np.float64)
     vertex = weld(corners.reshape(-1, 3))
-    pairs = edge_pairs(vertex)
-    piece = piece_of(corners, vertex, pairs)
+    piece = piece_of(corners, vertex, edge_pairs(vertex))
     edges = sharp_edges(corners, np.ones(len(corners), dtype=bool), WIDEST_GAP * wavelength)
-    sharp = _of_edges(edges, corners, piece)
-    curved = _of_curvature(corners, vertex, piece, wavelength)
-    return MetalLines(
-        *(
-            np.concatenate([getattr(sharp, name), getattr(curved, name)])
-            for name in ("along", "length", "coherent", "normal", "width", "radius")
-        )
+    parts = (
+        _of_edges(edges, corners, piece, reflection),
+        _of_curvature(corners, vertex, piece, reflection, wavelength),
     )
+    return MetalLines(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(MetalLines)))
 
 
-def _of_edges(edges: SharpEdges, corners: F64, piece: I64) -> MetalLines:
+def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64) -> MetalLines:
     """Sharp edges, their collinear pieces joined."""
     if not edges.n:
         return _none()
@@ -118,58 +161,60 @@ def _of_edges(edges: SharpEdges, corners: F64, piece: I64) -> MetalLines:
     coherent = np.bincount(chain, edges.length)[chain][pick]
     normal = edges.normal[pick].copy()
     normal[edges.angle[pick] > 2.0 - 1e-9] = 0.0
-    width = _widths(edges, corners, piece)
-    widths = np.stack([np.bincount(line, width[:, i] * edges.length) for i in range(2)], axis=1) / whole[:, None]
-    return MetalLines(along[pick], whole, coherent, normal, widths, np.zeros(pick.size))
+    faces, width = _widths(edges, corners, piece)
+    own = (np.bincount(piece, reflection) / np.bincount(piece))[faces].max(axis=1)
+    widths = (
+        np.stack([np.bincount(line, width[:, i] * edges.length) for i in range(2)], axis=1) / whole[:, None]
+    )
+    return MetalLines(along[pick], whole, coherent, normal, widths, np.zeros(pick.size), own[pick])
 
 
-def _widths(edges: SharpEdges, corners: F64, piece: I64) -> F64:
-    """(n, 2) extent, m, of the smooth piece of surface on both sides of each edge, mean over the edge's length."""
-    count = int(piece.max()) + 1
+def _widths(edges: SharpEdges, corners: F64, piece: I64) -> tuple[I64, F64]:
+    """Number (n, 2) of the smooth piece of surface on both sides of each edge, and its mean extent across it, m."""
     area = np.bincount(
-        piece, 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        piece,
+        0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1),
     )
     # triangle of each side of each edge: that whose middle is nearest across it
-    from scipy.spatial import cKDTree
-
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     sides = 0.5 * (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3)
-    tree = cKDTree(sides)
+    tree = scipy.spatial.cKDTree(sides)
     _, near = tree.query(edges.middle, k=min(6, len(sides)))
     near = near.reshape(edges.n, -1)
     found = np.zeros((edges.n, 2), dtype=np.int64)
     for i in range(2):
-        inside = np.einsum("eki,ei->ek", corners[near // 3].mean(axis=2) - edges.middle[:, None], edges.inward[:, i])
+        inside = np.einsum(
+            "eki,ei->ek", corners[near // 3].mean(axis=2) - edges.middle[:, None], edges.inward[:, i]
+        )
         level = np.abs(np.einsum("eki,ei->ek", normals[near // 3], edges.normal[:, i]))
         off = np.linalg.norm(sides[near] - edges.middle[:, None], axis=2)
         cost = off + 1e3 * ((inside <= 0.0) | (level < 0.99)) * (1.0 + np.ptp(corners))
         found[:, i] = piece[near[np.arange(edges.n), cost.argmin(axis=1)] // 3]
-    # length of each piece's outline of sharp edges that run this way
     width = np.empty((edges.n, 2))
     along = edges.along
     for i in range(2):
         for p in np.unique(found[:, i]):
             rows = np.flatnonzero(found[:, i] == p)
             points = corners[piece == p].reshape(-1, 3)
-            extent = ((points @ edges.inward[rows, i].T).max(axis=0)
-                      - np.einsum("ei,ei->e", edges.middle[rows], edges.inward[rows, i]))
+            extent = (points @ edges.inward[rows, i].T).max(axis=0) - np.einsum(
+                "ei,ei->e", edges.middle[rows], edges.inward[rows, i]
+            )
             run = np.ptp(points @ along[rows].T, axis=0)
             width[rows, i] = np.clip(area[p] / np.maximum(run, 1e-300), 1e-12, np.maximum(extent, 1e-12))
-    del count
-    return width
+    return found, width
 
 
-def _of_curvature(corners: F64, vertex: I64, piece: I64, wavelength: float) -> MetalLines:
+def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavelength: float) -> MetalLines:
     """Curved surface as rounded edges: each triangle turns by a share of half a turn over its area."""
     shape = facet_curvature(corners, piece, wavelength, vertex)
     if shape is None:
         return _none()
     rows = np.flatnonzero(np.abs(shape[:, :6]).max(axis=1) > 0.0)
+    stride = -(-rows.size // MOST_LINES)
+    rows = rows[::stride]
     s = shape[rows]
-    operator = np.stack(
-        [s[:, [0, 3, 4]], s[:, [3, 1, 5]], s[:, [4, 5, 2]]], axis=1
-    )
+    operator = np.stack([s[:, [0, 3, 4]], s[:, [3, 1, 5]], s[:, [4, 5, 2]]], axis=1)
     normal = np.cross(corners[rows, 1] - corners[rows, 0], corners[rows, 2] - corners[rows, 0])
     area = 0.5 * np.linalg.norm(normal, axis=1)
     normal /= np.maximum(2.0 * area, 1e-300)[:, None]
@@ -183,14 +228,121 @@ def _of_curvature(corners: F64, vertex: I64, piece: I64, wavelength: float) -> M
     other = np.sqrt(wavelength / np.maximum(bend[:, 1], 1e-12))
     return MetalLines(
         along,
-        area * bend[:, 0] / (2.0 * np.pi),
+        stride * area * bend[:, 0] / (2.0 * np.pi),
         np.minimum(other, extent),
         np.zeros((rows.size, 2, 3)),
         np.full((rows.size, 2), np.inf),
         radius,
+        reflection[rows],
     )
 
 
 def _none() -> MetalLines:
     e = np.zeros(0)
-    return MetalLines(np.zeros((0, 3)), e, e, np.zeros((0, 2, 3)), np.zeros((0, 2)), e)
+    return MetalLines(np.zeros((0, 3)), e, e, np.zeros((0, 2, 3)), np.zeros((0, 2)), e, e)
+
+
+def omitted_energy(
+    lines: MetalLines, directions: F64, channels: Sequence[str], wavelength: float, waves: SimulatedWaves
+) -> dict[str, F64]:
+    r"""Energy of the waves left out by cause, (n_directions, n_channels) float64 each, m^2, as an RCS.
+
+    Every line returns, for its straight length :math:`l` and the length :math:`l_c` that may add in phase,
+
+    .. math:: \sigma = \frac{D^2}{\pi} \min\left(l, \frac1{k |\hat s \cdot \hat t|}\right)
+        \min\left(l_c, \frac1{k |\hat s \cdot \hat t|}\right)
+
+    with the coefficients of :class:`WaveLaws`; lines add as energies, since their phases are unknown.
+
+    Parameters
+    ----------
+    lines : of the metal
+    directions : (n, 3) float64, unit vectors to the radar
+    channels : such as HH
+    wavelength : m
+    waves : that are simulated
+    """
+    k = 2.0 * np.pi / wavelength
+    law = LAWS
+    weights = _weights(lines, k, waves)
+    out = {name: np.zeros((len(directions), len(channels))) for name in weights}
+    tip = lines.coherent < 1.001 * lines.length
+    rim = ~lines.normal.any(axis=(1, 2))
+    step = max(1, _BLOCK // max(lines.n, 1))
+    for first in range(0, len(directions), step):
+        s = directions[first : first + step]
+        lean = np.abs(s @ lines.along.T)
+        reach = 1.0 / np.maximum(k * lean, 1e-12)
+        size = np.minimum(lines.length, reach) * np.minimum(np.maximum(lines.coherent, lines.length), reach)
+        size /= np.pi
+        lit = rim | (np.einsum("di,nfi->dnf", s, lines.normal) > 1e-3).any(axis=2)
+        shown = np.where(lit, 1.0, law.dark)
+        soft = np.stack([_soft(s, c, lines.along, lean) for c in channels], axis=2)
+        # curved edges and ends turn the polarisation
+        soft = (1.0 - law.mixed) * soft + law.mixed * soft.mean(axis=2, keepdims=True)
+        for name, (hard_d, soft_d, hard_tip, soft_tip) in weights.items():
+            if not (hard_d.any() or soft_d.any()):
+                continue
+            ends = np.where(tip, 1.0 / (np.pi * k * k), 0.0)
+            hard_e, soft_e = size * hard_d + ends * hard_tip, size * soft_d + ends * soft_tip
+            total = shown[..., None] * (hard_e[..., None] * (1.0 - soft) + soft_e[..., None] * soft)
+            out[name][first : first + step] += total.sum(axis=1)
+    return out
+
+
+def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tuple[F64, F64, F64, F64]]:
+    """Squared coefficients of every line by cause: hard and soft, and of its ends hard and soft, (n,) each."""
+    law, sharp = LAWS, lines.radius == 0.0
+    rim = (~lines.normal.any(axis=(1, 2))).astype(np.int64)
+    power = np.square(lines.reflection)
+    kw = k * np.maximum(lines.width, 1e-9)
+    nothing = np.zeros(lines.n)
+    found = {}
+    simulated = waves.edges & (lines.reflection > 1.0 - 1e-9)
+    fringe = np.where(sharp & ~simulated, law.fringe**2, 0.0) * power
+    found["edges left out"] = (fringe, fringe, nothing, nothing)
+
+    def between(which: NDArray[np.bool_], start: tuple[float, float], of: int) -> F64:
+        """Sum over both faces of the squared coefficient of waves over those of some widths."""
+        p = np.where(kw > 1.0, law.power[of], law.narrow[of])
+        d = np.array(start)[rim][:, None] * kw**-p
+        if waves.between_edges:  # those that cross the face twice are left
+            d = d * np.minimum(1.0, np.array(start)[rim][:, None] * kw**-p)
+        return np.asarray(np.where(which & sharp[:, None], np.square(d), 0.0).sum(axis=1) * power)
+
+    wide = kw >= ONE_EDGE
+    tips = tuple(np.square(np.array(t)[rim]) * sharp * power for t in (law.hard_tip, law.soft_tip))
+    found["between edges"] = (between(wide, law.hard, 0), between(wide, law.soft, 1), *tips)
+    if not waves.one_rim:
+        found["two edges as one"] = (
+            between(~wide, law.hard, 0),
+            between(~wide, law.soft, 1),
+            nothing,
+            nothing,
+        )
+    bent = ~sharp / (1.0 + np.square(k * lines.radius)) * power
+    for name, which in (
+        ("rounded edges", k * lines.radius < AS_EDGE),
+        ("curved surface", k * lines.radius >= AS_EDGE),
+    ):
+        found[name] = (law.curved[0] ** 2 * bent * which, law.curved[1] ** 2 * bent * which, nothing, nothing)
+    return found
+
+
+def _soft(directions: F64, channel: str, along: F64, lean: F64) -> F64:
+    """(n_directions, n) share of a channel's energy with the electric field along each line."""
+    vectors = dict(zip("HV", polarisation_vectors(directions), strict=True))
+    across = np.maximum(1.0 - lean * lean, 1e-12)
+    shares = []
+    for letter in channel:
+        parts = [vectors[letter]] if letter in vectors else list(vectors.values())
+        shares.append(np.mean([np.square(v @ along.T) for v in parts], axis=0) / across)
+    return np.clip(np.mean(shares, axis=0), 0.0, 1.0)
+
+
+def polarisation_vectors(directions: F64) -> tuple[F64, F64]:
+    """Horizontal and vertical unit vectors (n, 3) across directions (n, 3)."""
+    h = np.stack([-directions[:, 1], directions[:, 0], np.zeros(len(directions))], axis=1)
+    size = np.linalg.norm(h, axis=1, keepdims=True)
+    h = np.where(size > 1e-9, h / np.maximum(size, 1e-9), [0.0, 1.0, 0.0])
+    return h, np.cross(directions, h)

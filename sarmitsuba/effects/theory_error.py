@@ -1,0 +1,245 @@
+"""Expected error of physical optics and edge waves in dB, and its causes, for a pattern of radar cross sections."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sarmitsuba.arrays import C128, F64
+from sarmitsuba.effects.omitted_waves import LAWS, MetalLines, SimulatedWaves, metal_lines, omitted_energy
+from sarmitsuba.materials.fresnel import fresnel
+from sarmitsuba.materials.map_materials import with_parts
+from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.geometry import Geometry
+
+# dB below the peak down to which the error is stated
+STRONG_DB = 20.0
+# most triangles that are examined, and most directions
+MOST_FACES, MOST_DIRECTIONS = 60_000, 360
+# wavelengths: largest extent of a body in the Rayleigh region, and second largest of one that resonates as a wire does
+LEAST_SIZE, LEAST_WIDTH = 0.5, 0.2
+# a cause is named where its part of the mean square error is above this
+_NAMED = 0.15
+_LOG = 20.0 / math.log(10.0)
+REPEATED = "repeated bounces"
+
+
+def expected_square(ratio: F64) -> F64:
+    r"""Mean square of the error in dB of a level to which a wave of unknown phase is missing.
+
+    .. math:: \langle (20 \lg |1 + \rho e^{j \phi}|)^2 \rangle = \left(\frac{20}{\ln 10}\right)^2 \left[
+        \tfrac12 \mathrm{Li}_2(\min(\rho^2, \rho^{-2})) + \max(0, \ln \rho)^2 \right]
+
+    from the series of :math:`\ln |1 + z|`, whose terms are orthogonal over the phase.
+
+    Parameters
+    ----------
+    ratio : energy of the missing wave over that of the others, :math:`\rho^2`, any shape
+    """
+    r = np.maximum(np.asarray(ratio, dtype=np.float64), 1e-300)
+    inner = scipy.special.spence(1.0 - np.minimum(r, 1.0 / r))
+    return np.asarray(_LOG**2 * (0.5 * inner + np.square(np.maximum(0.5 * np.log(r), 0.0))))
+
+
+def rms_db(missing: F64, power: F64) -> F64:
+    """Expected rms error in dB where the level with the missing waves lies within ``STRONG_DB`` of its peak, (n_channels,).
+
+    Parameters
+    ----------
+    missing, power : (n_directions, n_channels) float64, m^2, energy of missing waves and simulated RCS
+    """
+    both = missing + power
+    strong = (both >= both.max(axis=0, initial=0.0) * 10.0 ** (-0.1 * STRONG_DB)) & (both > 0.0)
+    square = expected_square(missing / np.maximum(power, 1e-300)) * strong
+    return np.asarray(np.sqrt(square.sum(axis=0) / np.maximum(strong.sum(axis=0), 1)))
+
+
+def reflection_of(material: Material, wavelength: float) -> float:
+    """Modulus of the amplitude that a surface reflects at normal incidence."""
+    if material.metallic:
+        return 1.0
+    (part,) = with_parts([material])[:1]
+    gamma = complex(fresnel(1.0, part.permittivity)[0])
+    if part.thickness > 0.0:
+        phase = np.exp(-4j * np.pi * np.sqrt(complex(part.permittivity)) * part.thickness / wavelength)
+        gamma = gamma * (1.0 - phase) / (1.0 - gamma**2 * phase)
+    return min(abs(gamma), 1.0)
+
+
+@dataclass(frozen=True)
+class TheoryCause:
+    """One cause of the error of the theory: its text, and the rms error that it alone would have, dB."""
+
+    text: str
+    rms_db: float
+
+
+@dataclass(frozen=True, eq=False)
+class TheoryError:
+    """Energy of the waves that the theory leaves out, by direction, and its causes.
+
+    Parameters
+    ----------
+    missing : (n_directions, n_channels) float64, m^2, energy of the waves left out
+    rms_db : (n_channels,) float64, dB, expected rms error in the strong part of the pattern; infinite: not known
+    causes : the largest first
+    unknown : reason why the error is not known; empty where it is
+    doubtful : whether the reason calls for a warning: a body outside the theory, rather than one it says nothing of
+    """
+
+    missing: F64
+    rms_db: F64
+    causes: tuple[TheoryCause, ...]
+    unknown: str = ""
+    doubtful: bool = False
+
+    @property
+    def worst_db(self) -> float:
+        """Largest expected error of the channels, dB."""
+        return float(self.rms_db.max(initial=0.0))
+
+    @property
+    def text(self) -> str:
+        """Statement such as ``theory about 0.4 dB (waves between edges 2.3 wavelengths apart)``."""
+        if self.unknown:
+            return f"theory not known ({self.unknown})"
+        named = [c for c in self.causes if c.rms_db**2 > _NAMED * sum(x.rms_db**2 for x in self.causes)]
+        why = f" ({'; '.join(c.text for c in named)})" if named else ""
+        return f"theory {stated(self.worst_db)}{why}"
+
+
+def stated(error_db: float) -> str:
+    """Text of an expected error, dB: ``about 0.4 dB``, ``not better than 8 dB``."""
+    if not math.isfinite(error_db):
+        return "not known"
+    if error_db > 3.0:
+        return f"not better than {error_db:.0f} dB"
+    return f"about {max(error_db, 0.01):.1g} dB" if error_db < 1.0 else f"about {error_db:.1f} dB"
+
+
+def theory_error(
+    geometry: Geometry,
+    materials: Sequence[Material],
+    directions: F64,
+    amplitude: C128,
+    channels: Sequence[str],
+    wavelength: float,
+    waves: SimulatedWaves,
+) -> TheoryError:
+    """Expected error of a simulated pattern by what physical optics and edge waves leave out.
+
+    Parameters
+    ----------
+    geometry, materials : the target
+    directions : (n, 3) float64, unit vectors to the radar
+    amplitude : (n, n_orders, n_channels) complex128, m, simulated, by bounce order
+    channels : such as HH
+    wavelength : m
+    waves : that are simulated beyond physical optics
+
+    Notes
+    -----
+    Missing waves count by the laws of :mod:`sarmitsuba.effects.omitted_waves`, repeated bounces by a share of what they
+    return; their energies add. Not known: bodies smaller than half a wavelength or thinner than a fifth both ways,
+    bodies of a dielectric (waves inside are not simulated), and targets of more than ``MOST_FACES`` triangles.
+    """
+    shape = (len(directions), len(channels))
+    visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
+    corners = np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64)
+    if not len(corners):
+        return TheoryError(np.zeros(shape), np.zeros(shape[1]), ())
+    unknown, doubtful = _outside(
+        corners, [materials[i] for i in np.unique(geometry.face_material[visible])], wavelength
+    )
+    if unknown:
+        return TheoryError(np.full(shape, np.inf), np.full(shape[1], np.inf), (), unknown, doubtful)
+    by_material = np.array([reflection_of(m, wavelength) for m in materials])
+    lines = metal_lines(corners, by_material[geometry.face_material[visible]], wavelength)
+    power = np.square(np.abs(amplitude.sum(axis=1)))
+    some = _some(power)
+    missing = omitted_energy(lines, directions[some], channels, wavelength, waves)
+    missing[REPEATED] = _repeated(amplitude[some])
+    total = np.sum(list(missing.values()), axis=0)
+    causes = [
+        TheoryCause(
+            _cause_text(name, lines, directions[some], wavelength), float(rms_db(part, power[some]).max())
+        )
+        for name, part in missing.items()
+        if part.any()
+    ]
+    whole = np.zeros(shape)
+    order = np.argsort(some)
+    for i in range(shape[1]):
+        whole[:, i] = np.interp(np.arange(shape[0]), some[order], total[order, i])
+    return TheoryError(whole, rms_db(total, power[some]), tuple(sorted(causes, key=lambda c: -c.rms_db)))
+
+
+def _outside(corners: F64, materials: Sequence[Material], wavelength: float) -> tuple[str, bool]:
+    """Reason why the theory's error is not known, and whether to warn of it."""
+    bodies = [m for m in materials if not m.metallic and m.thickness <= 0.0]
+    if bodies:
+        return f"waves inside bodies of {bodies[0].name} and along their surface are not simulated", False
+    if len(corners) > MOST_FACES:
+        return f"{len(corners)} faces are too many to examine", False
+    points = corners.reshape(-1, 3)
+    points = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(points.T @ points)
+    extent = np.sort(np.ptp(points @ axes, axis=0)) / wavelength
+    if extent[2] < LEAST_SIZE:
+        return (
+            f"the body is {extent[2]:.2g} wavelengths large; below {LEAST_SIZE:g} it scatters as a dipole",
+            True,
+        )
+    if extent[1] < LEAST_WIDTH:
+        return f"the body is a rod {extent[1]:.2g} wavelengths thick; it resonates as a wire, see wires", True
+    return "", False
+
+
+def _some(power: F64) -> NDArray[np.intp]:
+    """Directions that are examined: the strongest of every channel, and others evenly."""
+    n = len(power)
+    even = np.arange(0, n, -(-n // MOST_DIRECTIONS))
+    return np.unique(np.concatenate([even, power.argmax(axis=0), [n - 1]]))
+
+
+def _repeated(amplitude: C128) -> F64:
+    """(n, n_channels) energy of the error of two and more bounces by ray optics, m^2."""
+    share = np.zeros(amplitude.shape[1])
+    share[1:2], share[2:] = LAWS.repeated
+    return np.asarray(np.einsum("noc,o->nc", np.square(np.abs(amplitude)), np.square(share)))
+
+
+def _cause_text(name: str, lines: MetalLines, directions: F64, wavelength: float) -> str:
+    """Text of a cause with the size that matters, wavelengths."""
+    sharp = lines.radius == 0.0
+    k = 2.0 * np.pi / wavelength
+
+    def mean(values: F64, weight: F64) -> str:
+        size = np.exp(np.average(np.log(np.maximum(values, 1e-12)), weights=weight)) / wavelength
+        return f"{size:.2g}"
+
+    width = lines.width.min(axis=1)
+    if name == "between edges" and sharp.any():
+        return (
+            f"waves between edges {mean(width[sharp], lines.length[sharp])} wavelengths apart, and their ends"
+        )
+    if name == "two edges as one":
+        thin = sharp & (k * width < 1.0)
+        return (
+            f"edges {mean(width[thin], lines.length[thin])} wavelengths apart act as one"
+            if thin.any()
+            else name
+        )
+    if name in ("rounded edges", "curved surface"):
+        rounded = ~sharp & ((k * lines.radius < 1.26) == (name == "rounded edges"))
+        if not rounded.any():
+            return name
+        size = mean(lines.radius[rounded], lines.length[rounded])
+        waves = "waves of rounded edges and tips" if name == "rounded edges" else "creeping waves"
+        return f"{waves}, radius {size} wavelengths"
+    if name == REPEATED:
+        return "several bounces by ray optics where waves are guided"
+    return "edges that are not simulated" if name == "edges left out" else name
