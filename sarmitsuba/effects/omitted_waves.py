@@ -156,9 +156,9 @@ def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64) -> M
     chain = connected(edges.n, a[on], b[on])
     straight = np.abs(np.einsum("ei,ei->e", along[a], along[b])) > 1.0 - 1e-6
     line = connected(edges.n, a[straight], b[straight])
-    whole = np.bincount(line, edges.length)
+    whole = np.asarray(np.bincount(line, edges.length), dtype=np.float64)
     _, pick = np.unique(line, return_index=True)
-    coherent = np.bincount(chain, edges.length)[chain][pick]
+    coherent = np.asarray(np.bincount(chain, edges.length)[chain][pick], dtype=np.float64)
     normal = edges.normal[pick].copy()
     normal[edges.angle[pick] > 2.0 - 1e-9] = 0.0
     faces, width = _widths(edges, corners, piece)
@@ -337,7 +337,7 @@ def _soft(directions: F64, channel: str, along: F64, lean: F64) -> F64:
     for letter in channel:
         parts = [vectors[letter]] if letter in vectors else list(vectors.values())
         shares.append(np.mean([np.square(v @ along.T) for v in parts], axis=0) / across)
-    return np.clip(np.mean(shares, axis=0), 0.0, 1.0)
+    return np.asarray(np.clip(np.mean(shares, axis=0), 0.0, 1.0))
 
 
 def polarisation_vectors(directions: F64) -> tuple[F64, F64]:

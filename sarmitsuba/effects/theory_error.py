@@ -45,7 +45,9 @@ def expected_square(ratio: F64) -> F64:
 
 
 def rms_db(missing: F64, power: F64) -> F64:
-    """Expected rms error in dB where the level with the missing waves lies within ``STRONG_DB`` of its peak, (n_channels,).
+    """Expected rms error, dB, (n_channels,), where the level with the missing waves lies near its peak.
+
+    The strong part lies within ``STRONG_DB`` of the peak.
 
     Parameters
     ----------

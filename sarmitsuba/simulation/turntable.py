@@ -30,6 +30,7 @@ from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
+from sarmitsuba.simulation.error_statement import ErrorStatement
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
@@ -83,6 +84,7 @@ class RcsSweep:
     result : scattering amplitudes, bounce orders apart
     max_depth : bounces that were traced
     error_db : of every channel, energy of the sampling error relative to the echoes, dB; NaN where nothing is traced
+    statement : of the error in dB by sampling, bounces left out and theory
     notes : one line each: assumptions
     """
 
@@ -91,6 +93,7 @@ class RcsSweep:
     result: RcsResult
     max_depth: int
     error_db: tuple[float, ...]
+    statement: ErrorStatement
     notes: tuple[str, ...] = ()
 
     @property
@@ -140,6 +143,7 @@ def rcs_sweep(
     Limitations are those of the kernel (no creeping waves, no waves between edges). Ground is part of the target,
     up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB, or until the rays
     of a direction (``most_rays``) or of the sweep (1e8) are spent; a larger error is noted, and warned of above -15 dB.
+    A total error above 3 dB, that of the theory included, is warned of.
     """
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
@@ -155,14 +159,15 @@ def rcs_sweep(
     shape = (aspects.azimuth.size, depth, len(channels))
     amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
     notes: tuple[str, ...] = ()
-    unfinished = np.zeros(aspects.azimuth.size, dtype=bool)
+    unfinished, left_db = np.zeros(aspects.azimuth.size, dtype=bool), -np.inf
     if scene.traced:
         first = tracing.amplitudes(aspects, 0)
         left = tracing.left(aspects, first.unfinished)
         if left is not None and not scene.settings.max_depth and left.depth > depth:
             tracing = dataclasses.replace(tracing, depth=left.depth)
             depth, first = left.depth, tracing.amplitudes(aspects, 0)
-        notes = left.notes(scene.name, depth) if left is not None else ()
+        if left is not None:
+            notes, left_db = left.notes(scene.name, depth), left.after(depth)
         if flags.edge_diffraction and tracing.site.edges.joined_text:
             notes += (f"{scene.name}: {tracing.site.edges.joined_text}",)
         if checked:
@@ -174,12 +179,16 @@ def rcs_sweep(
     for i in range(len(channels)):
         amplitude[:, 0, i] += points[:, i]
     check_traced(amplitude, 0.0, scene.name)
+    statement = ErrorStatement.of(scene, flags, aspects.directions, amplitude, errors, left_db)
+    if statement.warning:
+        warnings.warn(f"{scene.name}: {statement.warning}", SarmitsubaWarning, stacklevel=2)
     return RcsSweep(
         aspects,
         frequency,
         RcsResult(amplitude, channels, rays, spacing, depth, unfinished),
         depth,
         errors,
+        statement,
         _notes(scene, spacing) + notes,
     )
 
