@@ -21,8 +21,9 @@ MOST_LINES = 3000
 _BLOCK = 400_000
 # k times the width of a face, below which its two edges act as one; k times a radius, below which it acts as an edge
 ONE_EDGE, AS_EDGE = 1.0, 1.26
-# order of the causes where shares are equal
-CAUSES = ("edges left out", "between edges", "two edges as one", "rounded edges", "curved surface")
+# causes
+EDGES_OFF, BETWEEN, ONE_RIM = "edges left out", "between edges", "two edges as one"
+ROUNDED, CURVED = "rounded edges", "curved surface"
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,6 @@ class WaveLaws:
     dark : energy of edges of which both faces are turned away
     curved : of curved surface, hard and soft
     mixed : share of the energy that does not keep the polarisation
-    repeated : amplitude of the waves of orders from 2 (two bounces) and 3 on over those of ray optics
     """
 
     hard: tuple[float, float] = (1.27, 1.18)
@@ -61,7 +61,6 @@ class WaveLaws:
     dark: float = 0.5
     curved: tuple[float, float] = (0.75, 1.37)
     mixed: float = 0.65
-    repeated: tuple[float, float] = (0.42, 0.64)
 
 
 @dataclass(frozen=True)
@@ -105,6 +104,15 @@ class MetalLines:
     width: F64
     radius: F64
     reflection: F64
+
+    @property
+    def face_width(self) -> float:
+        """Mean width of the faces between sharp edges, m: geometric, of the narrower one; infinite without edges."""
+        sharp = self.radius == 0.0
+        if not sharp.any():
+            return float("inf")
+        narrow = np.log(np.maximum(self.width[sharp].min(axis=1), 1e-12))
+        return float(np.exp(np.average(narrow, weights=self.length[sharp])))
 
     @property
     def n(self) -> int:
@@ -300,7 +308,7 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
     found = {}
     simulated = waves.edges & (lines.reflection > 1.0 - 1e-9)
     fringe = np.where(sharp & ~simulated, law.fringe**2, 0.0) * power
-    found["edges left out"] = (fringe, fringe, nothing, nothing)
+    found[EDGES_OFF] = (fringe, fringe, nothing, nothing)
 
     def between(which: NDArray[np.bool_], start: tuple[float, float], of: int) -> F64:
         """Sum over both faces of the squared coefficient of waves over those of some widths."""
@@ -312,9 +320,9 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
 
     wide = kw >= ONE_EDGE
     tips = tuple(np.square(np.array(t)[rim]) * sharp * power for t in (law.hard_tip, law.soft_tip))
-    found["between edges"] = (between(wide, law.hard, 0), between(wide, law.soft, 1), *tips)
+    found[BETWEEN] = (between(wide, law.hard, 0), between(wide, law.soft, 1), *tips)
     if not waves.one_rim:
-        found["two edges as one"] = (
+        found[ONE_RIM] = (
             between(~wide, law.hard, 0),
             between(~wide, law.soft, 1),
             nothing,
@@ -322,8 +330,8 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
         )
     bent = ~sharp / (1.0 + np.square(k * lines.radius)) * power
     for name, which in (
-        ("rounded edges", k * lines.radius < AS_EDGE),
-        ("curved surface", k * lines.radius >= AS_EDGE),
+        (ROUNDED, k * lines.radius < AS_EDGE),
+        (CURVED, k * lines.radius >= AS_EDGE),
     ):
         found[name] = (law.curved[0] ** 2 * bent * which, law.curved[1] ** 2 * bent * which, nothing, nothing)
     return found

@@ -9,7 +9,19 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
-from sarmitsuba.effects.omitted_waves import LAWS, MetalLines, SimulatedWaves, metal_lines, omitted_energy
+from sarmitsuba.effects.omitted_waves import (
+    AS_EDGE,
+    BETWEEN,
+    CURVED,
+    EDGES_OFF,
+    ONE_EDGE,
+    ONE_RIM,
+    ROUNDED,
+    MetalLines,
+    SimulatedWaves,
+    metal_lines,
+    omitted_energy,
+)
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
@@ -163,12 +175,11 @@ def theory_error(
     power = np.square(np.abs(amplitude.sum(axis=1)))
     some = _some(power)
     missing = omitted_energy(lines, directions[some], channels, wavelength, waves)
-    missing[REPEATED] = _repeated(amplitude[some])
+    extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    missing[REPEATED] = _repeated(amplitude[some], min(lines.face_width, extent) / wavelength)
     total = np.sum(list(missing.values()), axis=0)
     causes = [
-        TheoryCause(
-            _cause_text(name, lines, directions[some], wavelength), float(rms_db(part, power[some]).max())
-        )
+        TheoryCause(_cause_text(name, lines, wavelength), float(rms_db(part, power[some]).max()))
         for name, part in missing.items()
         if part.any()
     ]
@@ -207,41 +218,39 @@ def _some(power: F64) -> NDArray[np.intp]:
     return np.unique(np.concatenate([even, power.argmax(axis=0), [n - 1]]))
 
 
-def _repeated(amplitude: C128) -> F64:
-    """(n, n_channels) energy of the error of two and more bounces by ray optics, m^2."""
-    share = np.zeros(amplitude.shape[1])
-    share[1:2], share[2:] = LAWS.repeated
+def _repeated(amplitude: C128, width: float) -> F64:
+    r"""(n, n_channels) energy of the error of two and more bounces by ray optics, m^2.
+
+    Of n bounces between faces of the width w, in wavelengths, the share
+
+    .. math:: \min\left(1, \frac{n - 1}{w}\right)
+
+    of the amplitude: one over the Fresnel number of a face seen from the one n - 1 widths before. Beyond it waves have
+    spread over all walls, and rays do not give the phase of the modes.
+    """
+    share = np.minimum(1.0, np.arange(amplitude.shape[1]) / max(width, 1e-9))
     return np.asarray(np.einsum("noc,o->nc", np.square(np.abs(amplitude)), np.square(share)))
 
 
-def _cause_text(name: str, lines: MetalLines, directions: F64, wavelength: float) -> str:
+def _cause_text(name: str, lines: MetalLines, wavelength: float) -> str:
     """Text of a cause with the size that matters, wavelengths."""
-    sharp = lines.radius == 0.0
-    k = 2.0 * np.pi / wavelength
-
-    def mean(values: F64, weight: F64) -> str:
-        size = np.exp(np.average(np.log(np.maximum(values, 1e-12)), weights=weight)) / wavelength
-        return f"{size:.2g}"
-
-    width = lines.width.min(axis=1)
-    if name == "between edges" and sharp.any():
-        return (
-            f"waves between edges {mean(width[sharp], lines.length[sharp])} wavelengths apart, and their ends"
-        )
-    if name == "two edges as one":
-        thin = sharp & (k * width < 1.0)
-        return (
-            f"edges {mean(width[thin], lines.length[thin])} wavelengths apart act as one"
-            if thin.any()
-            else name
-        )
-    if name in ("rounded edges", "curved surface"):
-        rounded = ~sharp & ((k * lines.radius < 1.26) == (name == "rounded edges"))
-        if not rounded.any():
-            return name
-        size = mean(lines.radius[rounded], lines.length[rounded])
-        waves = "waves of rounded edges and tips" if name == "rounded edges" else "creeping waves"
-        return f"{waves}, radius {size} wavelengths"
+    sharp, k = lines.radius == 0.0, 2.0 * np.pi / wavelength
+    across = f"{lines.face_width / wavelength:.2g} wavelengths"
+    if name == EDGES_OFF:
+        return "edges that are not simulated"
+    if name == BETWEEN:
+        return f"waves between edges {across} apart, and their ends"
     if name == REPEATED:
-        return "several bounces by ray optics where waves are guided"
-    return "edges that are not simulated" if name == "edges left out" else name
+        return f"several bounces by ray optics{f' between faces {across} wide' if sharp.any() else ''}"
+    if name == ONE_RIM:
+        values, chosen = lines.width.min(axis=1), sharp & (k * lines.width < ONE_EDGE).any(axis=1)
+        text = "edges {} wavelengths apart act as one"
+    else:
+        values, chosen = lines.radius, ~sharp & ((k * lines.radius < AS_EDGE) == (name == ROUNDED))
+        text = "waves of rounded edges and tips, radius {} wavelengths"
+        if name == CURVED:
+            text = "creeping waves, radius {} wavelengths"
+    if not chosen.any():
+        return name
+    size = np.exp(np.average(np.log(np.maximum(values[chosen], 1e-12)), weights=lines.length[chosen]))
+    return text.format(f"{size / wavelength:.2g}")
