@@ -1,9 +1,11 @@
 """One statement of the error of radar cross sections: sampling, bounces left out, and theory."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.flags import KernelFlags
@@ -22,21 +24,19 @@ _FULL_WAVE = "take a full-wave solver for single levels"
 
 @dataclass(frozen=True, eq=False)
 class ErrorStatement:
-    """Expected rms error, dB, of levels within ``STRONG_DB`` of the peak, (n_channels,) each; infinite: not known.
+    """Expected rms error, dB, of levels within ``STRONG_DB`` of the peak; infinite: not known.
 
     Parameters
     ----------
-    sampling_db : by the sampling with rays; NaN: not measured
-    bounces_db : by bounces left out
-    theory_db : by waves that are not simulated
-    total_db : by all of them; errors whose size is not measured are left out
-    theory : causes of the theory's error
+    power : (n_directions, n_channels) float64, m^2, simulated
+    sampling, bounces : (n_channels,) float64, m^2, energy of the sampling error and of the bounces left out in a
+        direction; NaN: not measured
+    theory : waves that are not simulated, and its causes
     """
 
-    sampling_db: F64
-    bounces_db: F64
-    theory_db: F64
-    total_db: F64
+    power: F64
+    sampling: F64
+    bounces: F64
     theory: TheoryError
 
     @staticmethod
@@ -57,36 +57,59 @@ class ErrorStatement:
         directions : (n, 3) float64, unit vectors to the radar
         amplitude : (n, n_orders, n_channels) complex128, m
         sampling_db : of every channel, energy of the sampling error over that of the echoes, dB; NaN: not measured
-        left_db : energy of the bounces left out over that of all, dB; -inf: none
+        left_db : energy of the bounces left out over that of all, dB; -inf: none, NaN: not known
 
         Notes
         -----
         Energies of sampling and bounces left out are spread evenly over the directions.
         """
         waves = SimulatedWaves(edges=flags.edge_diffraction)
+        wavelength = scene.radar.waveform.wavelength
         theory = theory_error(
-            scene.geometry,
-            scene.materials,
-            directions,
-            amplitude,
-            flags.channels,
-            scene.radar.waveform.wavelength,
-            waves,
+            scene.geometry, scene.materials, directions, amplitude, flags.channels, wavelength, waves
         )
         power = np.square(np.abs(amplitude.sum(axis=1)))
-        level = np.nan_to_num(10.0 ** (0.1 * np.asarray(sampling_db, dtype=np.float64)))
-        sampling = np.broadcast_to(level * power.mean(axis=0), power.shape)
+        level = 10.0 ** (0.1 * np.asarray(sampling_db, dtype=np.float64))
         left = 0.0 if math.isnan(left_db) else 10.0 ** (0.1 * left_db)
-        bounces = np.broadcast_to(left * power.mean(axis=0), power.shape)
-        known = np.where(np.isnan(sampling_db), np.nan, 1.0)
-        total = rms_db(sampling + bounces + theory.missing, power)
-        return ErrorStatement(
-            known * rms_db(sampling, power),
-            rms_db(bounces, power),
-            theory.rms_db,
-            np.where(np.isfinite(theory.rms_db), total, np.inf),
-            theory,
+        mean = power.mean(axis=0)
+        return ErrorStatement(power, level * mean, left * mean, theory)
+
+    @cached_property
+    def sampling_db(self) -> F64:
+        """By the sampling with rays, (n_channels,)."""
+        known = np.where(np.isnan(self.sampling), np.nan, 1.0)
+        return np.asarray(known * rms_db(self._spread(self.sampling), self.power))
+
+    @cached_property
+    def bounces_db(self) -> F64:
+        """By bounces left out, (n_channels,)."""
+        return rms_db(self._spread(self.bounces), self.power)
+
+    @property
+    def theory_db(self) -> F64:
+        """By waves that are not simulated, (n_channels,)."""
+        return self.theory.rms_db
+
+    @cached_property
+    def total_db(self) -> F64:
+        """By all of them, (n_channels,); errors whose size is not measured are left out."""
+        if self.theory.unknown:
+            return self.theory.rms_db
+        return rms_db(
+            self._spread(self.sampling) + self._spread(self.bounces) + self.theory.missing, self.power
         )
+
+    def over(self, rows: NDArray[np.bool_]) -> "ErrorStatement":
+        """Statement on some of the directions, whose own peak counts; causes as before."""
+        missing = self.theory.missing[rows]
+        level = self.theory.rms_db if self.theory.unknown else rms_db(missing, self.power[rows])
+        return replace(
+            self, power=self.power[rows], theory=replace(self.theory, missing=missing, rms_db=level)
+        )
+
+    def _spread(self, energy: F64) -> F64:
+        """Energy (n_channels,) at every direction; 0 where it is not known."""
+        return np.broadcast_to(np.nan_to_num(energy), self.power.shape)
 
     @property
     def worst_db(self) -> float:
