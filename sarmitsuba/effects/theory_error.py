@@ -179,7 +179,7 @@ def theory_error(
     missing[REPEATED] = _repeated(amplitude[some], min(lines.face_width, extent) / wavelength)
     total = np.sum(list(missing.values()), axis=0)
     causes = [
-        TheoryCause(_cause_text(name, lines, wavelength), float(rms_db(part, power[some]).max()))
+        TheoryCause(cause_text(name, lines, wavelength), float(rms_db(part, power[some]).max()))
         for name, part in missing.items()
         if part.any()
     ]
@@ -232,7 +232,7 @@ def _repeated(amplitude: C128, width: float) -> F64:
     return np.asarray(np.einsum("noc,o->nc", np.square(np.abs(amplitude)), np.square(share)))
 
 
-def _cause_text(name: str, lines: MetalLines, wavelength: float) -> str:
+def cause_text(name: str, lines: MetalLines, wavelength: float) -> str:
     """Text of a cause with the size that matters, wavelengths."""
     sharp, k = lines.radius == 0.0, 2.0 * np.pi / wavelength
     across = f"{lines.face_width / wavelength:.2g} wavelengths"

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.omitted_waves import SimulatedWaves
-from sarmitsuba.effects.theory_error import STRONG_DB, TheoryError, rms_db, stated, theory_error
+from sarmitsuba.effects.omitted_waves import SimulatedWaves, metal_lines, omitted_energy
+from sarmitsuba.effects.theory_error import STRONG_DB, TheoryError, cause_text, rms_db, stated, theory_error
 from sarmitsuba.scene.scene import Scene
 
 # dB, total error above which a sweep is warned of
 DOUBTFUL_DB = 3.0
+# most metal faces that an image's account examines, and positions of its aperture
+MOST_IMAGE_FACES, APERTURE = 20_000, 9
 _REMEDIES = {
     "edges that are not simulated": "switch edge_diffraction on",
     "act as one": "describe the plate as a sheet without thickness",
@@ -176,3 +178,55 @@ def _level(values: F64) -> str:
 
 def _finite(value: float) -> float | None:
     return round(float(value), 3) if math.isfinite(value) else None
+
+
+def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
+    """Energy of the waves that the metal of a scene sends and a run does not follow, for an image's metadata.
+
+    Mean over the aperture of their RCS, m^2, which by Parseval's theorem is their energy in the image in resolution
+    cells times m^2. Empty without metal and where nothing is coherent.
+
+    Parameters
+    ----------
+    scene : as simulated
+    flags : effects that are simulated
+
+    Notes
+    -----
+    Ignores shadows, the beam, and waves of surfaces that are not metal. Where all is metal, ``repeated_share`` is the
+    share of the energy of two bounces and more by which ray optics is wrong; beside other surfaces it is not known.
+    """
+    geometry, metallic = (
+        scene.geometry,
+        np.array([m.metallic and not m.invisible for m in scene.materials], dtype=bool),
+    )
+    metal = metallic[geometry.face_material] if geometry.n_faces else np.zeros(0, dtype=bool)
+    if not metal.any() or not flags.coherent:
+        return {}
+    if metal.sum() > MOST_IMAGE_FACES:
+        return {"why": f"{int(metal.sum())} metal faces are too many to examine"}
+    corners = np.asarray(geometry.vertices[geometry.faces[metal]], dtype=np.float64)
+    wavelength = scene.radar.waveform.wavelength
+    lines = metal_lines(corners, np.ones(len(corners)), wavelength)
+    place = scene.radar.track.position
+    away = place[
+        np.linspace(0, len(place) - 1, min(len(place), APERTURE)).round().astype(int)
+    ] - corners.mean(axis=(0, 1))
+    look = away / np.linalg.norm(away, axis=1, keepdims=True)
+    channels = scene.radar.channels
+    waves = SimulatedWaves(edges=flags.edge_diffraction)
+    by_cause = {
+        cause_text(name, lines, wavelength): energy.mean(axis=0)
+        for name, energy in omitted_energy(lines, look, channels, wavelength, waves).items()
+    }
+    total = np.sum(list(by_cause.values()), axis=0)
+    largest = max(by_cause, key=lambda text: float(by_cause[text].max()))
+    found: dict[str, object] = {
+        "energy_m2": {c: float(v) for c, v in zip(channels, total, strict=True)},
+        "why": largest,
+    }
+    seen = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
+    if flags.multi_bounce and metal[seen].all():
+        extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+        found["repeated_share"] = min(1.0, wavelength / max(min(lines.face_width, extent), 1e-9)) ** 2
+    return found
