@@ -20,7 +20,15 @@ _THREE = np.array([[2, 1, 1], [1, 2, 1], [1, 1, 2]]) / 4.0 * np.array([1.0]) - n
 _THREE = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6.0
 _A, _B, _P, _Q = 0.059715871789770, 0.470142064105115, 0.797426985353087, 0.101286507323456
 _SEVEN = np.array(
-    [[1 / 3, 1 / 3, 1 / 3], [_A, _B, _B], [_B, _A, _B], [_B, _B, _A], [_P, _Q, _Q], [_Q, _P, _Q], [_Q, _Q, _P]]
+    [
+        [1 / 3, 1 / 3, 1 / 3],
+        [_A, _B, _B],
+        [_B, _A, _B],
+        [_B, _B, _A],
+        [_P, _Q, _Q],
+        [_Q, _P, _Q],
+        [_Q, _Q, _P],
+    ]
 )
 _WEIGHTS = np.array([0.225] + [0.132394152788506] * 3 + [0.125939180544827] * 3)
 # pairs nearer than so many sizes of the source triangle
@@ -35,7 +43,9 @@ def welded(patches: list[Mesh]) -> Mesh:
     points = np.concatenate([p for p, _ in patches])
     offset = np.cumsum([0] + [len(p) for p, _ in patches])
     faces = np.concatenate([f + o for (_, f), o in zip(patches, offset[:-1], strict=True)])
-    _, first, number = np.unique(np.round(points * 1e7).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    _, first, number = np.unique(
+        np.round(points * 1e7).astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
     faces = number.reshape(-1)[faces]
     keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     return points[first], faces[keep]
@@ -117,7 +127,9 @@ def revolved(profile: ArrayLike, step: float) -> Mesh:
 
 def _rwg(faces: I64) -> tuple[I64, F64, int]:
     """Number of the function of each side of each triangle (-1 at rims), its sign, and their count; side i lacks corner i."""
-    ends = np.sort(np.stack([faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 1]]], axis=1), axis=2).reshape(-1, 2)
+    ends = np.sort(np.stack([faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 1]]], axis=1), axis=2).reshape(
+        -1, 2
+    )
     _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
     number = number.reshape(-1)
     if (count > 2).any():
@@ -150,8 +162,13 @@ def _pole(points: F64, corners: F64) -> tuple[F64, F64]:
         r_low, r_high = np.sqrt(r0 + low * low), np.sqrt(r0 + high * high)
         # the larger of two equal forms
         up = low + high > 0.0
-        log = np.log(np.where(up, (r_high + high) / np.maximum(r_low + low, 1e-30),
-                              (r_low - low) / np.maximum(r_high - high, 1e-30)))
+        log = np.log(
+            np.where(
+                up,
+                (r_high + high) / np.maximum(r_low + low, 1e-30),
+                (r_low - low) / np.maximum(r_high - high, 1e-30),
+            )
+        )
         turn = np.arctan2(t * high, r0 + d * r_high) - np.arctan2(t * low, r0 + d * r_low)
         whole += t * log - d * turn
         vector += 0.5 * out[:, None] * (r0 * log + high * r_high - low * r_low)[..., None]
@@ -161,7 +178,9 @@ def _pole(points: F64, corners: F64) -> tuple[F64, F64]:
 def _moments(corners: F64) -> tuple[C128, C128, C128, C128]:
     """Integrals of G, r G, r' G and r.r' G over all pairs of triangles: (n, n), (n, n, 3), (n, n, 3), (n, n)."""
     n = len(corners)
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     x = np.einsum("qc,nci->nqi", _THREE, corners)
     one, dot = np.zeros((n, n), np.complex64), np.zeros((n, n), np.complex64)
     test, source = np.zeros((3, n, n), np.complex64), np.zeros((3, n, n), np.complex64)
@@ -224,7 +243,9 @@ def amplitudes(mesh: Mesh, looks: ArrayLike) -> C128:
     looks = np.asarray(looks, dtype=np.float64)
     corners = vertices[faces]
     label, sign, n = _rwg(faces)
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     length = np.linalg.norm(corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]], axis=2)
     scale = sign * length / (2.0 * area[:, None])  # of r minus the corner
     one, test, source, dot = _moments(corners)
@@ -242,9 +263,9 @@ def amplitudes(mesh: Mesh, looks: ArrayLike) -> C128:
                 value -= vj[None, :, c].astype(np.float32) * test[c][at]
             value *= si[:, None] * sj[None]
             half = np.zeros((n, len(columns)), np.complex64)
-            np.add.at(half, label[rows, i], value) if len(np.unique(label[rows, i])) < len(rows) else half.__setitem__(
-                label[rows, i], value
-            )
+            np.add.at(half, label[rows, i], value) if len(np.unique(label[rows, i])) < len(
+                rows
+            ) else half.__setitem__(label[rows, i], value)
             np.add.at(matrix.T, label[columns, j], half.T)
     matrix *= np.complex64(1j * K)
     azimuth = np.arctan2(looks[:, 1], looks[:, 0])
@@ -284,8 +305,10 @@ def main() -> int:
         found = amplitudes(mesh, [[1.0, 0.0, 0.0], [0.6, 0.0, 0.8], [0.0, 0.8, 0.6]])
         exact = np.pi * radius**2 * theory.sphere_mie(K * radius)
         off = 20.0 * np.log10(np.abs(found)) - 10.0 * np.log10(exact)
-        print(f"sphere of radius {radius}: {np.abs(off).max():.2f} dB off the series; {len(mesh[1])} triangles, "
-              f"{time.process_time() - start:.1f} CPU s")
+        print(
+            f"sphere of radius {radius}: {np.abs(off).max():.2f} dB off the series; {len(mesh[1])} triangles, "
+            f"{time.process_time() - start:.1f} CPU s"
+        )
     cut = np.radians(np.arange(0.0, 91.0, 15.0))
     looks = np.stack([np.sin(cut), 0.0 * cut, np.cos(cut)], axis=1)
     for step in (0.1, 0.06):
@@ -293,7 +316,11 @@ def main() -> int:
         mesh = rectangle([-1.15, -0.65, 0.0], [2.3, 0.0, 0.0], [0.0, 1.3, 0.0], step)
         found = amplitudes(welded([mesh]), looks)
         with np.errstate(divide="ignore"):
-            print(step, np.round(20.0 * np.log10(np.abs(found.T)), 2), f"{time.process_time() - start:.1f} CPU s")
+            print(
+                step,
+                np.round(20.0 * np.log10(np.abs(found.T)), 2),
+                f"{time.process_time() - start:.1f} CPU s",
+            )
     return 0
 
 

@@ -37,7 +37,9 @@ def _log(rng: np.random.Generator, *bounds: tuple[float, float]) -> list[float]:
 
 
 def _plate(s: list[float], step: float) -> moments.Mesh:
-    return moments.welded([moments.rectangle([0.0, -0.5 * s[0], -0.5 * s[1]], [0, s[0], 0], [0, 0, s[1]], step)])
+    return moments.welded(
+        [moments.rectangle([0.0, -0.5 * s[0], -0.5 * s[1]], [0, s[0], 0], [0, 0, s[1]], step)]
+    )
 
 
 def _box(s: list[float], step: float) -> moments.Mesh:
@@ -82,13 +84,17 @@ def _ogive(s: list[float], step: float) -> moments.Mesh:
     z = np.linspace(-half, half, 41 if step > 1.0 else max(9, int(2.2 * half / step)))
     r = np.maximum(np.sqrt(arc**2 - z**2) - (arc - radius), 0.0)
     r[[0, -1]] = 0.0
-    return moments.revolved(np.column_stack([r, z]), min(_smooth(step), 2.0 * np.pi * radius / (64 if step > 1 else 8)))
+    return moments.revolved(
+        np.column_stack([r, z]), min(_smooth(step), 2.0 * np.pi * radius / (64 if step > 1 else 8))
+    )
 
 
 def _cone(s: list[float], step: float) -> moments.Mesh:
     r, h = s
-    return moments.revolved([[0.0, -0.5 * h], [r, -0.5 * h], [0.0, 0.5 * h]],
-                            min(_smooth(step), 2.0 * np.pi * r / (64 if step > 1.0 else 8)))
+    return moments.revolved(
+        [[0.0, -0.5 * h], [r, -0.5 * h], [0.0, 0.5 * h]],
+        min(_smooth(step), 2.0 * np.pi * r / (64 if step > 1.0 else 8)),
+    )
 
 
 def _open_box(s: list[float], step: float) -> moments.Mesh:
@@ -119,7 +125,9 @@ FAMILIES = {
     "ogive": Family(lambda r: _log(r, (0.5, 2.2), (0.15, 0.5)), _ogive),
     "cone": Family(lambda r: _log(r, (0.2, 0.7), (0.4, 2.5)), _cone),
     "open_box": Family(lambda r: _log(r, (0.5, 1.8), (0.5, 1.8), (0.5, 2.2)), _open_box),
-    "corner": Family(lambda r: [*_log(r, (0.7, 2.2), (0.7, 2.2), (0.7, 2.5)), float(r.uniform(50.0, 130.0))], _corner),
+    "corner": Family(
+        lambda r: [*_log(r, (0.7, 2.2), (0.7, 2.2), (0.7, 2.5)), float(r.uniform(50.0, 130.0))], _corner
+    ),
     "rod": Family(lambda r: _log(r, (0.02, 0.06), (0.3, 1.5)), _cylinder),
     "tiny": Family(lambda r: _log(r, (0.05, 0.4), (0.05, 0.4), (0.05, 0.4)), _box),
 }
@@ -138,9 +146,16 @@ def drawn(seed: int, each: int) -> list[dict[str, object]]:
     for number in range(each):
         for name, family in FAMILIES.items():
             while True:
-                turn = Rotation.random(random_state=rng).as_quat() if number % 2 else np.array([0.0, 0.0, 0.0, 1.0])
-                entry = {"family": name, "sizes": [round(x, 4) for x in family.sizes(rng)],
-                         "turn": [round(float(x), 6) for x in turn]}
+                turn = (
+                    Rotation.random(random_state=rng).as_quat()
+                    if number % 2
+                    else np.array([0.0, 0.0, 0.0, 1.0])
+                )
+                entry = {
+                    "family": name,
+                    "sizes": [round(x, 4) for x in family.sizes(rng)],
+                    "turn": [round(float(x), 6) for x in turn],
+                }
                 if len(body_mesh(entry, STEP)[1]) <= MOST_TRIANGLES:
                     break
             found.append(entry)
@@ -156,7 +171,9 @@ def solve(entry: dict[str, object]) -> dict[str, object]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("file", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--each", type=int, default=5)
@@ -165,8 +182,14 @@ def main() -> int:
     for entry in drawn(args.seed, args.each):
         start = time.process_time()
         bodies.append(solve(entry))
-        print(entry["family"], entry["sizes"], len(body_mesh(entry, STEP)[1]), "triangles,",
-              f"{time.process_time() - start:.0f} CPU s", flush=True)
+        print(
+            entry["family"],
+            entry["sizes"],
+            len(body_mesh(entry, STEP)[1]),
+            "triangles,",
+            f"{time.process_time() - start:.0f} CPU s",
+            flush=True,
+        )
         args.file.write_text("[\n" + ",\n".join(json.dumps(b) for b in bodies) + "\n]\n", encoding="utf-8")
     return 0
 

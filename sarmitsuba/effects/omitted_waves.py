@@ -17,6 +17,8 @@ from sarmitsuba.mesh.welding import weld
 
 # lines that are evaluated at most: of more, curved ones are thinned out
 MOST_LINES = 3000
+# energy of a sheet's waves over the share of both fields in its plane: full where the field leans by 45 degrees
+GRAZING = 4.0
 # products of lines and directions at a time
 _BLOCK = 400_000
 # k times the width of a face, below which its two edges act as one; k times a radius, below which it acts as an edge
@@ -92,6 +94,7 @@ class MetalLines:
     length : (n,) float64, m, of the straight piece
     coherent : (n,) float64, m, that at most adds in phase
     normal : (n, 2, 3) float64, outward normals of both faces; zero where waves go all ways
+    sheet : (n, 3) float64, normal of the sheet whose rim it is; zero for others
     width : (n, 2) float64, m, of both faces across the line; infinite for curved surface
     radius : (n,) float64, m, of curvature across the line; 0 for sharp edges
     reflection : (n,) float64, amplitude reflected by the surface at normal incidence; 1 for metal
@@ -101,6 +104,7 @@ class MetalLines:
     length: F64
     coherent: F64
     normal: F64
+    sheet: F64
     width: F64
     radius: F64
     reflection: F64
@@ -168,13 +172,15 @@ def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64) -> M
     _, pick = np.unique(line, return_index=True)
     coherent = np.asarray(np.bincount(chain, edges.length)[chain][pick], dtype=np.float64)
     normal = edges.normal[pick].copy()
-    normal[edges.angle[pick] > 2.0 - 1e-9] = 0.0
+    rim = edges.angle[pick] > 2.0 - 1e-9
+    sheet = np.where(rim[:, None], normal[:, 0], 0.0)
+    normal[rim] = 0.0
     faces, width = _widths(edges, corners, piece)
     own = (np.bincount(piece, reflection) / np.bincount(piece))[faces].max(axis=1)
     widths = (
         np.stack([np.bincount(line, width[:, i] * edges.length) for i in range(2)], axis=1) / whole[:, None]
     )
-    return MetalLines(along[pick], whole, coherent, normal, widths, np.zeros(pick.size), own[pick])
+    return MetalLines(along[pick], whole, coherent, normal, sheet, widths, np.zeros(pick.size), own[pick])
 
 
 def _widths(edges: SharpEdges, corners: F64, piece: I64) -> tuple[I64, F64]:
@@ -239,6 +245,7 @@ def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavele
         stride * area * bend[:, 0] / (2.0 * np.pi),
         np.minimum(other, extent),
         np.zeros((rows.size, 2, 3)),
+        np.zeros((rows.size, 3)),
         np.full((rows.size, 2), np.inf),
         radius,
         reflection[rows],
@@ -247,7 +254,7 @@ def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavele
 
 def _none() -> MetalLines:
     e = np.zeros(0)
-    return MetalLines(np.zeros((0, 3)), e, e, np.zeros((0, 2, 3)), np.zeros((0, 2)), e, e)
+    return MetalLines(np.zeros((0, 3)), e, e, np.zeros((0, 2, 3)), np.zeros((0, 3)), np.zeros((0, 2)), e, e)
 
 
 def omitted_energy(
@@ -260,7 +267,8 @@ def omitted_energy(
     .. math:: \sigma = \frac{D^2}{\pi} \min\left(l, \frac1{k |\hat s \cdot \hat t|}\right)
         \min\left(l_c, \frac1{k |\hat s \cdot \hat t|}\right)
 
-    with the coefficients of :class:`WaveLaws`; lines add as energies, since their phases are unknown.
+    with the coefficients of :class:`WaveLaws`; of rims less where the electric field is nearly across their sheet, in
+    which it drives no current. Lines add as energies, since their phases are unknown.
 
     Parameters
     ----------
@@ -275,7 +283,7 @@ def omitted_energy(
     weights = _weights(lines, k, waves)
     out = {name: np.zeros((len(directions), len(channels))) for name in weights}
     tip = lines.coherent < 1.001 * lines.length
-    rim = ~lines.normal.any(axis=(1, 2))
+    all_round = ~lines.normal.any(axis=(1, 2))
     step = max(1, _BLOCK // max(lines.n, 1))
     for first in range(0, len(directions), step):
         s = directions[first : first + step]
@@ -283,9 +291,11 @@ def omitted_energy(
         reach = 1.0 / np.maximum(k * lean, 1e-12)
         size = np.minimum(lines.length, reach) * np.minimum(np.maximum(lines.coherent, lines.length), reach)
         size /= np.pi
-        lit = rim | (np.einsum("di,nfi->dnf", s, lines.normal) > 1e-3).any(axis=2)
+        lit = all_round | (np.einsum("di,nfi->dnf", s, lines.normal) > 1e-3).any(axis=2)
         shown = np.where(lit, 1.0, law.dark)
         soft = np.stack([_soft(s, c, lines.along, lean) for c in channels], axis=2)
+        # a field across a sheet drives no current in it
+        driven = np.stack([_in_sheet(s, c, lines.sheet) for c in channels], axis=2)
         # curved edges and ends turn the polarisation
         soft = (1.0 - law.mixed) * soft + law.mixed * soft.mean(axis=2, keepdims=True)
         for name, (hard_d, soft_d, hard_tip, soft_tip) in weights.items():
@@ -294,14 +304,14 @@ def omitted_energy(
             ends = np.where(tip, 1.0 / (np.pi * k * k), 0.0)
             hard_e, soft_e = size * hard_d + ends * hard_tip, size * soft_d + ends * soft_tip
             total = shown[..., None] * (hard_e[..., None] * (1.0 - soft) + soft_e[..., None] * soft)
-            out[name][first : first + step] += total.sum(axis=1)
+            out[name][first : first + step] += (total * driven).sum(axis=1)
     return out
 
 
 def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tuple[F64, F64, F64, F64]]:
     """Squared coefficients of every line by cause: hard and soft, and of its ends hard and soft, (n,) each."""
     law, sharp = LAWS, lines.radius == 0.0
-    rim = (~lines.normal.any(axis=(1, 2))).astype(np.int64)
+    rim = lines.sheet.any(axis=1).astype(np.int64)
     power = np.square(lines.reflection)
     kw = k * np.maximum(lines.width, 1e-9)
     nothing = np.zeros(lines.n)
@@ -335,6 +345,16 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
     ):
         found[name] = (law.curved[0] ** 2 * bent * which, law.curved[1] ** 2 * bent * which, nothing, nothing)
     return found
+
+
+def _in_sheet(directions: F64, channel: str, sheet: F64) -> F64:
+    """(n_directions, n) factor of a channel's energy: from 0 where the field is across the sheet of a rim, to 1."""
+    vectors = dict(zip("HV", polarisation_vectors(directions), strict=True))
+    shares = []
+    for letter in channel:
+        parts = [vectors[letter]] if letter in vectors else list(vectors.values())
+        shares.append(np.mean([1.0 - np.square(v @ sheet.T) for v in parts], axis=0))
+    return np.asarray(np.minimum(1.0, GRAZING * np.prod(shares, axis=0)))
 
 
 def _soft(directions: F64, channel: str, along: F64, lean: F64) -> F64:

@@ -36,6 +36,8 @@ LEAST_SIZE, LEAST_WIDTH = 0.5, 0.2
 # a cause is named where its part of the mean square error is above this
 _NAMED = 0.15
 _LOG = 20.0 / math.log(10.0)
+# ratio of energies beyond which a level counts as absent
+_ABSENT = 1e4
 REPEATED = "repeated bounces"
 
 
@@ -67,7 +69,7 @@ def rms_db(missing: F64, power: F64) -> F64:
     """
     both = missing + power
     strong = (both >= both.max(axis=0, initial=0.0) * 10.0 ** (-0.1 * STRONG_DB)) & (both > 0.0)
-    square = expected_square(missing / np.maximum(power, 1e-300)) * strong
+    square = expected_square(np.minimum(missing / np.maximum(power, 1e-300), _ABSENT)) * strong
     return np.asarray(np.sqrt(square.sum(axis=0) / np.maximum(strong.sum(axis=0), 1)))
 
 
