@@ -3,8 +3,8 @@
 ``python benchmarks/studies/theory_error.py`` sweeps every stored body with ``rcs_sweep`` and prints its rms error in
 HH and VV, true and stated, then for each family and for all bodies how often the true error is above the stated one by
 2 dB, and the stated error over the true one. Bodies are those to which the laws were fitted, and those drawn anew
-afterwards (held out). ``--only held_out`` and ``--family plate`` take some; ``benchmarks/support/drawn_bodies.py`` draws and
-solves others.
+afterwards (held out). ``--only held_out`` and ``--family plate`` take some; ``benchmarks/support/drawn_bodies.py``
+draws and solves others.
 """
 
 import argparse
@@ -81,7 +81,8 @@ def summary(name: str, found: list[BodyError]) -> str:
     factor, over = stated[known] / true[known], true[known] - stated[known]
     low, middle, high = np.quantile(factor, [0.05, 0.5, 0.95])
     return (
-        f"{name}: {known.size} rows, {known.sum()} known; true above stated by {MARGIN:g} dB in {(over > MARGIN).sum()}, "
+        f"{name}: {known.size} rows, {known.sum()} known; "
+        f"true above stated by {MARGIN:g} dB in {(over > MARGIN).sum()}, "
         f"at most by {over.max():.1f} dB; stated over true: median {middle:.2f}, 5 to 95 % {low:.2f} to {high:.2f}"
     )
 

@@ -12,11 +12,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lu_factor, lu_solve
+from scipy.spatial import cKDTree
 
 K = 2.0 * np.pi  # wavenumber, rad per wavelength
 F64, I64, C128 = NDArray[np.float64], NDArray[np.int64], NDArray[np.complex128]
 # three Gauss points of a triangle, and seven for pairs whose kernel's pole is integrated in closed form
-_THREE = np.array([[2, 1, 1], [1, 2, 1], [1, 1, 2]]) / 4.0 * np.array([1.0]) - np.array([[0.0]])
 _THREE = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6.0
 _A, _B, _P, _Q = 0.059715871789770, 0.470142064105115, 0.797426985353087, 0.101286507323456
 _SEVEN = np.array(
@@ -126,7 +126,10 @@ def revolved(profile: ArrayLike, step: float) -> Mesh:
 
 
 def _rwg(faces: I64) -> tuple[I64, F64, int]:
-    """Number of the function of each side of each triangle (-1 at rims), its sign, and their count; side i lacks corner i."""
+    """Number of the function of each side of each triangle (-1 at rims), its sign, and their count.
+
+    Side i lacks corner i.
+    """
     ends = np.sort(np.stack([faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 1]]], axis=1), axis=2).reshape(
         -1, 2
     )
@@ -189,7 +192,7 @@ def _moments(corners: F64) -> tuple[C128, C128, C128, C128]:
             a, b = x[:, p], x[:, q]
             square = np.square(a).sum(1)[:, None] + np.square(b).sum(1)[None] - 2.0 * a @ b.T
             r = np.sqrt(np.maximum(square, 1e-8)).astype(np.float32)
-            green = np.exp((-1j * K).astype(np.complex64) * r if False else np.complex64(-1j * K) * r) / r
+            green = np.exp(np.complex64(-1j * K) * r) / r
             green *= (area[:, None] * area[None] / (36.0 * np.pi)).astype(np.float32)
             one += green
             for i in range(3):
@@ -198,8 +201,6 @@ def _moments(corners: F64) -> tuple[C128, C128, C128, C128]:
             dot += green * (a @ b.T).astype(np.float32)
     # near pairs: pole over the source in closed form
     middle, size = corners.mean(axis=1), np.sqrt(2.0 * area)
-    from scipy.spatial import cKDTree
-
     reach = NEAR * float(np.max(size))
     pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray")
     pairs = np.concatenate([pairs, pairs[:, ::-1], np.tile(np.arange(n)[:, None], (1, 2))])
@@ -236,8 +237,8 @@ def amplitudes(mesh: Mesh, looks: ArrayLike) -> C128:
 
     Notes
     -----
-    Rao, Wilton and Glisson, IEEE Trans. Antennas Propag. 30 (1982). Closed bodies have cavity resonances, whose currents
-    do not radiate but spoil the matrix's condition.
+    Rao, Wilton and Glisson, IEEE Trans. Antennas Propag. 30 (1982). Closed bodies have cavity resonances, whose
+    currents do not radiate but spoil the matrix's condition.
     """
     vertices, faces = mesh
     looks = np.asarray(looks, dtype=np.float64)
@@ -263,9 +264,7 @@ def amplitudes(mesh: Mesh, looks: ArrayLike) -> C128:
                 value -= vj[None, :, c].astype(np.float32) * test[c][at]
             value *= si[:, None] * sj[None]
             half = np.zeros((n, len(columns)), np.complex64)
-            np.add.at(half, label[rows, i], value) if len(np.unique(label[rows, i])) < len(
-                rows
-            ) else half.__setitem__(label[rows, i], value)
+            np.add.at(half, label[rows, i], value)
             np.add.at(matrix.T, label[columns, j], half.T)
     matrix *= np.complex64(1j * K)
     azimuth = np.arctan2(looks[:, 1], looks[:, 0])

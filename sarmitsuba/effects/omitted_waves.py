@@ -50,6 +50,8 @@ class WaveLaws:
     fringe : of an edge that is not simulated
     dark : energy of edges of which both faces are turned away
     curved : of curved surface, hard and soft
+    doubly : energy of surface curved alike in both directions over that of a cylinder's, less 1: from the Mie series of
+        spheres, all of whose shadow boundary returns in phase
     mixed : share of the energy that does not keep the polarisation
     """
 
@@ -62,6 +64,7 @@ class WaveLaws:
     fringe: float = 0.5
     dark: float = 0.5
     curved: tuple[float, float] = (0.75, 1.37)
+    doubly: float = 6.0
     mixed: float = 0.65
 
 
@@ -242,7 +245,7 @@ def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavele
     other = np.sqrt(wavelength / np.maximum(bend[:, 1], 1e-12))
     return MetalLines(
         along,
-        stride * area * bend[:, 0] / (2.0 * np.pi),
+        stride * area * bend[:, 0] / (2.0 * np.pi) * (1.0 + LAWS.doubly * bend[:, 1] * radius),
         np.minimum(other, extent),
         np.zeros((rows.size, 2, 3)),
         np.zeros((rows.size, 3)),

@@ -143,7 +143,7 @@ def rcs_sweep(
     Limitations are those of the kernel (no creeping waves, no waves between edges). Ground is part of the target,
     up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB, or until the rays
     of a direction (``most_rays``) or of the sweep (1e8) are spent; a larger error is noted, and warned of above -15 dB.
-    A total error above 3 dB, that of the theory included, is warned of.
+    A total error above 3 dB, that of the theory included, is warned of where directions are checked.
     """
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
@@ -180,7 +180,7 @@ def rcs_sweep(
         amplitude[:, 0, i] += points[:, i]
     check_traced(amplitude, 0.0, scene.name)
     statement = ErrorStatement.of(scene, flags, aspects.directions, amplitude, errors, left_db)
-    if statement.warning:
+    if checked and statement.warning:
         warnings.warn(f"{scene.name}: {statement.warning}", SarmitsubaWarning, stacklevel=2)
     return RcsSweep(
         aspects,
