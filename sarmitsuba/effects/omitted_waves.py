@@ -33,7 +33,7 @@ class WaveLaws:
     r"""Amplitudes D of the waves left out, relative to Keller's edge wave of unit coefficient.
 
     Hard is for the electric field across the line, soft for that along it; w is the width of a face, k the wavenumber,
-    :math:`\rho` a radius of curvature. Fitted to the method of moments for 58 drawn bodies
+    :math:`\rho` a radius of curvature. Fitted to the method of moments for 50 drawn bodies
     (``benchmarks/studies/theory_error.py``), the powers above :math:`k w = 1` and those of :math:`k \rho` are set:
 
     .. math:: D = D_1 (k w)^{-p}, \quad D = \frac{D_0}{\sqrt{1 + (k \rho)^2}}
@@ -75,12 +75,12 @@ class SimulatedWaves:
     Parameters
     ----------
     edges : fringe waves of sharp metal edges; those of other surfaces are never simulated
-    between_edges : waves diffracted twice, between the edges of a face
+    between_rims : waves diffracted twice, between the rims of a sheet
     one_rim : the two edges of a thin plate act as one rim
     """
 
     edges: bool = True
-    between_edges: bool = False
+    between_rims: bool = False
     one_rim: bool = False
 
 
@@ -327,8 +327,8 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
         """Sum over both faces of the squared coefficient of waves over those of some widths."""
         p = np.where(kw > 1.0, law.power[of], law.narrow[of])
         d = np.array(start)[rim][:, None] * kw**-p
-        if waves.between_edges:  # those that cross the face twice are left
-            d = d * np.minimum(1.0, np.array(start)[rim][:, None] * kw**-p)
+        if waves.between_rims:  # those that cross the sheet twice are left
+            d = d * np.where((rim > 0)[:, None], np.minimum(1.0, d), 1.0)
         return np.asarray(np.where(which & sharp[:, None], np.square(d), 0.0).sum(axis=1) * power)
 
     wide = kw >= ONE_EDGE

@@ -24,6 +24,11 @@ _REMEDIES = {
 _FULL_WAVE = "take a full-wave solver for single levels"
 
 
+def simulated_waves(flags: KernelFlags) -> SimulatedWaves:
+    """Waves beyond physical optics that a run with these flags follows."""
+    return SimulatedWaves(edges=flags.edge_diffraction)
+
+
 @dataclass(frozen=True, eq=False)
 class ErrorStatement:
     """Expected rms error, dB, of levels within ``STRONG_DB`` of the peak; infinite: not known.
@@ -65,7 +70,7 @@ class ErrorStatement:
         -----
         Energies of sampling and bounces left out are spread evenly over the directions.
         """
-        waves = SimulatedWaves(edges=flags.edge_diffraction)
+        waves = simulated_waves(flags)
         wavelength = scene.radar.waveform.wavelength
         theory = theory_error(
             scene.geometry, scene.materials, directions, amplitude, flags.channels, wavelength, waves
@@ -214,7 +219,7 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     ] - corners.mean(axis=(0, 1))
     look = away / np.linalg.norm(away, axis=1, keepdims=True)
     channels = scene.radar.channels
-    waves = SimulatedWaves(edges=flags.edge_diffraction)
+    waves = simulated_waves(flags)
     by_cause = {
         cause_text(name, lines, wavelength): energy.mean(axis=0)
         for name, energy in omitted_energy(lines, look, channels, wavelength, waves).items()

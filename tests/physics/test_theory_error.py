@@ -9,7 +9,7 @@ import trimesh
 
 from sarmitsuba import theory
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.effects.omitted_waves import SimulatedWaves, metal_lines, omitted_energy
+from sarmitsuba.effects.omitted_waves import MetalLines, SimulatedWaves, metal_lines, omitted_energy
 from sarmitsuba.effects.theory_error import STRONG_DB, expected_square, rms_db, theory_error
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.build import SceneMesh, build_scene
@@ -26,6 +26,8 @@ pytestmark = pytest.mark.filterwarnings(
 CHANNELS = ("HH", "VV")
 # dB by which the true error may exceed the stated one, as in the validation topic `measured`
 MARGIN = 2.0
+# square of 2 m in x = 0, in two triangles
+SHEET = np.array([[[0.0, -1, -1], [0, 1, -1], [0, 1, 1]], [[0, -1, -1], [0, 1, 1], [0, -1, 1]]])
 
 
 def swept(mesh: targets.Mesh, azimuth: np.ndarray, elevation: float = 0.0, **settings: object) -> RcsSweep:
@@ -145,8 +147,7 @@ def test_missing_waves_fall_with_size_and_edges_left_out_are_said() -> None:
 
 
 def test_a_sheet_seen_along_its_plane_with_the_field_across_it_sends_nothing() -> None:
-    corners = np.array([[[0.0, -1, -1], [0, 1, -1], [0, 1, 1]], [[0, -1, -1], [0, 1, 1], [0, -1, 1]]])
-    lines = metal_lines(corners, np.ones(2), 0.5)
+    lines = metal_lines(SHEET, np.ones(2), 0.5)
     assert lines.n == 4 and np.allclose(lines.width, 2.0) and np.allclose(lines.length, 2.0)
     found = omitted_energy(lines, np.array([[0.0, 1.0, 0.0]]), CHANNELS, 0.5, SimulatedWaves())
     total = np.sum(list(found.values()), axis=0)[0]
@@ -161,14 +162,17 @@ def test_waves_that_are_simulated_are_not_missing() -> None:
     vertices, faces = box(3.0, 2.0, 0.02)
     lines = metal_lines(vertices[faces], np.ones(len(faces)), 1.0)
 
-    def energy(**waves: bool) -> np.ndarray:
+    sheet = metal_lines(SHEET, np.ones(2), 0.5)
+
+    def energy(of: MetalLines, **waves: bool) -> np.ndarray:
         return np.sum(
-            list(omitted_energy(lines, looks, CHANNELS, 1.0, SimulatedWaves(**waves)).values()), axis=0
+            list(omitted_energy(of, looks, CHANNELS, 1.0, SimulatedWaves(**waves)).values()), axis=0
         )
 
-    plain, twice, rim = energy(), energy(between_edges=True), energy(one_rim=True)
-    assert (twice <= plain).all() and (rim < plain).all() and rim.sum() < 0.2 * plain.sum()
-    assert (energy(edges=False) > plain).all()
+    plain, twice, rim = energy(lines), energy(sheet, between_rims=True), energy(lines, one_rim=True)
+    assert (twice < energy(sheet)).all()
+    assert (rim < plain).all() and rim.sum() < 0.2 * plain.sum()
+    assert (energy(lines, edges=False) > plain).all()
 
 
 @pytest.mark.parametrize(
