@@ -21,6 +21,8 @@ MOST_LINES = 3000
 GRAZING = 4.0
 # products of lines and directions at a time
 _BLOCK = 400_000
+# triangles of a piece of surface from which its extent is taken
+_PIECE = 1000
 # k times the width of a face, below which its two edges act as one; k times a radius, below which it acts as an edge
 ONE_EDGE, AS_EDGE = 1.0, 1.26
 # causes
@@ -208,17 +210,29 @@ def _widths(edges: SharpEdges, corners: F64, piece: I64) -> tuple[I64, F64]:
         off = np.linalg.norm(sides[near] - edges.middle[:, None], axis=2)
         cost = off + 1e3 * ((inside <= 0.0) | (level < 0.99)) * (1.0 + np.ptp(corners))
         found[:, i] = piece[near[np.arange(edges.n), cost.argmin(axis=1)] // 3]
+    order = np.argsort(piece, kind="stable")
+    count = np.bincount(piece)
+    start = np.cumsum(count) - count
     width = np.empty((edges.n, 2))
-    along = edges.along
+    step = _BLOCK // _PIECE
     for i in range(2):
-        for p in np.unique(found[:, i]):
-            rows = np.flatnonzero(found[:, i] == p)
-            points = corners[piece == p].reshape(-1, 3)
-            extent = (points @ edges.inward[rows, i].T).max(axis=0) - np.einsum(
-                "ei,ei->e", edges.middle[rows], edges.inward[rows, i]
+        for first in range(0, edges.n, step):
+            rows = slice(first, first + step)
+            of, across, along = found[rows, i], edges.inward[rows, i], edges.along[rows]
+            taken = np.minimum(count[of], _PIECE)
+            row = np.repeat(np.arange(of.size), taken)
+            begin = np.cumsum(taken) - taken
+            number = np.arange(row.size) - begin[row]
+            triangle = order[start[of][row] + number * count[of][row] // taken[row]]
+            points = corners[triangle]
+            depth = np.maximum.reduceat(np.einsum("tci,ti->tc", points, across[row]).max(axis=1), begin)
+            depth = depth - np.einsum("ei,ei->e", edges.middle[rows], across)
+            place = np.einsum("tci,ti->tc", points, along[row])
+            run = np.maximum.reduceat(place.max(axis=1), begin) - np.minimum.reduceat(
+                place.min(axis=1), begin
             )
-            run = np.ptp(points @ along[rows].T, axis=0)
-            width[rows, i] = np.clip(area[p] / np.maximum(run, 1e-300), 1e-12, np.maximum(extent, 1e-12))
+            mean = area[of] / np.maximum(run, 1e-300)
+            width[rows, i] = np.clip(mean, 1e-12, np.maximum(depth, 1e-12))
     return found, width
 
 
