@@ -327,7 +327,7 @@ def omitted_energy(
 
 def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tuple[F64, F64, F64, F64]]:
     """Squared coefficients of every line by cause: hard and soft, and of its ends hard and soft, (n,) each."""
-    law, sharp = LAWS, lines.radius == 0.0
+    law, sharp = LAWS, np.atleast_1d(lines.radius == 0.0)
     rim = lines.sheet.any(axis=1).astype(np.int64)
     power = np.square(lines.reflection)
     kw = k * np.maximum(lines.width, 1e-9)

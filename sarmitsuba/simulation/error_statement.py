@@ -1,6 +1,7 @@
 """One statement of the error of radar cross sections: sampling, bounces left out, and theory."""
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,7 +12,9 @@ from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.omitted_waves import SimulatedWaves, metal_lines, omitted_energy
 from sarmitsuba.effects.theory_error import STRONG_DB, TheoryError, cause_text, rms_db, stated, theory_error
+from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling.refined_spacing import POOR_DB, error_text, worst
 
 # dB, total error above which a sweep is warned of
 DOUBTFUL_DB = 3.0
@@ -235,3 +238,14 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
         extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
         found["repeated_share"] = min(1.0, wavelength / max(min(lines.face_width, extent), 1e-9)) ** 2
     return found
+
+
+def say_sampling_error(scene: Scene, spacing: float, errors: tuple[float, ...]) -> tuple[str, ...]:
+    """Notes on a sampling error that is not low; a warning instead of a note where it is poor."""
+    text = error_text(
+        scene.name, worst(errors), spacing, scene.radar.waveform.wavelength, scene.settings.ray_spacing > 0.0
+    )
+    if worst(errors) > POOR_DB:
+        warnings.warn(text, SarmitsubaWarning, stacklevel=3)
+        return ()
+    return (text,) if text else ()

@@ -30,7 +30,7 @@ from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
-from sarmitsuba.simulation.error_statement import ErrorStatement
+from sarmitsuba.simulation.error_statement import ErrorStatement, say_sampling_error
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
@@ -38,8 +38,6 @@ from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, pr
 from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.sampling.refined_spacing import (
     MOST_TRACED,
-    POOR_DB,
-    error_text,
     finer_spacing,
     worst,
 )
@@ -172,7 +170,7 @@ def rcs_sweep(
             notes += (f"{scene.name}: {tracing.site.edges.joined_text}",)
         if checked:
             first, errors = tracing.refined(aspects, first, checked)
-            notes += _say_error(scene, first.ray_spacing, errors)
+            notes += say_sampling_error(scene, first.ray_spacing, errors)
         unfinished = first.unfinished
         amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
     points = _points(scene, flags, channels, aspects)
@@ -390,17 +388,6 @@ def _notes(scene: Scene, spacing: float) -> tuple[str, ...]:
         f"{scene.name}: rays are {spacing / wavelength:.2g} wavelengths apart, where small and curved parts need "
         f"{1.0 / RAYS_PER_WAVELENGTH:.2g}; the stated sampling error includes this. Set ray_spacing for another value",
     )
-
-
-def _say_error(scene: Scene, spacing: float, errors: tuple[float, ...]) -> tuple[str, ...]:
-    """Notes on a sampling error that is not low; a warning instead of a note where it is poor."""
-    text = error_text(
-        scene.name, worst(errors), spacing, scene.radar.waveform.wavelength, scene.settings.ray_spacing > 0.0
-    )
-    if worst(errors) > POOR_DB:
-        warnings.warn(text, SarmitsubaWarning, stacklevel=3)
-        return ()
-    return (text,) if text else ()
 
 
 def image_refusal(aspects: Aspects) -> str:
