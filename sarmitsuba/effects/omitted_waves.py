@@ -327,7 +327,7 @@ def omitted_energy(
 
 def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tuple[F64, F64, F64, F64]]:
     """Squared coefficients of every line by cause: hard and soft, and of its ends hard and soft, (n,) each."""
-    law, sharp = LAWS, np.atleast_1d(lines.radius == 0.0)
+    law, sharp = LAWS, lines.radius == 0.0
     rim = lines.sheet.any(axis=1).astype(np.int64)
     power = np.square(lines.reflection)
     kw = k * np.maximum(lines.width, 1e-9)
@@ -342,7 +342,7 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
         p = np.where(kw > 1.0, law.power[of], law.narrow[of])
         d = np.array(start)[rim][:, None] * kw**-p
         if waves.between_rims:  # those that cross the sheet twice are left
-            d = d * np.where((rim > 0)[:, None], np.minimum(1.0, d), 1.0)
+            d = d * np.where(rim.astype(bool)[:, None], np.minimum(1.0, d), 1.0)
         return np.asarray(np.where(which & sharp[:, None], np.square(d), 0.0).sum(axis=1) * power)
 
     wide = kw >= ONE_EDGE

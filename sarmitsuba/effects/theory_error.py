@@ -39,6 +39,7 @@ _LOG = 20.0 / math.log(10.0)
 # ratio of energies beyond which a level counts as absent
 _ABSENT = 1e4
 REPEATED = "repeated bounces"
+CROSS = ("HV", "VH")
 
 
 def expected_square(ratio: F64) -> F64:
@@ -103,19 +104,22 @@ class TheoryError:
     rms_db : (n_channels,) float64, dB, expected rms error in the strong part of the pattern; infinite: not known
     causes : the largest first
     unknown : reason why the error is not known; empty where it is
+    counted : (n_channels,) bool, channels that the text is of: not the cross-polar ones beside others, whose return from
+        metal is weak, and in physical optics often none
     doubtful : whether the reason calls for a warning: a body outside the theory, rather than one it says nothing of
     """
 
     missing: F64
     rms_db: F64
     causes: tuple[TheoryCause, ...]
+    counted: NDArray[np.bool_]
     unknown: str = ""
     doubtful: bool = False
 
     @property
     def worst_db(self) -> float:
-        """Largest expected error of the channels, dB."""
-        return float(self.rms_db.max(initial=0.0))
+        """Largest expected error of the counted channels, dB."""
+        return float(self.rms_db[self.counted].max(initial=0.0))
 
     @property
     def text(self) -> str:
@@ -163,15 +167,17 @@ def theory_error(
     bodies of a dielectric (waves inside are not simulated), and targets of more than ``MOST_FACES`` triangles.
     """
     shape = (len(directions), len(channels))
+    counted = np.array([channel not in CROSS for channel in channels])
+    counted |= not counted.any()
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     corners = np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64)
     if not len(corners):
-        return TheoryError(np.zeros(shape), np.zeros(shape[1]), ())
+        return TheoryError(np.zeros(shape), np.zeros(shape[1]), (), counted)
     unknown, doubtful = _outside(
         corners, [materials[i] for i in np.unique(geometry.face_material[visible])], wavelength
     )
     if unknown:
-        return TheoryError(np.full(shape, np.inf), np.full(shape[1], np.inf), (), unknown, doubtful)
+        return TheoryError(np.full(shape, np.inf), np.full(shape[1], np.inf), (), counted, unknown, doubtful)
     by_material = np.array([reflection_of(m, wavelength) for m in materials])
     lines = metal_lines(corners, by_material[geometry.face_material[visible]], wavelength)
     power = np.square(np.abs(amplitude.sum(axis=1)))
@@ -181,7 +187,7 @@ def theory_error(
     missing[REPEATED] = _repeated(amplitude[some], min(lines.face_width, extent) / wavelength)
     total = np.sum(list(missing.values()), axis=0)
     causes = [
-        TheoryCause(cause_text(name, lines, wavelength), float(rms_db(part, power[some]).max()))
+        TheoryCause(cause_text(name, lines, wavelength), float(rms_db(part, power[some])[counted].max()))
         for name, part in missing.items()
         if part.any()
     ]
@@ -189,14 +195,16 @@ def theory_error(
     order = np.argsort(some)
     for i in range(shape[1]):
         whole[:, i] = np.interp(np.arange(shape[0]), some[order], total[order, i])
-    return TheoryError(whole, rms_db(total, power[some]), tuple(sorted(causes, key=lambda c: -c.rms_db)))
+    return TheoryError(
+        whole, rms_db(total, power[some]), tuple(sorted(causes, key=lambda c: -c.rms_db)), counted
+    )
 
 
 def _outside(corners: F64, materials: Sequence[Material], wavelength: float) -> tuple[str, bool]:
     """Reason why the theory's error is not known, and whether to warn of it."""
     bodies = [m for m in materials if not m.metallic and m.thickness <= 0.0]
     if bodies:
-        return f"waves inside bodies of {bodies[0].name} and along their surface are not simulated", False
+        return f"surfaces of {bodies[0].name}: only metal and thin sheets are judged", False
     if len(corners) > MOST_FACES:
         return f"{len(corners)} faces are too many to examine", False
     points = corners.reshape(-1, 3)

@@ -123,21 +123,22 @@ class ErrorStatement:
 
     @property
     def worst_db(self) -> float:
-        """Largest total of the channels, dB."""
-        return float(self.total_db.max(initial=0.0))
+        """Largest total of the channels that count, dB."""
+        return float(self.total_db[self.theory.counted].max(initial=0.0))
 
     @property
     def text(self) -> str:
         """Statement in one line."""
+        counted = self.theory.counted
         parts = [
-            f"sampling {_level(self.sampling_db)}",
-            f"bounces left out {_level(self.bounces_db)}",
+            f"sampling {_level(self.sampling_db[counted])}",
+            f"bounces left out {_level(self.bounces_db[counted])}",
             self.theory.text,
         ]
         if self.theory.unknown:
             total = "not known"
         else:
-            total = f"within {_level(self.total_db)}"
+            total = f"within {_level(self.total_db[counted])}"
             if self.worst_db > DOUBTFUL_DB:
                 total = stated(self.worst_db)
         return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {total}: {', '.join(parts)}"
@@ -149,7 +150,9 @@ class ErrorStatement:
             return f"{self.theory.text}; {_FULL_WAVE}" if self.theory.doubtful else ""
         if self.worst_db <= DOUBTFUL_DB:
             return ""
-        sampled = float(np.nan_to_num(np.maximum(self.sampling_db, self.bounces_db)).max(initial=0.0))
+        sampled = float(
+            np.nan_to_num(np.fmax(self.sampling_db, self.bounces_db))[self.theory.counted].max(initial=0.0)
+        )
         if sampled > self.theory.worst_db:
             remedy = "set a smaller ray_spacing, or a higher max_depth"
         else:

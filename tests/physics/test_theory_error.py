@@ -180,7 +180,7 @@ def test_waves_that_are_simulated_are_not_missing() -> None:
     [
         (box(0.2, 0.1, 0.1), "pec", "the body is 0.2 wavelengths large"),
         (box(3.0, 0.05, 0.05), "pec", "a rod"),
-        (box(3.0, 2.0, 2.0), Material("glass", permittivity=4.0 - 0.01j), "waves inside bodies of glass"),
+        (box(3.0, 2.0, 2.0), Material("glass", permittivity=4.0 - 0.01j), "surfaces of glass"),
     ],
 )
 def test_bodies_of_which_nothing_is_known(mesh: targets.Mesh, material: object, text: str) -> None:
