@@ -104,8 +104,8 @@ class TheoryError:
     rms_db : (n_channels,) float64, dB, expected rms error in the strong part of the pattern; infinite: not known
     causes : the largest first
     unknown : reason why the error is not known; empty where it is
-    counted : (n_channels,) bool, channels that the text is of: not the cross-polar ones beside others, whose return from
-        metal is weak, and in physical optics often none
+    counted : (n_channels,) bool, channels that the text is of: not cross-polar ones beside others, which metal returns
+        weakly, in physical optics often not at all
     doubtful : whether the reason calls for a warning: a body outside the theory, rather than one it says nothing of
     """
 
