@@ -250,6 +250,7 @@ def _record(
         "rays_per_direction": sweep.result.rays_per_direction,
         "ray_spacing_m": sweep.result.ray_spacing,
         "sampling_error_db": dict(zip(sweep.result.channels, sweep.error_db, strict=True)),
+        "error": sweep.statement.as_dict(sweep.result.channels),
     }
 
 
@@ -283,6 +284,7 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
         )
         parts = {f"{n} bounce{'s' if n > 1 else ''}": sweep.dbsm(channel, n) for n in sweep.orders}
         curves.append(AspectCurves(channel, total, parts if len(parts) > 1 else {}))
+    console.say(sweep.statement.text)
     title = f"{scene.name},  {sweep.frequency / 1e9:.4g} GHz,  {fixed}"
     draw_into(folder, PLOT, lambda: aspect_figure(angle, curves, swept=swept, title=title), console)
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.simulation.error_statement import image_theory
 from sarmitsuba.simulation.prediction.speed import ray_share
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
@@ -47,6 +48,7 @@ def _common(
         "ray_spacing_settings": sampling.spacings.at(1.0) if sampling else {},
         "ray_share_of_tracing": ray_share(run.statistics, len(run.layers.subsets)),
         "notes": list(notes),
+        "theory": image_theory(run.scene, plan.flags),
         "points": [
             {
                 "name": point.name,

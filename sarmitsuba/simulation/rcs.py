@@ -1,6 +1,7 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images."""
 
 import itertools
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -95,11 +96,13 @@ class BouncesLeft:
         search
     left_db : relative energy after as many bounces, dB; -inf for none
     enough : whether it is below the tolerance
+    by_depth : relative energy after 0, 1, ... bounces, dB, of those traced in the search
     """
 
     depth: int
     left_db: float
     enough: bool
+    by_depth: tuple[float, ...] = ()
 
     @staticmethod
     def of(
@@ -129,9 +132,13 @@ class BouncesLeft:
             above = np.flatnonzero(left_db > tolerance_db)
             needed = int(above[-1]) + 1 if above.size else 1
             if needed <= (3 * depth) // 4:
-                return BouncesLeft(needed, float(left_db[needed]), True)
+                return BouncesLeft(needed, float(left_db[needed]), True, tuple(left_db.tolist()))
             if depth == most:
-                return BouncesLeft(depth, float(left_db[-1]), False)
+                return BouncesLeft(depth, float(left_db[-1]), False, tuple(left_db.tolist()))
+
+    def after(self, followed: int) -> float:
+        """Relative energy of the bounces after ``followed``, dB; of the last one that is known where it is less."""
+        return self.by_depth[min(followed, len(self.by_depth) - 1)] if self.by_depth else math.nan
 
     def notes(self, name: str, followed: int) -> tuple[str, ...]:
         """Notes on a scene for which ``followed`` bounces are traced."""

@@ -30,6 +30,7 @@ from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
+from sarmitsuba.simulation.error_statement import ErrorStatement, say_sampling_error
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
@@ -37,8 +38,6 @@ from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, pr
 from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.sampling.refined_spacing import (
     MOST_TRACED,
-    POOR_DB,
-    error_text,
     finer_spacing,
     worst,
 )
@@ -85,6 +84,7 @@ class RcsSweep:
     result : scattering amplitudes, bounce orders apart
     max_depth : bounces that were traced
     error_db : of every channel, energy of the sampling error relative to the echoes, dB; NaN where nothing is traced
+    statement : of the error in dB by sampling, bounces left out and theory
     notes : one line each: assumptions
     """
 
@@ -93,6 +93,7 @@ class RcsSweep:
     result: RcsResult
     max_depth: int
     error_db: tuple[float, ...]
+    statement: ErrorStatement
     notes: tuple[str, ...] = ()
 
     @property
@@ -142,6 +143,7 @@ def rcs_sweep(
     Limitations are those of the kernel (no creeping waves, no waves between edges). Ground is part of the target,
     up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB, or until the rays
     of a direction (``most_rays``) or of the sweep (1e8) are spent; a larger error is noted, and warned of above -15 dB.
+    A total error above 3 dB, that of the theory included, is warned of where directions are checked.
     """
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
@@ -157,31 +159,36 @@ def rcs_sweep(
     shape = (aspects.azimuth.size, depth, len(channels))
     amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
     notes: tuple[str, ...] = ()
-    unfinished = np.zeros(aspects.azimuth.size, dtype=bool)
+    unfinished, left_db = np.zeros(aspects.azimuth.size, dtype=bool), -np.inf
     if scene.traced:
         first = tracing.amplitudes(aspects, 0)
         left = tracing.left(aspects, first.unfinished)
         if left is not None and not scene.settings.max_depth and left.depth > depth:
             tracing = dataclasses.replace(tracing, depth=left.depth)
             depth, first = left.depth, tracing.amplitudes(aspects, 0)
-        notes = left.notes(scene.name, depth) if left is not None else ()
+        if left is not None:
+            notes, left_db = left.notes(scene.name, depth), left.after(depth)
         if flags.edge_diffraction and tracing.site.edges.joined_text:
             notes += (f"{scene.name}: {tracing.site.edges.joined_text}",)
         if checked:
             first, errors = tracing.refined(aspects, first, checked)
-            notes += _say_error(scene, first.ray_spacing, errors)
+            notes += say_sampling_error(scene, first.ray_spacing, errors)
         unfinished = first.unfinished
         amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
     points = _points(scene, flags, channels, aspects)
     for i in range(len(channels)):
         amplitude[:, 0, i] += points[:, i]
     check_traced(amplitude, 0.0, scene.name)
+    statement = ErrorStatement.of(scene, flags, aspects.directions, amplitude, errors, left_db)
+    if checked and statement.warning:
+        warnings.warn(f"{scene.name}: {statement.warning}", SarmitsubaWarning, stacklevel=2)
     return RcsSweep(
         aspects,
         frequency,
         RcsResult(amplitude, channels, rays, spacing, depth, unfinished),
         depth,
         errors,
+        statement,
         _notes(scene, spacing) + notes,
     )
 
@@ -383,17 +390,6 @@ def _notes(scene: Scene, spacing: float) -> tuple[str, ...]:
         f"{scene.name}: rays are {spacing / wavelength:.2g} wavelengths apart, where small and curved parts need "
         f"{1.0 / RAYS_PER_WAVELENGTH:.2g}; the stated sampling error includes this. Set ray_spacing for another value",
     )
-
-
-def _say_error(scene: Scene, spacing: float, errors: tuple[float, ...]) -> tuple[str, ...]:
-    """Notes on a sampling error that is not low; a warning instead of a note where it is poor."""
-    text = error_text(
-        scene.name, worst(errors), spacing, scene.radar.waveform.wavelength, scene.settings.ray_spacing > 0.0
-    )
-    if worst(errors) > POOR_DB:
-        warnings.warn(text, SarmitsubaWarning, stacklevel=3)
-        return ()
-    return (text,) if text else ()
 
 
 def image_refusal(aspects: Aspects) -> str:

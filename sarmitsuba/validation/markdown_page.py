@@ -89,7 +89,9 @@ def _table(cases: Sequence[Case]) -> list[str]:
             third = f"{_short(c.median)} / {_short(c.worst)}{ratio}"
             if c.judged == "rms":
                 third += f", rms {_short(c.rms)}"
-                third += f" (measurement {_short(c.measured_rms)})" if np.isfinite(c.measured_rms) else ""
+                beside = [f"measurement {_short(c.measured_rms)}"] if np.isfinite(c.measured_rms) else []
+                beside += [f"stated {_short(c.stated)}"] if not np.isnan(c.stated) else []
+                third += f" ({', '.join(beside)})" if beside else ""
             bound = "rms " if c.judged == "rms" else ""
             rows.append(
                 f"| {name} | {_quote(c, c.theory)}{unit} | {_quote(c, c.simulated)}{unit} | "
@@ -119,7 +121,9 @@ def summary_lines(cases: Sequence[Case]) -> list[str]:
             lines.append(
                 f"{state} {case.name:<20} {c.label:<58} {_quote(c, c.theory):>10} {_quote(c, c.simulated):>10} "
                 f"{_short(c.median):>8} {_short(c.figure):>8} {_short(c.tolerance):>8} {c.unit}"
-                + (f" (rms; measurement {_short(c.measured_rms)})" if c.judged == "rms" else "")
+                + (f" (rms; measurement {_short(c.measured_rms)}" if c.judged == "rms" else "")
+                + (f"; stated {_short(c.stated)}" if not np.isnan(c.stated) else "")
+                + (")" if c.judged == "rms" else "")
             )
     total = summarise(cases)
     canonical = (

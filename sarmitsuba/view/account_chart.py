@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 
 from sarmitsuba.analysis.quality.account import Account
-from sarmitsuba.analysis.quality.error_budget import AT_MOST, UNKNOWN, ErrorPart
+from sarmitsuba.analysis.quality.error_budget import AT_MOST, ErrorPart
 from sarmitsuba.view.figure import Figure
 
 _DPI = 100.0
@@ -105,14 +105,14 @@ def _bars(
 
 
 def _share(part: ErrorPart, total_db: float) -> float:
-    if part.known == UNKNOWN or not math.isfinite(part.error_db):
+    if not part.counts or not math.isfinite(part.error_db):
         return 0.0
     return float(10.0 ** (0.1 * (part.error_db - total_db)))
 
 
 def _value(part: ErrorPart, share: float) -> str:
     text = str(part)[len(part.name) :].strip()
-    return text if part.known == UNKNOWN or not share else f"{text} ({_percent(share)})"
+    return text if not share else f"{text} ({_percent(share)})"
 
 
 def _percent(share: float) -> str:

@@ -35,7 +35,7 @@ def test_a_point_has_no_error_of_rays_bounces_or_blocks(image: SarImage) -> None
         "gridding",
         "focuser",
         "effects left out",
-        "physical optics",
+        "theory of metal",
     ]
     assert parts["bounces left out"].error_db == parts["blocks of pulses"].error_db == -math.inf
     assert parts["rays"].error_db == -math.inf and parts["rays"].why == "nothing is traced"
@@ -43,7 +43,7 @@ def test_a_point_has_no_error_of_rays_bounces_or_blocks(image: SarImage) -> None
     traced = with_metadata(image, statistics={"rays": 7})
     assert traced["gridding"].error_db == pytest.approx(gridding_kernel(4).error_db + 3.01, abs=0.01)
     assert parts["focuser"].known == AT_MOST and parts["focuser"].error_db < -50.0
-    assert parts["physical optics"].known == UNKNOWN
+    assert parts["theory of metal"].known == UNKNOWN
     assert str(parts["bounces left out"]) == "bounces left out none"
 
 

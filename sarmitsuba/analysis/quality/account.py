@@ -218,7 +218,7 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
 
 def total_db(parts: Iterable[ErrorPart]) -> float:
     """Sum of the known error energies, dB; -inf where none is known."""
-    energy = sum(_energy(part.error_db) for part in parts if part.known != UNKNOWN)
+    energy = sum(_energy(part.error_db) for part in parts if part.counts)
     return 10.0 * math.log10(energy) if energy > 0.0 else -math.inf
 
 
@@ -244,7 +244,7 @@ def _energy(error_db: float) -> float:
 
 def _with_total(change: Change, parts: Iterable[ErrorPart], left_out_db: float) -> Change:
     """Change with the sums of the errors, stated and likely; ``left_out_db``: likely error of effects left out."""
-    before = tuple(part for part in parts if part.known != UNKNOWN)
+    before = tuple(part for part in parts if part.counts)
     after = _changed(before, change.cause, change.error_db[1])
     later = left_out_db if math.isnan(change.left_out_db) else change.left_out_db
     return replace(
@@ -264,7 +264,7 @@ def _changed(parts: Iterable[ErrorPart], name: str, error_db: float) -> tuple[Er
 
 def _bounded(parts: Iterable[ErrorPart]) -> bool:
     """Whether bounds are a part of the sum of the known errors that counts."""
-    known = [part for part in parts if part.known != UNKNOWN]
+    known = [part for part in parts if part.counts]
     bounds = sum(_energy(part.error_db) for part in known if part.known == AT_MOST)
     return bounds > _BOUNDED * sum(_energy(part.error_db) for part in known)
 

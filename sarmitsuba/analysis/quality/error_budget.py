@@ -4,10 +4,13 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.image.sar_image import SarImage
 
-MEASURED, AT_MOST, UNKNOWN = "measured", "at most", "not measured"
+MEASURED, AT_MOST, ESTIMATED, UNKNOWN = "measured", "at most", "estimated", "not measured"
+THEORY = "theory of metal"
 # energy of the echoes outside the image, dB, above which errors are stated relative to the image's energy
 SHOWN_DB = 1.0
 # rounding of echoes in complex64, relative to profiles of single pulses (benchmarks/suite/stated_errors.py)
@@ -22,7 +25,7 @@ class ErrorPart:
     ----------
     name : of the cause
     error_db : dB; NaN: unknown, -inf: no error
-    known : ``measured``, ``at most`` or ``not measured``
+    known : ``measured``, ``at most``, ``estimated`` or ``not measured``
     why : source of the value, or reason for its absence
     """
 
@@ -37,8 +40,13 @@ class ErrorPart:
             return f"{self.name} {UNKNOWN}"
         if self.error_db == -math.inf:
             return f"{self.name} none"
-        bound = "at most " if self.known == AT_MOST else ""
+        bound = f"{self.known} " if self.known in (AT_MOST, ESTIMATED) else ""
         return f"{self.name} {bound}{self.error_db:.1f} dB"
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is in the sum of the known errors, which settings change."""
+        return self.known in (MEASURED, AT_MOST)
 
     def as_dict(self) -> dict[str, object]:
         """Values for JSON; None for an unknown error, or no error."""
@@ -56,13 +64,14 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
 
     Returns
     -------
-    rays, bounces left out, blocks of pulses, gridding, focuser, effects left out, physical optics. The first is the
+    rays, bounces left out, blocks of pulses, gridding, focuser, effects left out, theory of metal. The first is the
     stated error of the image (worst channel), which excludes the others
 
     Notes
     -----
-    Effects left out are summed as independent energies; those without a bound are named. The error of physical optics
-    is unknown without another solver, see docs/accuracy.md.
+    Effects left out are summed as independent energies; those without a bound are named. The error of the theory
+    is the energy of waves that metal sends and the run does not follow, by the laws of
+    :mod:`sarmitsuba.effects.omitted_waves`; unknown for other surfaces, see docs/accuracy.md.
     """
     data = BudgetFacts(image.metadata)
     return (
@@ -72,7 +81,7 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
         _gridding(data),
         _focuser(data),
         _effects(data),
-        ErrorPart("physical optics", math.nan, UNKNOWN, "no other solver to compare with"),
+        _theory(data, image),
     )
 
 
@@ -200,6 +209,32 @@ def _effects(data: BudgetFacts) -> ErrorPart:
     measured = all(decision.get("error_is") == "measured" for decision in left_out.values())
     known = MEASURED if measured else AT_MOST
     return ErrorPart("effects left out", effects_db(left_out.values()), known, ", ".join(left_out))
+
+
+def _theory(data: BudgetFacts, image: SarImage) -> ErrorPart:
+    """Energy of the waves of metal that are not simulated, over that of the image, worst channel."""
+    found = data.part("theory")
+    energies = {c: number(v) for c, v in data.part("theory", "energy_m2").items()}
+    why = str(found.get("why", "no metal; no other solver to compare with"))
+    energy = {c: _energy(image, c) for c in image.channels if energies.get(c, math.nan) > 0.0}
+    if min(energy.values(), default=0.0) <= 0.0 or len(energy) < len(image.channels):
+        return ErrorPart(THEORY, math.nan, UNKNOWN, why)
+    share = max(energies[c] / energy[c] for c in energy)
+    repeated = number(found.get("repeated_share"))
+    if not math.isnan(repeated):
+        later = bounces_left_out(data)  # all of the image's energy without a pilot
+        share += repeated * 10.0 ** (0.1 * later[1] if len(later) > 1 else 0.0)
+    return ErrorPart(THEORY, min(10.0 * math.log10(share), 0.0), ESTIMATED, why)
+
+
+def _energy(image: SarImage, channel: str) -> float:
+    """Energy of a channel, resolution cells times m^2."""
+    grid = image.grid
+    pixel = grid.azimuth_spacing * grid.range_spacing
+    per_cell = image.sigma0(channel)
+    if grid.kind == "slant":
+        per_cell = per_cell / np.sin(image.incidence_angle)
+    return float(per_cell.sum()) * pixel
 
 
 def effects_db(decisions: Iterable[Mapping[str, object]], laws_lower_by: float = 0.0) -> float:

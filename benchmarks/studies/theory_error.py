@@ -1,0 +1,112 @@
+"""Stated error of the theory against the true one, for drawn metal bodies solved by the method of moments.
+
+``python benchmarks/studies/theory_error.py`` sweeps every stored body with ``rcs_sweep`` and prints its rms error in
+HH and VV, true and stated, then for each family and for all bodies how often the true error is above the stated one by
+2 dB, and the stated error over the true one. Bodies are those to which the laws were fitted, and those drawn anew
+afterwards (held out). ``--only held_out`` and ``--family plate`` take some; ``benchmarks/support/drawn_bodies.py``
+draws and solves others.
+"""
+
+import argparse
+import json
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import _support
+import drawn_bodies
+import numpy as np
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
+
+STORED = Path(drawn_bodies.__file__).with_suffix(".json")
+CHANNELS = ("HH", "VV")
+# dB below the peak of the exact pattern that is compared, and margin of a statement
+STRONG, MARGIN = 20.0, 2.0
+
+
+@dataclass(frozen=True)
+class BodyError:
+    """Rms error of a body, dB, HH and VV: true and stated (infinite: not known), and the text of the statement."""
+
+    family: str
+    true: tuple[float, float]
+    stated: tuple[float, float]
+    text: str
+
+
+def sweep_of(entry: dict[str, object]) -> RcsSweep:
+    """Sweep of a drawn body at a wavelength of 1 m with default settings."""
+    vertices, faces = drawn_bodies.body_mesh(entry, 1e9)
+    scene = build_scene(
+        [SceneMesh(vertices, faces.astype(np.int32), "pec", "body")],
+        radar=RadarDescription(center_frequency=SPEED_OF_LIGHT),
+        name=str(entry["family"]),
+    )
+    azimuth = np.radians(drawn_bodies.AZIMUTH)
+    return rcs_sweep(scene, Aspects(azimuth, np.zeros_like(azimuth)), channels=CHANNELS)
+
+
+def errors(which: str, families: tuple[str, ...] = ()) -> Iterator[BodyError]:
+    """Errors of the bodies ``fitted`` or ``held_out``, of some families or of all."""
+    for entry in json.loads(STORED.read_text(encoding="utf-8"))[which]:
+        if families and entry["family"] not in families:
+            continue
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)  # most bodies are small
+            sweep = sweep_of(entry)
+        true = []
+        for channel in CHANNELS:
+            exact = np.array(entry[channel])
+            strong = exact >= exact.max() - STRONG
+            true.append(float(np.sqrt(np.mean(np.square(sweep.dbsm(channel) - exact)[strong]))))
+        stated = tuple(float(v) for v in sweep.statement.total_db)
+        yield BodyError(
+            entry["family"], (true[0], true[1]), (stated[0], stated[1]), sweep.statement.theory.text
+        )
+
+
+def summary(name: str, found: list[BodyError]) -> str:
+    """One line on the distribution over bodies and channels."""
+    true, stated = (np.array([getattr(f, n) for f in found]).ravel() for n in ("true", "stated"))
+    known = np.isfinite(stated)
+    if not known.any():
+        return f"{name}: {known.size} rows, none known"
+    factor, over = stated[known] / true[known], true[known] - stated[known]
+    low, middle, high = np.quantile(factor, [0.05, 0.5, 0.95])
+    return (
+        f"{name}: {known.size} rows, {known.sum()} known; "
+        f"true above stated by {MARGIN:g} dB in {(over > MARGIN).sum()}, "
+        f"at most by {over.max():.1f} dB; stated over true: median {middle:.2f}, 5 to 95 % {low:.2f} to {high:.2f}"
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", choices=("fitted", "held_out"))
+    parser.add_argument("--family", action="append", default=[])
+    args = parser.parse_args()
+    for which in (args.only,) if args.only else ("fitted", "held_out"):
+        found = []
+        for one in errors(which, tuple(args.family)):
+            found.append(one)
+            print(
+                f"{one.family:9s} true {np.round(one.true, 1)} stated {np.round(one.stated, 1)} {one.text}",
+                flush=True,
+            )
+        for family in dict.fromkeys(f.family for f in found):
+            print(summary(f"{which}, {family}", [f for f in found if f.family == family]))
+        print(summary(which, found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

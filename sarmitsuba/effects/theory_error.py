@@ -1,0 +1,266 @@
+"""Expected error of physical optics and edge waves in dB, and its causes, for a pattern of radar cross sections."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sarmitsuba.arrays import C128, F64
+from sarmitsuba.effects.omitted_waves import (
+    AS_EDGE,
+    BETWEEN,
+    CURVED,
+    EDGES_OFF,
+    ONE_EDGE,
+    ONE_RIM,
+    ROUNDED,
+    MetalLines,
+    SimulatedWaves,
+    metal_lines,
+    omitted_energy,
+)
+from sarmitsuba.materials.fresnel import fresnel
+from sarmitsuba.materials.map_materials import with_parts
+from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.geometry import Geometry
+
+# dB below the peak down to which the error is stated
+STRONG_DB = 20.0
+# most triangles that are examined, and most directions
+MOST_FACES, MOST_DIRECTIONS = 60_000, 360
+# wavelengths: largest extent of a body in the Rayleigh region, and second largest of one that resonates as a wire does
+LEAST_SIZE, LEAST_WIDTH = 0.5, 0.2
+# a cause is named where its part of the mean square error is above this
+_NAMED = 0.15
+_LOG = 20.0 / math.log(10.0)
+# ratio of energies beyond which a level counts as absent
+_ABSENT = 1e4
+REPEATED = "repeated bounces"
+CROSS = ("HV", "VH")
+
+
+def expected_square(ratio: F64) -> F64:
+    r"""Mean square of the error in dB of a level to which a wave of unknown phase is missing.
+
+    .. math:: \langle (20 \lg |1 + \rho e^{j \phi}|)^2 \rangle = \left(\frac{20}{\ln 10}\right)^2 \left[
+        \tfrac12 \mathrm{Li}_2(\min(\rho^2, \rho^{-2})) + \max(0, \ln \rho)^2 \right]
+
+    from the series of :math:`\ln |1 + z|`, whose terms are orthogonal over the phase.
+
+    Parameters
+    ----------
+    ratio : energy of the missing wave over that of the others, :math:`\rho^2`, any shape
+    """
+    r = np.maximum(np.asarray(ratio, dtype=np.float64), 1e-300)
+    inner = scipy.special.spence(1.0 - np.minimum(r, 1.0 / r))
+    return np.asarray(_LOG**2 * (0.5 * inner + np.square(np.maximum(0.5 * np.log(r), 0.0))))
+
+
+def rms_db(missing: F64, power: F64) -> F64:
+    """Expected rms error, dB, (n_channels,), where the level with the missing waves lies near its peak.
+
+    The strong part lies within ``STRONG_DB`` of the peak.
+
+    Parameters
+    ----------
+    missing, power : (n_directions, n_channels) float64, m^2, energy of missing waves and simulated RCS
+    """
+    both = missing + power
+    strong = (both >= both.max(axis=0, initial=0.0) * 10.0 ** (-0.1 * STRONG_DB)) & (both > 0.0)
+    square = expected_square(np.minimum(missing / np.maximum(power, 1e-300), _ABSENT)) * strong
+    return np.asarray(np.sqrt(square.sum(axis=0) / np.maximum(strong.sum(axis=0), 1)))
+
+
+def reflection_of(material: Material, wavelength: float) -> float:
+    """Modulus of the amplitude that a surface reflects at normal incidence."""
+    if material.metallic:
+        return 1.0
+    (part,) = with_parts([material])[:1]
+    gamma = complex(fresnel(1.0, part.permittivity)[0])
+    if part.thickness > 0.0:
+        phase = np.exp(-4j * np.pi * np.sqrt(complex(part.permittivity)) * part.thickness / wavelength)
+        gamma = gamma * (1.0 - phase) / (1.0 - gamma**2 * phase)
+    return min(abs(gamma), 1.0)
+
+
+@dataclass(frozen=True)
+class TheoryCause:
+    """One cause of the error of the theory: its text, and the rms error that it alone would have, dB."""
+
+    text: str
+    rms_db: float
+
+
+@dataclass(frozen=True, eq=False)
+class TheoryError:
+    """Energy of the waves that the theory leaves out, by direction, and its causes.
+
+    Parameters
+    ----------
+    missing : (n_directions, n_channels) float64, m^2, energy of the waves left out
+    rms_db : (n_channels,) float64, dB, expected rms error in the strong part of the pattern; infinite: not known
+    causes : the largest first
+    unknown : reason why the error is not known; empty where it is
+    counted : (n_channels,) bool, channels that the text is of: not cross-polar ones beside others, which metal returns
+        weakly, in physical optics often not at all
+    doubtful : whether the reason calls for a warning: a body outside the theory, rather than one it says nothing of
+    """
+
+    missing: F64
+    rms_db: F64
+    causes: tuple[TheoryCause, ...]
+    counted: NDArray[np.bool_]
+    unknown: str = ""
+    doubtful: bool = False
+
+    @property
+    def worst_db(self) -> float:
+        """Largest expected error of the counted channels, dB."""
+        return float(self.rms_db[self.counted].max(initial=0.0))
+
+    @property
+    def text(self) -> str:
+        """Statement such as ``theory about 0.4 dB (waves between edges 2.3 wavelengths apart)``."""
+        if self.unknown:
+            return f"theory not known ({self.unknown})"
+        named = [c for c in self.causes if c.rms_db**2 > _NAMED * sum(x.rms_db**2 for x in self.causes)]
+        why = f" ({'; '.join(c.text for c in named)})" if named else ""
+        return f"theory {stated(self.worst_db)}{why}"
+
+
+def stated(error_db: float) -> str:
+    """Text of an expected error, dB: ``about 0.4 dB``, ``not better than 8 dB``."""
+    if not math.isfinite(error_db):
+        return "not known"
+    if error_db > 3.0:
+        return f"not better than {error_db:.0f} dB"
+    return f"about {max(error_db, 0.01):.1g} dB" if error_db < 1.0 else f"about {error_db:.1f} dB"
+
+
+def theory_error(
+    geometry: Geometry,
+    materials: Sequence[Material],
+    directions: F64,
+    amplitude: C128,
+    channels: Sequence[str],
+    wavelength: float,
+    waves: SimulatedWaves,
+) -> TheoryError:
+    """Expected error of a simulated pattern by what physical optics and edge waves leave out.
+
+    Parameters
+    ----------
+    geometry, materials : the target
+    directions : (n, 3) float64, unit vectors to the radar
+    amplitude : (n, n_orders, n_channels) complex128, m, simulated, by bounce order
+    channels : such as HH
+    wavelength : m
+    waves : that are simulated beyond physical optics
+
+    Notes
+    -----
+    Missing waves count by the laws of :mod:`sarmitsuba.effects.omitted_waves`, repeated bounces by a share of what they
+    return; their energies add. Not known: bodies smaller than half a wavelength or thinner than a fifth both ways,
+    bodies of a dielectric (waves inside are not simulated), and targets of more than ``MOST_FACES`` triangles.
+    """
+    shape = (len(directions), len(channels))
+    counted = np.array([channel not in CROSS for channel in channels])
+    counted |= not counted.any()
+    visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
+    corners = np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64)
+    if not len(corners):
+        return TheoryError(np.zeros(shape), np.zeros(shape[1]), (), counted)
+    unknown, doubtful = _outside(
+        corners, [materials[i] for i in np.unique(geometry.face_material[visible])], wavelength
+    )
+    if unknown:
+        return TheoryError(np.full(shape, np.inf), np.full(shape[1], np.inf), (), counted, unknown, doubtful)
+    by_material = np.array([reflection_of(m, wavelength) for m in materials])
+    lines = metal_lines(corners, by_material[geometry.face_material[visible]], wavelength)
+    power = np.square(np.abs(amplitude.sum(axis=1)))
+    some = _some(power)
+    missing = omitted_energy(lines, directions[some], channels, wavelength, waves)
+    extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    missing[REPEATED] = _repeated(amplitude[some], min(lines.face_width, extent) / wavelength)
+    total = np.sum(list(missing.values()), axis=0)
+    causes = [
+        TheoryCause(cause_text(name, lines, wavelength), float(rms_db(part, power[some])[counted].max()))
+        for name, part in missing.items()
+        if part.any()
+    ]
+    whole = np.zeros(shape)
+    order = np.argsort(some)
+    for i in range(shape[1]):
+        whole[:, i] = np.interp(np.arange(shape[0]), some[order], total[order, i])
+    return TheoryError(
+        whole, rms_db(total, power[some]), tuple(sorted(causes, key=lambda c: -c.rms_db)), counted
+    )
+
+
+def _outside(corners: F64, materials: Sequence[Material], wavelength: float) -> tuple[str, bool]:
+    """Reason why the theory's error is not known, and whether to warn of it."""
+    bodies = [m for m in materials if not m.metallic and m.thickness <= 0.0]
+    if bodies:
+        return f"surfaces of {bodies[0].name}: only metal and thin sheets are judged", False
+    if len(corners) > MOST_FACES:
+        return f"{len(corners)} faces are too many to examine", False
+    points = corners.reshape(-1, 3)
+    points = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(points.T @ points)
+    extent = np.sort(np.ptp(points @ axes, axis=0)) / wavelength
+    if extent[2] < LEAST_SIZE:
+        return (
+            f"the body is {extent[2]:.2g} wavelengths large; below {LEAST_SIZE:g} it scatters as a dipole",
+            True,
+        )
+    if extent[1] < LEAST_WIDTH:
+        return f"the body is a rod {extent[1]:.2g} wavelengths thick; it resonates as a wire, see wires", True
+    return "", False
+
+
+def _some(power: F64) -> NDArray[np.intp]:
+    """Directions that are examined: the strongest of every channel, and others evenly."""
+    n = len(power)
+    even = np.arange(0, n, -(-n // MOST_DIRECTIONS))
+    return np.unique(np.concatenate([even, power.argmax(axis=0), [n - 1]]))
+
+
+def _repeated(amplitude: C128, width: float) -> F64:
+    r"""(n, n_channels) energy of the error of two and more bounces by ray optics, m^2.
+
+    Of n bounces between faces of the width w, in wavelengths, the share
+
+    .. math:: \min\left(1, \frac{n - 1}{w}\right)
+
+    of the amplitude: one over the Fresnel number of a face seen from the one n - 1 widths before. Beyond it waves have
+    spread over all walls, and rays do not give the phase of the modes.
+    """
+    share = np.minimum(1.0, np.arange(amplitude.shape[1]) / max(width, 1e-9))
+    return np.asarray(np.einsum("noc,o->nc", np.square(np.abs(amplitude)), np.square(share)))
+
+
+def cause_text(name: str, lines: MetalLines, wavelength: float) -> str:
+    """Text of a cause with the size that matters, wavelengths."""
+    sharp, k = lines.radius == 0.0, 2.0 * np.pi / wavelength
+    across = f"{lines.face_width / wavelength:.2g} wavelengths"
+    if name == EDGES_OFF:
+        return "edges that are not simulated"
+    if name == BETWEEN:
+        return f"waves between edges {across} apart, and their ends"
+    if name == REPEATED:
+        return f"several bounces by ray optics{f' between faces {across} wide' if sharp.any() else ''}"
+    if name == ONE_RIM:
+        values, chosen = lines.width.min(axis=1), sharp & (k * lines.width < ONE_EDGE).any(axis=1)
+        text = "edges {} wavelengths apart act as one"
+    else:
+        values, chosen = lines.radius, ~sharp & ((k * lines.radius < AS_EDGE) == (name == ROUNDED))
+        text = "waves of rounded edges and tips, radius {} wavelengths"
+        if name == CURVED:
+            text = "creeping waves, radius {} wavelengths"
+    if not chosen.any():
+        return name
+    size = np.exp(np.average(np.log(np.maximum(values[chosen], 1e-12)), weights=lines.length[chosen]))
+    return text.format(f"{size / wavelength:.2g}")

@@ -1,0 +1,254 @@
+"""One statement of the error of radar cross sections: sampling, bounces left out, and theory."""
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.arrays import C128, F64
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.omitted_waves import SimulatedWaves, metal_lines, omitted_energy
+from sarmitsuba.effects.theory_error import STRONG_DB, TheoryError, cause_text, rms_db, stated, theory_error
+from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling.refined_spacing import POOR_DB, error_text, worst
+
+# dB, total error above which a sweep is warned of
+DOUBTFUL_DB = 3.0
+# most metal faces that an image's account examines, and positions of its aperture
+MOST_IMAGE_FACES, APERTURE = 20_000, 9
+_REMEDIES = {
+    "edges that are not simulated": "switch edge_diffraction on",
+    "act as one": "describe the plate as a sheet without thickness",
+}
+_FULL_WAVE = "take a full-wave solver for single levels"
+
+
+def simulated_waves(flags: KernelFlags) -> SimulatedWaves:
+    """Waves beyond physical optics that a run with these flags follows."""
+    return SimulatedWaves(edges=flags.edge_diffraction)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorStatement:
+    """Expected rms error, dB, of levels within ``STRONG_DB`` of the peak; infinite: not known.
+
+    Parameters
+    ----------
+    power : (n_directions, n_channels) float64, m^2, simulated
+    sampling, bounces : (n_channels,) float64, m^2, energy of the sampling error and of the bounces left out in a
+        direction; NaN: not measured
+    theory : waves that are not simulated, and its causes
+    """
+
+    power: F64
+    sampling: F64
+    bounces: F64
+    theory: TheoryError
+
+    @staticmethod
+    def of(
+        scene: Scene,
+        flags: KernelFlags,
+        directions: F64,
+        amplitude: C128,
+        sampling_db: tuple[float, ...],
+        left_db: float,
+    ) -> "ErrorStatement":
+        """Statement on a sweep.
+
+        Parameters
+        ----------
+        scene : the target, at its frequency
+        flags : effects that were simulated
+        directions : (n, 3) float64, unit vectors to the radar
+        amplitude : (n, n_orders, n_channels) complex128, m
+        sampling_db : of every channel, energy of the sampling error over that of the echoes, dB; NaN: not measured
+        left_db : energy of the bounces left out over that of all, dB; -inf: none, NaN: not known
+
+        Notes
+        -----
+        Energies of sampling and bounces left out are spread evenly over the directions.
+        """
+        waves = simulated_waves(flags)
+        wavelength = scene.radar.waveform.wavelength
+        theory = theory_error(
+            scene.geometry, scene.materials, directions, amplitude, flags.channels, wavelength, waves
+        )
+        power = np.square(np.abs(amplitude.sum(axis=1)))
+        level = 10.0 ** (0.1 * np.asarray(sampling_db, dtype=np.float64))
+        left = 0.0 if math.isnan(left_db) else 10.0 ** (0.1 * left_db)
+        mean = power.mean(axis=0)
+        return ErrorStatement(power, level * mean, left * mean, theory)
+
+    @cached_property
+    def sampling_db(self) -> F64:
+        """By the sampling with rays, (n_channels,)."""
+        known = np.where(np.isnan(self.sampling), np.nan, 1.0)
+        return np.asarray(known * rms_db(self._spread(self.sampling), self.power))
+
+    @cached_property
+    def bounces_db(self) -> F64:
+        """By bounces left out, (n_channels,)."""
+        return rms_db(self._spread(self.bounces), self.power)
+
+    @property
+    def theory_db(self) -> F64:
+        """By waves that are not simulated, (n_channels,)."""
+        return self.theory.rms_db
+
+    @cached_property
+    def total_db(self) -> F64:
+        """By all of them, (n_channels,); errors whose size is not measured are left out."""
+        if self.theory.unknown:
+            return self.theory.rms_db
+        return rms_db(
+            self._spread(self.sampling) + self._spread(self.bounces) + self.theory.missing, self.power
+        )
+
+    def over(self, rows: NDArray[np.bool_]) -> "ErrorStatement":
+        """Statement on some of the directions, whose own peak counts; causes as before."""
+        missing = self.theory.missing[rows]
+        level = self.theory.rms_db if self.theory.unknown else rms_db(missing, self.power[rows])
+        return replace(
+            self, power=self.power[rows], theory=replace(self.theory, missing=missing, rms_db=level)
+        )
+
+    def _spread(self, energy: F64) -> F64:
+        """Energy (n_channels,) at every direction; 0 where it is not known."""
+        return np.broadcast_to(np.nan_to_num(energy), self.power.shape)
+
+    @property
+    def worst_db(self) -> float:
+        """Largest total of the channels that count, dB."""
+        return float(self.total_db[self.theory.counted].max(initial=0.0))
+
+    @property
+    def text(self) -> str:
+        """Statement in one line."""
+        counted = self.theory.counted
+        parts = [
+            f"sampling {_level(self.sampling_db[counted])}",
+            f"bounces left out {_level(self.bounces_db[counted])}",
+            self.theory.text,
+        ]
+        if self.theory.unknown:
+            total = "not known"
+        else:
+            total = f"within {_level(self.total_db[counted])}"
+            if self.worst_db > DOUBTFUL_DB:
+                total = stated(self.worst_db)
+        return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {total}: {', '.join(parts)}"
+
+    @property
+    def warning(self) -> str:
+        """Warning with a remedy; empty where the total is low, or nothing is known that speaks against it."""
+        if self.theory.unknown:
+            return f"{self.theory.text}; {_FULL_WAVE}" if self.theory.doubtful else ""
+        if self.worst_db <= DOUBTFUL_DB:
+            return ""
+        sampled = float(
+            np.nan_to_num(np.fmax(self.sampling_db, self.bounces_db))[self.theory.counted].max(initial=0.0)
+        )
+        if sampled > self.theory.worst_db:
+            remedy = "set a smaller ray_spacing, or a higher max_depth"
+        else:
+            first = self.theory.causes[0].text if self.theory.causes else ""
+            remedy = next((r for key, r in _REMEDIES.items() if key in first), _FULL_WAVE)
+        return f"levels are {stated(self.worst_db)} ({self.theory.text}); {remedy}"
+
+    def as_dict(self, channels: tuple[str, ...]) -> dict[str, object]:
+        """Values for JSON; None where they are not known."""
+        return {
+            "strong_part_db": STRONG_DB,
+            **{
+                name: {c: _finite(v) for c, v in zip(channels, values, strict=True)}
+                for name, values in (
+                    ("sampling_db", self.sampling_db),
+                    ("bounces_left_out_db", self.bounces_db),
+                    ("theory_db", self.theory_db),
+                    ("total_db", self.total_db),
+                )
+            },
+            "causes": [{"cause": c.text, "rms_db": _finite(c.rms_db)} for c in self.theory.causes],
+            "text": self.text,
+        }
+
+
+def _level(values: F64) -> str:
+    known = values[~np.isnan(values)]
+    return (
+        f"{max(float(known.max()), 0.0):.2g} dB"
+        if known.size and np.isfinite(known).all()
+        else "not measured"
+    )
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), 3) if math.isfinite(value) else None
+
+
+def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
+    """Energy of the waves that the metal of a scene sends and a run does not follow, for an image's metadata.
+
+    Mean over the aperture of their RCS, m^2, which by Parseval's theorem is their energy in the image in resolution
+    cells times m^2. Empty without metal and where nothing is coherent.
+
+    Parameters
+    ----------
+    scene : as simulated
+    flags : effects that are simulated
+
+    Notes
+    -----
+    Ignores shadows, the beam, and waves of surfaces that are not metal. Where all is metal, ``repeated_share`` is the
+    share of the energy of two bounces and more by which ray optics is wrong; beside other surfaces it is not known.
+    """
+    geometry, metallic = (
+        scene.geometry,
+        np.array([m.metallic and not m.invisible for m in scene.materials], dtype=bool),
+    )
+    metal = metallic[geometry.face_material] if geometry.n_faces else np.zeros(0, dtype=bool)
+    if not metal.any() or not flags.coherent:
+        return {}
+    if metal.sum() > MOST_IMAGE_FACES:
+        return {"why": f"{int(metal.sum())} metal faces are too many to examine"}
+    corners = np.asarray(geometry.vertices[geometry.faces[metal]], dtype=np.float64)
+    wavelength = scene.radar.waveform.wavelength
+    lines = metal_lines(corners, np.ones(len(corners)), wavelength)
+    place = scene.radar.track.position
+    away = place[
+        np.linspace(0, len(place) - 1, min(len(place), APERTURE)).round().astype(int)
+    ] - corners.mean(axis=(0, 1))
+    look = away / np.linalg.norm(away, axis=1, keepdims=True)
+    channels = scene.radar.channels
+    waves = simulated_waves(flags)
+    by_cause = {
+        cause_text(name, lines, wavelength): energy.mean(axis=0)
+        for name, energy in omitted_energy(lines, look, channels, wavelength, waves).items()
+    }
+    total = np.sum(list(by_cause.values()), axis=0)
+    largest = max(by_cause, key=lambda text: float(by_cause[text].max()))
+    found: dict[str, object] = {
+        "energy_m2": {c: float(v) for c, v in zip(channels, total, strict=True)},
+        "why": largest,
+    }
+    seen = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
+    if flags.multi_bounce and metal[seen].all():
+        extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+        found["repeated_share"] = min(1.0, wavelength / max(min(lines.face_width, extent), 1e-9)) ** 2
+    return found
+
+
+def say_sampling_error(scene: Scene, spacing: float, errors: tuple[float, ...]) -> tuple[str, ...]:
+    """Notes on a sampling error that is not low; a warning instead of a note where it is poor."""
+    text = error_text(
+        scene.name, worst(errors), spacing, scene.radar.waveform.wavelength, scene.settings.ray_spacing > 0.0
+    )
+    if worst(errors) > POOR_DB:
+        warnings.warn(text, SarmitsubaWarning, stacklevel=3)
+        return ()
+    return (text,) if text else ()
