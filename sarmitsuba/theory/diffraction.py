@@ -322,9 +322,16 @@ def plate_along_its_sheet(
 ) -> tuple[F64, F64]:
     r"""Return the RCS of a rectangular plate as :func:`plate_with_edges` with waves along the sheet, m^2.
 
-    The far rim's fringe for the field across it is multiplied by :math:`T^2`, for the way there and the way back, see
-    :func:`sheet_transition`: edge-on that rim returns nothing. T goes over into one from 14 degrees off the normal to
-    the normal, by a share :math:`\min(1, 4 \sin\theta)` of its difference.
+    With the field across it, the wave that reaches a rim over the other one differs from the incoming one by T - 1 of
+    it (:func:`sheet_transition`) and grazes the sheet. It and the reversed path, which is as strong, and the one over
+    the other rim there and back, change the hard coefficient of the rim that is seen under the angle
+    :math:`\gamma` off the sheet to
+
+    .. math:: D_h - g_0 + 2 (T - 1) D_h(\gamma, 0) + (T - 1)^2 D_h(0, 0), \quad
+        D_h(\gamma, 0) = \frac{-1}{\cos\frac\gamma2}
+
+    Edge-on that rim returns nothing. Both rims are the other one's partner: one has the double diffraction from 14
+    degrees off the normal on, and between them it passes over linearly in the sine.
 
     Parameters
     ----------
@@ -336,19 +343,26 @@ def plate_along_its_sheet(
 
     Notes
     -----
-    As :func:`plate_with_edges`, without its limit towards edge-on. Against the method of moments, for
-    strips of 1.5 to 7.5 wavelengths from 12 degrees off the normal to edge-on, the amplitude across errs by 0.06 to
-    0.09 of the edge-on amplitude along (rms), where the singly diffracted one errs by 0.24 to 0.33.
+    As :func:`plate_with_edges`, without its limit towards edge-on; waves that pass more than three times between the
+    rims are left out. Against the method of moments, for strips of 1 to 8 wavelengths, the amplitude across errs by
+    0.01 to 0.04 of the edge-on amplitude along (rms), where the singly diffracted one errs by 0.6 to 0.9.
     """
     theta = np.asarray(angle, dtype=np.float64)
-    near, far = 0.5 * np.pi + theta, 0.5 * np.pi - theta
     x = 2.0 * np.pi / wavelength * width * np.sin(theta)
     optics = 2.0 * np.sqrt(np.pi) / wavelength * width * np.cos(theta) * np.sinc(x / np.pi)
-    along = 1.0 + (sheet_transition(width, wavelength, far) - 1.0) * np.minimum(4.0 * np.cos(far), 1.0)
-    levels = []
-    # coefficients are of the magnetic field where that lies along the edge: a receiver turned round
-    for i, (sign, share) in enumerate(((1j, np.ones_like(along)), (-1j, along**2))):
-        first, second = (fringe_coefficients(2.0, phi, phi)[i] for phi in (near, far))
-        fringe = sign / np.sqrt(np.pi) * (first * np.exp(1j * x) + second * share * np.exp(-1j * x))
-        levels.append(np.asarray(height**2 * np.abs(optics + fringe) ** 2))
+    soft, hard = np.zeros((2, *theta.shape), dtype=np.complex128)
+    for sign in (1.0, -1.0):
+        off = 0.5 * np.pi + sign * theta
+        share = 0.5 + 0.5 * np.clip(4.0 * np.cos(off), -1.0, 1.0)
+        lost = share * (sheet_transition(width, wavelength, off) - 1.0)
+        first, second = fringe_coefficients(2.0, off, off)
+        shift = np.exp(1j * sign * x)
+        soft = soft + first * shift
+        # share 0: no wave, and the coefficient is infinite edge-on
+        along = -1.0 / np.where(share > 0.0, np.cos(0.5 * off), 1.0)
+        hard = hard + (second + 2.0 * lost * along - lost**2) * shift
+    levels = [
+        np.asarray(height**2 * np.abs(optics + fringe / np.sqrt(np.pi)) ** 2)
+        for fringe in (1j * soft, -1j * hard)
+    ]
     return levels[0], levels[1]
