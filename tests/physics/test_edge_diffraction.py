@@ -86,7 +86,18 @@ class Drawn:
         inward, normal = (np.array([[face[i] for face in pair] for pair in faces]) for i in (0, 1))
         one = np.ones(self.n)
         span = np.full((self.n, DIRECTIONS), np.inf)
-        edges = SharpEdges(np.zeros((self.n, 3)), length * one, self.angle, inward, normal, one, span, -one)
+        edges = SharpEdges(
+            np.zeros((self.n, 3)),
+            length * one,
+            self.angle,
+            inward,
+            normal,
+            one,
+            span,
+            -one,
+            0.0 * one,
+            np.ones((self.n, 2)),
+        )
         constants = SimpleNamespace(wavenumber=mi.Float(2.0 * np.pi / wavelength))
         got = FringeCurrents(edges).amplitude(
             SimpleNamespace(constants=constants),
