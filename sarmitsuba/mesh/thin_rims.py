@@ -78,8 +78,7 @@ def with_thin_rims(edges: SharpEdges, wavelength: float) -> SharpEdges:
 
     Notes
     -----
-    Ignores bars whose both sides are thin, which have two partners for an edge, and rims shorter than the largest
-    thickness: they stay wedges.
+    Ignores bars whose both sides are thin, whose edges have two partners: these stay wedges.
     """
     pairs = _pairs(edges, MAGNETIC[1] * wavelength)
     if not pairs.between.size:
@@ -161,7 +160,7 @@ def _pairs(edges: SharpEdges, thickest: float) -> _Pairs:
     row = np.arange(i.size)
     broad = np.stack([one.inward[row, here.argmin(axis=1)], other.inward[row, there.argmin(axis=1)]], axis=1)
     found = (np.abs(_dot(one.along, other.along)) > ALIKE) & (width > 0.0) & (width <= thickest)
-    found &= (high - low > thickest) & (here.max(axis=1) > ALIKE) & (there.max(axis=1) > ALIKE)
+    found &= (high - low > LEFT * width) & (here.max(axis=1) > ALIKE) & (there.max(axis=1) > ALIKE)
     found &= _dot(broad[:, 0], broad[:, 1]) > ALIKE
     ends = np.sort([turn * (low - shift), turn * (high - shift)], axis=0)
     pairs = _Pairs(
