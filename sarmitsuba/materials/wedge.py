@@ -67,11 +67,11 @@ def fringe_bound(angle: F64, inward: F64, normal: F64, to_source: F64, to_observ
 
 
 def _grazing(inward: F64, normal: F64, direction: F64) -> tuple[F64, F64, F64]:
-    """Largest T - 1 of a wave over a sheet half a wavelength wide or wider, cosine and sine of half its angle."""
+    """Largest T - 1 of a wave over a sheet a wavelength wide or wider, cosine and sine of half its angle."""
     across, off = _dot(direction, inward[:, 0]), _dot(direction, normal[:, 0])
     part = np.clip(across / np.maximum(np.hypot(across, off), _LEAST), -1.0, 1.0)
     # |T - 1| = |2 F(-w)| <= 1 / (sqrt(pi) w)
-    share = (0.5 + 0.5 * np.clip(4.0 * part, -1.0, 1.0)) / np.maximum(1.0, np.pi * np.sqrt(1.0 - part))
+    share = (0.5 + 0.5 * np.clip(4.0 * part, -1.0, 1.0)) / np.maximum(1.0, np.pi * np.sqrt(2.0 - 2.0 * part))
     cosine, sine = np.sqrt(0.5 + 0.5 * part), np.sqrt(0.5 - 0.5 * part)
     return np.asarray(share), np.maximum(cosine, _LEAST), np.asarray(sine)
 
