@@ -63,6 +63,8 @@ def fringe_bound(angle: F64, inward: F64, normal: F64, to_source: F64, to_observ
     turned = _turned(_grazing(inward, normal, to_source), _grazing(inward, normal, to_observer))
     changed = np.sqrt(largest) + turned * np.sqrt(magnetic)
     sheet = np.minimum(np.sqrt(electric + _ALONG**2 * magnetic), changed)
+    both = np.linalg.norm(to_source + to_observer, axis=1)
+    sheet = np.minimum(sheet, 2.0 * LARGEST_FRINGE / np.maximum(both, 1e-9))
     return np.asarray(np.where(outside, np.where(angle > 2.0 - _LEAST, sheet, np.sqrt(largest)), 0.0))
 
 
