@@ -300,15 +300,15 @@ class _Wedge:
             for x, y in (rows[:2], rows[2:])
         ]
         source, observer = incident.to_antenna, scattered.to_antenna
-        strips, outside = [], mi.Bool(True)
+        strips, outside = [], mi.Float(1.0)
         for face in faces:
             out = FringeStrip.of(face, n, source, observer)
             into = out if incident is scattered else FringeStrip.of(face, n, observer, source)
-            outside &= out.outside & into.outside
+            outside = dr.minimum(outside, dr.minimum(out.outside, into.outside))
             strips.append((out, into))
         k = kernel.constants.wavenumber
         turn = dr.dot(source + observer, faces[0].along) * (0.5 * k) * length
-        gain = dr.select(outside, (0.5 / float(np.sqrt(np.pi))) * length * sinc(turn), 0.0)
+        gain = (0.5 / float(np.sqrt(np.pi))) * length * sinc(turn) * outside
         there = SheetWave.of(faces[0], n, source, k, width)
         back = there if incident is scattered else SheetWave.of(faces[0], n, observer, k, width)
         shares = rows[2].w, rows[3].w

@@ -34,7 +34,9 @@ class FringeStrip:
     Parameters
     ----------
     face : of the wedge
-    outside : whether the wave comes through the exterior
+    outside : share in which the wave comes through the exterior: of a wedge one half where it grazes a face, and
+        between 0 and 1 within ``LEAST`` of that, so that of the far edges of two opposite faces that a wave passes
+        from one to the other the one fades as the other rises
     to_source : where the wave comes from
     cosine, sine : of the angle between the wave and the edge
     soft, hard, charge : D_s, D_h and mu D_h - 1 / N + U
@@ -43,7 +45,7 @@ class FringeStrip:
     """
 
     face: WedgeFace
-    outside: mi.Bool
+    outside: mi.Float
     to_source: mi.Vector3f
     cosine: mi.Float
     sine: mi.Float
@@ -62,7 +64,8 @@ class FringeStrip:
         phi = dr.atan2(off, across)
         # the middle of the interior separates exterior angles from angles slightly below face a
         phi = dr.select(phi < -(1.0 - 0.5 * n) * dr.pi, phi + 2.0 * dr.pi, phi)
-        outside = (phi > -LEAST) & (phi < n * dr.pi + LEAST)
+        inside = dr.minimum(phi, n * dr.pi - phi) * float(0.5 / LEAST)
+        outside = dr.select(n > 2.0 - LEAST, mi.Float(1.0), dr.clip(0.5 + inside, 0.0, 1.0))
         phi = dr.clip(phi, 0.0, n * dr.pi)
         # sin(alpha / 2): half the length of the difference of the unit vectors
         grazing = face.inward * sine + face.along * cosine
