@@ -142,8 +142,12 @@ def vector(rows: F64) -> mi.Vector3f:
 def test_drawn_wedges_in_float32(seed: int, backscatter: bool) -> None:
     drawn = Drawn(seed, 400, backscatter)
     got, want = drawn.kernel(1e-9) * 1e9, drawn.closed() * drawn.outside()
+    error = np.abs(got - want) / np.maximum(np.abs(want), 1.0)
     # tol: float32, some 20 roundings; cotangents within 0.2 rad of a pole that is left are that much larger
-    assert (np.abs(got - want) / np.maximum(np.abs(want), 1.0)).max() < 1e-5
+    whole = drawn.outside() == 1.0
+    assert error[whole].max() < 1e-5
+    # tol: an angle's rounding over the passage at a grazed face, 4e-7 of 2e-3
+    assert error.max() < 2e-4
 
 
 def test_reciprocal_both_ways() -> None:
