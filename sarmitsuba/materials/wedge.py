@@ -9,19 +9,19 @@ from sarmitsuba.arrays import C128, F64
 _SERIES = 0.05
 # least sine of the angle between wave and edge, and least angle in a wedge, rad: the formulas are held there
 _LEAST = 1e-3
-# largest modulus of the transition factor of a wave along a sheet, squared
-_ALONG = 1.8
+# largest modulus of the factor Q of waves along a sheet
+_ALONG = 2.8
 # largest fringe amplitude: at rims of sheets in backscatter, S times half the sum of both directions elsewhere
-LARGEST_FRINGE = _ALONG
+LARGEST_FRINGE = 1.8
 
 
 def fringe_bound(angle: F64, inward: F64, normal: F64, to_source: F64, to_observer: F64) -> F64:
     """Upper bound of the fringe amplitude S of edges over all polarisations; a length l has the RCS (S l)^2 / pi.
 
     The largest singular value of the matrix of S over two polarisations of the incoming and of the received wave, with
-    S the mean of a path and of the reversed one. At rims of sheets the magnetic part is at most 1.8 times as large by
-    the wave along the sheet, and the root of the sum of all squares is taken; or, if less, what that wave changes is
-    added, which is nothing from directions across the sheet. At most ``LARGEST_FRINGE`` over half the modulus of the
+    S the mean of a path and of the reversed one. At rims of sheets the magnetic part is at most 2.8 times as large by
+    the waves along the sheet, and the root of the sum of all squares is taken; or, if less, what these waves change is
+    added, which is nothing from directions beyond the rim. At most ``LARGEST_FRINGE`` over half the modulus of the
     sum of both directions.
 
     Parameters
@@ -59,18 +59,30 @@ def fringe_bound(angle: F64, inward: F64, normal: F64, to_source: F64, to_observ
     largest = 0.5 * (square + np.sqrt(np.maximum(np.square(square) - 4.0 * np.square(determinant), 0.0)))
     electric = np.square(np.abs(total[0, 0]))
     magnetic = np.maximum(square - electric, 0.0)
-    # off grazing the transition factor is 1 but for a part: what it changes adds to the largest singular value
-    turned = (1.0 + _grazing(inward, normal, to_source)) * (1.0 + _grazing(inward, normal, to_observer)) - 1.0
+    # what the waves along the sheet change adds to the largest singular value
+    turned = _turned(_grazing(inward, normal, to_source), _grazing(inward, normal, to_observer))
     changed = np.sqrt(largest) + turned * np.sqrt(magnetic)
     sheet = np.minimum(np.sqrt(electric + _ALONG**2 * magnetic), changed)
+    both = np.linalg.norm(to_source + to_observer, axis=1)
+    sheet = np.minimum(sheet, 2.0 * LARGEST_FRINGE / np.maximum(both, 1e-9))
     return np.asarray(np.where(outside, np.where(angle > 2.0 - _LEAST, sheet, np.sqrt(largest)), 0.0))
 
 
-def _grazing(inward: F64, normal: F64, direction: F64) -> F64:
-    """Largest deviation from 1 of the transition factor of a wave over the sheet of a rim, 0 from beyond the rim."""
+def _grazing(inward: F64, normal: F64, direction: F64) -> tuple[F64, F64, F64]:
+    """Largest T - 1 of a wave over a sheet a wavelength wide or wider, cosine and sine of half its angle."""
     across, off = _dot(direction, inward[:, 0]), _dot(direction, normal[:, 0])
-    part = across / np.maximum(np.hypot(across, off), _LEAST)
-    return np.asarray(np.clip(4.0 * part, 0.0, 1.0))
+    part = np.clip(across / np.maximum(np.hypot(across, off), _LEAST), -1.0, 1.0)
+    # |T - 1| = |2 F(-w)| <= 1 / (sqrt(pi) w)
+    share = (0.5 + 0.5 * np.clip(4.0 * part, -1.0, 1.0)) / np.maximum(1.0, np.pi * np.sqrt(2.0 - 2.0 * part))
+    cosine, sine = np.sqrt(0.5 + 0.5 * part), np.sqrt(0.5 - 0.5 * part)
+    return np.asarray(share), np.maximum(cosine, _LEAST), np.asarray(sine)
+
+
+def _turned(there: tuple[F64, F64, F64], back: tuple[F64, F64, F64]) -> F64:
+    """Largest modulus of Q - 1 of :class:`sarmitsuba.trace.edges.FringeCurrents`."""
+    (s, c, a), (t, d, b) = there, back
+    fringe = 0.5 * (d / (c + b) + c / (d + a))
+    return np.asarray((s / d + t / c + s * t) / fringe)
 
 
 def _strip(

@@ -38,6 +38,8 @@ class SharpEdges:
         circle from one end of the edge to the other, backwards along it first; infinite for wedges, and where unknown
     gap : (n,) float64, m, between the sides of two triangles that lie on one another and make the edge; -1 for rims,
         and where the triangles share both its ends
+    thickness : (n,) float64, m, of the plate whose face between two wedges a rim stands for; 0 for others
+    parts : (n, 2) float64, shares of the parts with the electric and with the magnetic field along the edge
     """
 
     middle: F64
@@ -48,6 +50,8 @@ class SharpEdges:
     weight: F64
     span: F64
     gap: F64
+    thickness: F64
+    parts: F64
 
     @property
     def n(self) -> int:
@@ -58,6 +62,14 @@ class SharpEdges:
     def along(self) -> F64:
         """(n, 3) unit vectors of the edges."""
         return np.cross(self.inward[:, 0], self.normal[:, 0])
+
+    @property
+    def thin_text(self) -> str:
+        """Note on rims of thin plates; empty without such edges."""
+        thin = self.thickness[self.thickness > 0.0]
+        if not thin.size:
+            return ""
+        return f"{thin.size} of {self.n} metal edges are rims of plates up to {1e3 * float(thin.max()):.2g} mm thick"
 
     @property
     def joined_text(self) -> str:
@@ -80,6 +92,8 @@ class SharpEdges:
             weight=self.weight[rows],
             span=self.span[rows],
             gap=self.gap[rows],
+            thickness=self.thickness[rows],
+            parts=self.parts[rows],
         )
 
     def weighted(self, share: F64) -> "SharpEdges":
@@ -175,6 +189,8 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) 
         np.ones(edge.size),
         np.full((edge.size, DIRECTIONS), np.inf),
         np.concatenate([np.full(rim.size, -1.0), gap]),
+        np.zeros(edge.size),
+        np.ones((edge.size, 2)),
     )
 
 

@@ -29,7 +29,8 @@ _FULL_WAVE = "take a full-wave solver for single levels"
 
 def simulated_waves(flags: KernelFlags) -> SimulatedWaves:
     """Waves beyond physical optics that a run with these flags follows."""
-    return SimulatedWaves(edges=flags.edge_diffraction)
+    edges = flags.edge_diffraction
+    return SimulatedWaves(edges=edges, between_rims=edges, one_rim=edges)
 
 
 @dataclass(frozen=True, eq=False)

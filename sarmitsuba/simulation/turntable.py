@@ -140,10 +140,11 @@ def rcs_sweep(
 
     Notes
     -----
-    Limitations are those of the kernel (no creeping waves, no waves between edges). Ground is part of the target,
-    up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB, or until the rays
-    of a direction (``most_rays``) or of the sweep (1e8) are spent; a larger error is noted, and warned of above -15 dB.
-    A total error above 3 dB, that of the theory included, is warned of where directions are checked.
+    Limitations are those of the kernel (no creeping waves, no waves between edges but those along sheets). Ground is
+    part of the target, up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB,
+    or until the rays of a direction (``most_rays``) or of the sweep (1e8) are spent; a larger error is noted, and
+    warned of above -15 dB. A total error above 3 dB, that of the theory included, is warned of where directions are
+    checked.
     """
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():

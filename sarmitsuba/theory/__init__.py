@@ -39,6 +39,8 @@ from sarmitsuba.theory.diffraction import (
     plate_along_its_sheet,
     plate_with_edges,
     sheet_transition,
+    thick_rim_displacement,
+    thin_plate,
     wedge_coefficients,
     wedge_current_series,
 )
@@ -255,6 +257,8 @@ __all__ = [
     "strips_by_moments",
     "temporal_coherence",
     "texture_correlation",
+    "thick_rim_displacement",
+    "thin_plate",
     "thin_rod",
     "thin_wire_moments",
     "thin_wire_rcs",

@@ -322,9 +322,16 @@ def plate_along_its_sheet(
 ) -> tuple[F64, F64]:
     r"""Return the RCS of a rectangular plate as :func:`plate_with_edges` with waves along the sheet, m^2.
 
-    The far rim's fringe for the field across it is multiplied by :math:`T^2`, for the way there and the way back, see
-    :func:`sheet_transition`: edge-on that rim returns nothing. T goes over into one from 14 degrees off the normal to
-    the normal, by a share :math:`\min(1, 4 \sin\theta)` of its difference.
+    With the field across it, the wave that reaches a rim over the other one differs from the incoming one by T - 1 of
+    it (:func:`sheet_transition`) and grazes the sheet. It and the reversed path, which is as strong, and the one over
+    the other rim there and back, change the hard coefficient of the rim that is seen under the angle
+    :math:`\gamma` off the sheet to
+
+    .. math:: D_h - g_0 + 2 (T - 1) D_h(\gamma, 0) + (T - 1)^2 D_h(0, 0), \quad
+        D_h(\gamma, 0) = \frac{-1}{\cos\frac\gamma2}
+
+    Edge-on that rim returns nothing. Both rims are the other one's partner: one has the double diffraction from 14
+    degrees off the normal on, and between them it passes over linearly in the sine.
 
     Parameters
     ----------
@@ -336,19 +343,104 @@ def plate_along_its_sheet(
 
     Notes
     -----
-    As :func:`plate_with_edges`, without its limit towards edge-on. Against the method of moments, for
-    strips of 1.5 to 7.5 wavelengths from 12 degrees off the normal to edge-on, the amplitude across errs by 0.06 to
-    0.09 of the edge-on amplitude along (rms), where the singly diffracted one errs by 0.24 to 0.33.
+    As :func:`plate_with_edges`, without its limit towards edge-on; waves that pass more than three times between the
+    rims are left out. Against the method of moments, for strips of 1 to 8 wavelengths, the amplitude across errs by
+    0.01 to 0.04 of the edge-on amplitude along (rms), where the singly diffracted one errs by 0.6 to 0.9.
     """
     theta = np.asarray(angle, dtype=np.float64)
-    near, far = 0.5 * np.pi + theta, 0.5 * np.pi - theta
     x = 2.0 * np.pi / wavelength * width * np.sin(theta)
     optics = 2.0 * np.sqrt(np.pi) / wavelength * width * np.cos(theta) * np.sinc(x / np.pi)
-    along = 1.0 + (sheet_transition(width, wavelength, far) - 1.0) * np.minimum(4.0 * np.cos(far), 1.0)
-    levels = []
-    # coefficients are of the magnetic field where that lies along the edge: a receiver turned round
-    for i, (sign, share) in enumerate(((1j, np.ones_like(along)), (-1j, along**2))):
-        first, second = (fringe_coefficients(2.0, phi, phi)[i] for phi in (near, far))
-        fringe = sign / np.sqrt(np.pi) * (first * np.exp(1j * x) + second * share * np.exp(-1j * x))
-        levels.append(np.asarray(height**2 * np.abs(optics + fringe) ** 2))
-    return levels[0], levels[1]
+    return _levels(optics, *_rims(width, wavelength, theta), height)
+
+
+def _rims(width: float, wavelength: float, theta: F64) -> tuple[C128, C128]:
+    """Soft and hard coefficients of both rims of a sheet about its middle, see :func:`plate_along_its_sheet`."""
+    x = 2.0 * np.pi / wavelength * width * np.sin(theta)
+    soft, hard = np.zeros((2, *theta.shape), dtype=np.complex128)
+    for sign in (1.0, -1.0):
+        off = 0.5 * np.pi + sign * theta
+        share = 0.5 + 0.5 * np.clip(4.0 * np.cos(off), -1.0, 1.0)
+        lost = share * (sheet_transition(width, wavelength, off) - 1.0)
+        first, second = fringe_coefficients(2.0, off, off)
+        shift = np.exp(1j * sign * x)
+        soft = soft + first * shift
+        # share 0: no wave, and the coefficient is infinite edge-on
+        along = -1.0 / np.where(share > 0.0, np.cos(0.5 * off), 1.0)
+        hard = hard + (second + 2.0 * lost * along - lost**2) * shift
+    return soft, hard
+
+
+def _levels(optics: C128, soft: C128, hard: C128, height: float) -> tuple[F64, F64]:
+    """RCS, m^2, from the optical amplitude per metre and the coefficients of the edges, field along and across them."""
+    along, across = (
+        np.asarray(height**2 * np.abs(optics + fringe / np.sqrt(np.pi)) ** 2)
+        for fringe in (1j * soft, -1j * hard)
+    )
+    return along, across
+
+
+def thick_rim_displacement(thickness: ArrayLike, wavelength: float) -> C128:
+    r"""Return the distance, m, by which the rim of a thin plate reaches beyond its narrow face for a field along it.
+
+    .. math:: \delta = \frac{t}{2 \pi} \left( 1 - \gamma + \ln\frac\lambda t - j \frac\pi2 \right)
+
+    A plate whose half thickness moves both faces outwards changes the soft field by
+    :math:`\tfrac t2 \int (\partial_n u)^2 d\rho` on both (Hadamard). Edge-on :math:`\partial_n u \sim e^{-j k
+    \rho} \rho^{-1/2}`, and the integral :math:`E_1(2 j k \rho_0)` begins at the distance :math:`\rho_0 = t / 4 \pi
+    e` at which it is that of the static field of a plate with square edges, by the conformal map
+
+    .. math:: z = \tfrac t\pi \left( w \sqrt{w^2 - 1} - \ln(w + \sqrt{w^2 - 1}) \right)
+        \approx \tfrac t\pi \left( w^2 - \tfrac12 - \ln 2w \right)
+
+    Half a plane displaced by :math:`\delta` has the soft coefficient :math:`D_s - 2 j k \delta \sin\tfrac\phi2
+    \sin\tfrac{\phi'}2`.
+
+    Parameters
+    ----------
+    thickness : t, m
+    wavelength : m, over the sine of the angle between wave and edge
+
+    Notes
+    -----
+    Of the first order in t; its dependence on the angle beyond the two sines is left out.
+
+    References
+    ----------
+    Hadamard (1908), for the change of a field with its boundary; Abramowitz and Stegun 5.1.11.
+    """
+    t = np.asarray(thickness, dtype=np.float64)
+    return np.asarray(t / (2.0 * np.pi) * (1.0 - np.euler_gamma + np.log(wavelength / t) - 0.5j * np.pi))
+
+
+def thin_plate(
+    width: float, height: float, thickness: float, wavelength: float, angle: ArrayLike
+) -> tuple[F64, F64]:
+    r"""Return the RCS of a thin rectangular plate as :func:`plate_along_its_sheet`, m^2, with its thickness.
+
+    The lit face lies half a thickness before the rims, which are those of half planes in the middle of the plate; for
+    the field along them displaced (:func:`thick_rim_displacement`), for the field across them as they are.
+
+    Parameters
+    ----------
+    width, height, wavelength, angle : as for :func:`plate_along_its_sheet`
+    thickness : m
+
+    Returns
+    -------
+    sigma_parallel, sigma_perpendicular
+
+    Notes
+    -----
+    As :func:`plate_along_its_sheet`. What the thickness changes for the field across the rims is left out; edge-on that
+    is all there is.
+    """
+    theta = np.asarray(angle, dtype=np.float64)
+    k = 2.0 * np.pi / wavelength
+    x = k * width * np.sin(theta)
+    optics = 2.0 * np.sqrt(np.pi) / wavelength * width * np.cos(theta) * np.sinc(x / np.pi)
+    soft, hard = _rims(width, wavelength, theta)
+    displaced = -2j * k * thick_rim_displacement(thickness, wavelength)
+    for sign in (1.0, -1.0):
+        soft = soft + displaced * np.square(np.sin(0.25 * np.pi + 0.5 * sign * theta)) * np.exp(1j * sign * x)
+    optics = optics * np.exp(1j * k * thickness * np.cos(theta))
+    return _levels(optics, soft, hard, height)

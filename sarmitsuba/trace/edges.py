@@ -12,12 +12,16 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import DIRECTIONS, WIDEST_GAP, SharpEdges, sharp_edges
+from sarmitsuba.mesh.thin_rims import with_thin_rims
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace import field
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.leg import Leg
+from sarmitsuba.trace.plate_rims import PlateRim, sinc
+from sarmitsuba.trace.sheet_waves import FAR, SheetWave
 from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.state import Kernel
+from sarmitsuba.trace.wedge_strips import FringeStrip, WedgeFace
 
 # longest piece of an edge, wavelengths, unless the rays of surfaces are farther apart, or the resolution cell is
 # smaller: visibility is decided piece by piece
@@ -26,16 +30,12 @@ LONGEST = 2.0
 REACH, REACH_SHARE = 0.02, 0.25
 # corners of the closed path round an edge along which touching objects are searched
 PROBES = 8
+# radius of that path round the rim of a plate, thicknesses: outside of it from a tenth of the circle on
+ROUND = 1.25
 # bisection steps for the width of a sheet
-BISECTIONS = 12
-# least sine of the angle between wave and edge, and least angle in a wedge, rad: the formulas are held there
-LEAST = 1e-3
-# m, width used for a sheet of unknown width
-FAR = 1e6
+BISECTIONS = 14
 # places along all edges at which the widths of sheets are found, or one on each piece where there are fewer
 SPANS = 20_000
-# modulus below which the series of a difference of cotangents is used
-SERIES = 0.2
 
 
 def edges_of(
@@ -63,7 +63,7 @@ def edges_of(
     metal &= ~moving[visible]
     if not metal.any():
         return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
-    edges = sharp_edges(corners, metal, WIDEST_GAP * wavelength)
+    edges = with_thin_rims(sharp_edges(corners, metal, WIDEST_GAP * wavelength), wavelength)
     longest = min(max(LONGEST * wavelength, spacing), cell)
     scene = intersector(corners.astype(np.float32))
     edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))
@@ -91,11 +91,13 @@ def spans(edges: SharpEdges, scene: mi.Scene, largest: float) -> F64:
     directions = np.cos(turn)[:, None] * rim.inward[:, None, 0] + np.sin(turn)[:, None] * rim.along[:, None]
     up = np.broadcast_to(rim.normal[:, None, 0], directions.shape)
     reach = max(1e-4 * largest, 16.0 * 2.0**-24 * float(np.abs(edges.middle).max()))
+    # through both faces of a plate
+    up = up * (reach + rim.thickness)[:, None, None]
     low, high = np.zeros(directions.shape[:2]), np.full(directions.shape[:2], largest)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        place = rim.middle[:, None] + middle[..., None] * directions - reach * up
-        there = _met(scene, place.reshape(-1, 3), (2.0 * reach * up).reshape(-1, 3)).reshape(middle.shape)
+        place = rim.middle[:, None] + middle[..., None] * directions - up
+        there = _met(scene, place.reshape(-1, 3), (2.0 * up).reshape(-1, 3)).reshape(middle.shape)
         low, high = np.where(there, middle, low), np.where(there, high, middle)
     out[rims] = 0.5 * (low + high)
     return out
@@ -124,8 +126,10 @@ def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[
         return np.zeros(0, dtype=bool)
     rounding = 16.0 * 2.0**-24 * np.abs(edges.middle).max()
     reach = np.maximum(np.minimum(REACH * wavelength, REACH_SHARE * edges.length), rounding)
-    # from a sixteenth of the exterior off face a to as much off face b
-    share = np.linspace(1.0 / 16.0, 15.0 / 16.0, PROBES)
+    # from a sixteenth of the exterior off face a to as much off face b; round the face between the corners of a plate
+    reach = np.maximum(reach, ROUND * edges.thickness)
+    least = np.where(edges.thickness > 0.0, 1.0 / 10.0, 1.0 / 16.0)
+    share = np.linspace(least, 1.0 - least, PROBES, axis=1)
     turn = np.pi * edges.angle[:, None] * share
     rim = (
         np.cos(turn)[..., None] * edges.inward[:, None, 0]
@@ -162,8 +166,19 @@ class FringeCurrents(Scatterers):
 
     Notes
     -----
-    Of the interactions between edges the travelling wave along a sheet is included (electric field across the sheet),
-    from the rim that it meets first to the other and back (:func:`sarmitsuba.theory.sheet_transition`).
+    Of the interactions between edges the waves along a sheet from rim to rim are included, electric field across the
+    sheet: from the source over the other rim, to the observer over the other rim, and both, see
+    :func:`sarmitsuba.theory.plate_along_its_sheet`. The magnetic part of the fringe counts
+
+    .. math::
+        Q = 1 + \frac1R \left[ \frac{T_s - 1}{\cos\frac{\phi_o}2} + \frac{T_o - 1}{\cos\frac{\phi_s}2}
+        + (T_s - 1)(T_o - 1) \right]
+
+    times, with R the modulus of the fringe coefficient of a rim, mean of both orders, and the angles of source and
+    observer off the sheet in the plane across the rim.
+
+    Rims of thin plates are those of half planes in their middle, see :class:`sarmitsuba.trace.plate_rims.PlateRim`; the
+    narrow face's optical return is taken off, as far as rays find it.
 
     Ignores corners, other waves between edges, the curvature of edges and the roughness of the metal. Within a
     thousandth of the forward direction of a grazing wave, where the theory diverges, the value at that distance is
@@ -177,11 +192,14 @@ class FringeCurrents(Scatterers):
         rows = [
             np.column_stack([edges.inward[:, 0], edges.angle]),
             np.column_stack([edges.normal[:, 0], edges.length]),
-            np.column_stack([edges.inward[:, 1], edges.weight]),
-            np.column_stack([edges.normal[:, 1], np.zeros(edges.n)]),
+            np.column_stack([edges.inward[:, 1], edges.weight * edges.parts[:, 0]]),
+            np.column_stack([edges.normal[:, 1], edges.weight * edges.parts[:, 1]]),
         ]
         self._table = device_array(mi.Float, np.stack(rows, axis=1).astype(np.float32))
         self._span = device_array(mi.Float, np.minimum(edges.span, FAR).astype(np.float32))
+        self._thickness = None
+        if edges.thickness.any():
+            self._thickness = device_array(mi.Float, edges.thickness.astype(np.float32))
 
     def point(self, index: mi.UInt32) -> mi.Vector3d:
         """See :class:`sarmitsuba.trace.source.Scatterers`."""
@@ -193,7 +211,14 @@ class FringeCurrents(Scatterers):
         """Start of a shadow ray, m: off both faces of the wedge, and along the direction."""
         first, second = self._row(index, 0), self._row(index, 2)
         inward = mi.Vector3f(first.x + second.x, first.y + second.y, first.z + second.z)
-        return point + (direction - dr.normalize(inward)) * clearance
+        start = point + (direction - dr.normalize(inward)) * clearance
+        if self._thickness is None:
+            return start
+        # off the plate's corner on the side of the leg
+        up = self._row(index, 1)
+        normal, thickness = mi.Vector3f(up.x, up.y, up.z), dr.gather(mi.Float, self._thickness, index)
+        off = 0.5 * thickness + dr.select(thickness > 0.0, clearance, 0.0)
+        return start + normal * dr.copysign(off, dr.dot(direction, normal))
 
     def amplitude(
         self,
@@ -211,17 +236,26 @@ class FringeCurrents(Scatterers):
                 self._wedge = self._wedge.reversed
             else:
                 rows = [self._row(index, i) for i in range(4)]
+                thickness = None
+                if self._thickness is not None:
+                    thickness = dr.gather(mi.Float, self._thickness, index)
                 self._wedge = _Wedge.of(
-                    kernel, rows, incident, scattered, lambda leg: self._width(index, leg)
+                    kernel, rows, incident, scattered, lambda turn: self._width(index, turn), thickness
                 )
         return self._wedge.amplitude(e, q)
 
     def _width(self, index: mi.UInt32, turn: mi.Float) -> mi.Float:
-        """Width of the sheet behind a rim, m, in a direction ``turn`` off its inward normal."""
-        part = mi.Int32((turn / dr.pi + 0.5) * DIRECTIONS)
-        return dr.gather(
-            mi.Float, self._span, index * DIRECTIONS + mi.UInt32(dr.clip(part, 0, DIRECTIONS - 1))
-        )
+        """Width of the sheet behind a rim, m, in a direction ``turn`` off its inward normal.
+
+        Between two tabulated directions the other rim is straight.
+        """
+        place = dr.clip((turn / dr.pi + 0.5) * DIRECTIONS - 0.5, 0.0, DIRECTIONS - 1.0)
+        low = dr.minimum(mi.UInt32(place), DIRECTIONS - 2)
+        step = np.pi / DIRECTIONS
+        share = (place - mi.Float(low)) * step
+        near, far = (dr.gather(mi.Float, self._span, index * DIRECTIONS + low + i) for i in (0, 1))
+        inverse = dr.sin(step - share) / near + dr.sin(share) / far
+        return dr.select(dr.maximum(near, far) < 0.5 * FAR, float(np.sin(step)) / inverse, FAR)
 
     def _row(self, index: mi.UInt32, i: int) -> mi.Vector4f:
         return dr.gather(mi.Vector4f, self._table, index * 4 + i)
@@ -237,13 +271,18 @@ class _Wedge:
     strips : fringe currents of both faces, for the path and for the reversed one
     gain : m, length of the piece times its normalised phase integral over twice the root of pi; 0 where either
         direction lies inside the metal
-    along : transition factors of the waves that graze the sheet to and from the edge, electric field across the sheet
+    electric, magnetic : shares of the parts with the electric and the magnetic field along the edge
+    along : factor of the magnetic part by waves along the sheet
+    plate : what the thickness of a plate adds to its rim
     """
 
     legs: tuple[Leg, Leg]
-    strips: tuple[tuple[_Strip, _Strip], ...]
+    strips: tuple[tuple[FringeStrip, FringeStrip], ...]
     gain: mi.Float
-    along: tuple[mi.Complex2f, mi.Complex2f]
+    electric: mi.Float
+    magnetic: mi.Float
+    along: mi.Complex2f
+    plate: PlateRim | None = None
 
     @staticmethod
     def of(
@@ -252,33 +291,39 @@ class _Wedge:
         incident: Leg,
         scattered: Leg,
         width: Callable[[mi.Float], mi.Float],
+        thickness: mi.Float | None,
     ) -> _Wedge:
-        """Wedge from the rows of the edge table, and the width of the sheet by the angle off the inward direction."""
+        """Wedge from the rows of the edge table, the sheet's width by direction, and its thickness."""
         n, length = rows[0].w, rows[1].w
         faces = [
-            _Face.of(mi.Vector3f(x.x, x.y, x.z), mi.Vector3f(y.x, y.y, y.z)) for x, y in (rows[:2], rows[2:])
+            WedgeFace.of(mi.Vector3f(x.x, x.y, x.z), mi.Vector3f(y.x, y.y, y.z))
+            for x, y in (rows[:2], rows[2:])
         ]
         source, observer = incident.to_antenna, scattered.to_antenna
-        strips, outside = [], mi.Bool(True)
+        strips, outside = [], mi.Float(1.0)
         for face in faces:
-            out = _Strip.of(face, n, source, observer)
-            into = out if incident is scattered else _Strip.of(face, n, observer, source)
-            outside &= out.outside & into.outside
+            out = FringeStrip.of(face, n, source, observer)
+            into = out if incident is scattered else FringeStrip.of(face, n, observer, source)
+            outside = dr.minimum(outside, dr.minimum(out.outside, into.outside))
             strips.append((out, into))
-        turn = dr.dot(source + observer, faces[0].along) * (0.5 * kernel.constants.wavenumber) * length
-        gain = (0.5 / float(np.sqrt(np.pi))) * length * rows[2].w * _sinc(turn)
         k = kernel.constants.wavenumber
-        there = _along_sheet(faces[0], n, source, k, width)
-        back = there if incident is scattered else _along_sheet(faces[0], n, observer, k, width)
-        return _Wedge((incident, scattered), tuple(strips), dr.select(outside, gain, 0.0), (there, back))
+        turn = dr.dot(source + observer, faces[0].along) * (0.5 * k) * length
+        gain = (0.5 / float(np.sqrt(np.pi))) * length * sinc(turn) * outside
+        there = SheetWave.of(faces[0], n, source, k, width)
+        back = there if incident is scattered else SheetWave.of(faces[0], n, observer, k, width)
+        shares = rows[2].w, rows[3].w
+        plate = None
+        if thickness is not None:
+            plate = PlateRim.of(faces[0], thickness, k, (source, observer), (there.sine, back.sine))
+        return _Wedge((incident, scattered), tuple(strips), gain, *shares, there.with_other(back), plate)
 
     @property
     def reversed(self) -> _Wedge:
         """The same wedge for the reversed path."""
         incident, scattered = self.legs
-        there, back = self.along
         strips = tuple((into, out) for out, into in self.strips)
-        return _Wedge((scattered, incident), strips, self.gain, (back, there))
+        plate = None if self.plate is None else self.plate.reversed
+        return replace(self, legs=(scattered, incident), strips=strips, plate=plate)
 
     def sees(self, incident: Leg, scattered: Leg) -> bool:
         """Whether the wedge was made for these two legs."""
@@ -286,166 +331,9 @@ class _Wedge:
 
     def amplitude(self, e: field.ComplexVector, q: field.ComplexVector) -> mi.Complex2f:
         """Square root of the RCS with its phase, m: mean of the path and of the reversed one."""
-        total, along = mi.Complex2f(0.0), self.along[0] * self.along[1]
+        total, magnetic = mi.Complex2f(0.0), self.along * self.magnetic
         for out, into in self.strips:
-            total += out.current(e, q, along) + into.current(q, e, along)
+            total += out.current(e, q, self.electric, magnetic) + into.current(q, e, self.electric, magnetic)
+        if self.plate is not None:
+            total += self.plate.current(e, q, self.electric, self.magnetic)
         return mi.Complex2f(-total.imag, total.real) * self.gain
-
-
-def _sinc(x: mi.Float) -> mi.Float:
-    small = dr.abs(x) < 1e-2
-    return dr.select(small, 1.0 - dr.square(x) / 6.0, dr.sin(x) / dr.select(small, 1.0, x))
-
-
-@dataclass(frozen=True, eq=False)
-class _Face:
-    """Frame of one face of a wedge: unit vectors into the face across the edge, normal to it, and along the edge."""
-
-    inward: mi.Vector3f
-    normal: mi.Vector3f
-    along: mi.Vector3f
-
-    @staticmethod
-    def of(inward: mi.Vector3f, normal: mi.Vector3f) -> _Face:
-        return _Face(inward, normal, dr.cross(inward, normal))
-
-
-@dataclass(frozen=True, eq=False)
-class _Strip:
-    """Fringe current of a strip of one face, per metre of edge and unit field.
-
-    Parameters
-    ----------
-    face : of the wedge
-    outside : whether the wave comes through the exterior
-    to_source : where the wave comes from
-    cosine, sine : of the angle between the wave and the edge
-    soft, hard, charge : D_s, D_h and mu D_h - 1 / N + U
-    grazing : unit vector of the diffracted ray along the face
-    lifted : across it, to the source's side of a sheet: there the observer is taken to be if it lies along that ray
-    """
-
-    face: _Face
-    outside: mi.Bool
-    to_source: mi.Vector3f
-    cosine: mi.Float
-    sine: mi.Float
-    soft: mi.Float
-    hard: mi.Float
-    charge: mi.Float
-    grazing: mi.Vector3f
-    lifted: mi.Vector3f
-
-    @staticmethod
-    def of(face: _Face, n: mi.Float, to_source: mi.Vector3f, to_observer: mi.Vector3f) -> _Strip:
-        across, off = dr.dot(to_source, face.inward), dr.dot(to_source, face.normal)
-        cosine = -dr.dot(to_source, face.along)
-        sine = dr.maximum(dr.sqrt(dr.square(across) + dr.square(off)), LEAST)
-        phi = dr.atan2(off, across)
-        # the middle of the interior separates exterior angles from angles slightly below face a
-        phi = dr.select(phi < -(1.0 - 0.5 * n) * dr.pi, phi + 2.0 * dr.pi, phi)
-        outside = (phi > -LEAST) & (phi < n * dr.pi + LEAST)
-        phi = dr.clip(phi, 0.0, n * dr.pi)
-        # sin(alpha / 2): half the length of the difference of the unit vectors
-        grazing = face.inward * sine + face.along * cosine
-        w = 0.5 * dr.norm(to_observer - grazing) / sine
-        real = _spectra(n, phi, w)
-        imaginary = _evanescent(n, phi, w)
-        soft, hard = (dr.select(w <= 1.0, a, b) for a, b in zip(real, imaginary, strict=True))
-        lit = dr.select(phi < dr.pi, mi.Float(1.0), 0.0)
-        mu = 1.0 - 2.0 * dr.square(w)
-        # along that ray D_h diverges while the current component across it vanishes: the limit depends on the side
-        side = dr.select((phi < dr.pi) | (n < 2.0 - LEAST), mi.Float(1.0), -1.0)
-        lifted = dr.select(w < 0.5 * LEAST, face.normal * (side * LEAST * sine), mi.Vector3f(0.0))
-        charge = mu * hard - dr.rcp(n) + lit
-        return _Strip(face, outside, to_source, cosine, sine, soft, hard, charge, grazing, lifted)
-
-    def current(self, e: field.ComplexVector, q: field.ComplexVector, share: mi.Complex2f) -> mi.Complex2f:
-        """Fringe current along q for an incident field e, with ``share`` of its magnetic component along the edge."""
-        at = dr.squared_norm(self.lifted) > 0.0
-        off = field.dot(q, dr.select(at, self.grazing + self.lifted, mi.Vector3f(0.0)))
-        q = field.add(q, field.scale(-off, self.grazing))
-        h = field.cross_left(-self.to_source, e)
-        e_z, h_z = field.dot(e, self.face.along), field.dot(h, self.face.along) * share
-        along = (e_z * self.soft + h_z * (self.cosine * self.charge)) * dr.rcp(dr.square(self.sine))
-        across = h_z * (self.hard / self.sine)
-        return along * field.dot(q, self.face.along) + across * field.dot(q, self.face.inward)
-
-
-def _along_sheet(
-    face: _Face, n: mi.Float, to: mi.Vector3f, wavenumber: mi.Float, width: Callable[[mi.Float], mi.Float]
-) -> mi.Complex2f:
-    """Transition factor T of :func:`sarmitsuba.theory.plate_along_its_sheet`; 1 for wedges and beyond the rim."""
-    across, off = dr.dot(to, face.inward), dr.abs(dr.dot(to, face.normal))
-    part = across * dr.rsqrt(dr.maximum(dr.square(across) + dr.square(off), LEAST**2))
-    a = width(dr.atan2(dr.dot(to, face.along), across))
-    # sin(gamma / 2) from the sine
-    half = off * dr.rsqrt(2.0 + 2.0 * dr.sqrt(dr.maximum(1.0 - dr.square(off), 0.0)))
-    t = _transition(dr.sqrt(2.0 * wavenumber * a) * half)
-    sheet = (n > 2.0 - LEAST) & (part > 0.0) & (a < 0.5 * FAR)
-    return dr.select(sheet, 1.0 + (t - 1.0) * dr.minimum(4.0 * part, 1.0), mi.Complex2f(1.0))
-
-
-def _transition(w: mi.Float) -> mi.Complex2f:
-    """Fresnel transition function ``(2 e^(j pi / 4) / sqrt(pi)) int_0^w e^(-j t^2) dt``, error below 0.004.
-
-    Source: Abramowitz and Stegun 7.3.32 and 7.3.33.
-    """
-    x = w * float(np.sqrt(2.0 / np.pi))
-    f = (1.0 + 0.926 * x) / (2.0 + x * (1.792 + x * 3.104))
-    g = dr.rcp(2.0 + x * (4.142 + x * (3.492 + x * 6.670)))
-    s, c = dr.sincos(dr.square(w))
-    cosine, sine = 0.5 + f * s - g * c, 0.5 - f * c - g * s
-    return mi.Complex2f(cosine + sine, cosine - sine)
-
-
-def _spectra(n: mi.Float, phi: mi.Float, w: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Coefficients D_s and D_h where a is real: cos(a / 2) = w."""
-    a = dr.clip(2.0 * dr.acos(dr.minimum(w, 1.0)), LEAST, dr.pi - LEAST)
-    lit = phi < dr.pi
-    plus, minus = _fringe(n, 0.5 * (phi + a), lit), _fringe(n, 0.5 * (phi - a), lit)
-    return -0.5 * (plus + minus), 0.5 * (plus - minus) / dr.sin(a)
-
-
-def _fringe(n: mi.Float, x: mi.Float, lit: mi.Bool) -> mi.Float:
-    """Cotangent difference C(x); it has a pole at x = 0 where the face is not lit, and one at pi where it is."""
-    x = dr.select(lit, dr.minimum(x, dr.pi - LEAST), dr.maximum(x, LEAST))
-    small = lit & (dr.abs(x) < SERIES)
-    safe = dr.select(small, 1.0, x)
-    whole = _real_cot(safe / n) / n - dr.select(lit, _real_cot(safe), 0.0)
-    first, third = _series(n)
-    return dr.select(small, x * (first + third * dr.square(x)), whole)
-
-
-def _real_cot(x: mi.Float) -> mi.Float:
-    s, c = dr.sincos(x)
-    return c / s
-
-
-def _series(n: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Coefficients of x and x^3 in C(x)."""
-    r2 = dr.square(dr.rcp(n))
-    return (1.0 - r2) / 3.0, (1.0 - dr.square(r2)) / 45.0
-
-
-def _evanescent(n: mi.Float, phi: mi.Float, w: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Coefficients D_s and D_h where a is imaginary: cosh(|a| / 2) = w; C(x) for both signs are complex conjugates."""
-    w = dr.maximum(w, 1.0)
-    eta = dr.maximum(2.0 * dr.log(w + dr.sqrt((w - 1.0) * (w + 1.0))), LEAST)
-    lit = phi < dr.pi
-    re, im = _cot(phi / n, eta / n)
-    re_lit, im_lit = _cot(phi, eta)
-    re = re / n - dr.select(lit, re_lit, 0.0)
-    im = im / n - dr.select(lit, im_lit, 0.0)
-    small = lit & (dr.square(phi) + dr.square(eta) < (2.0 * SERIES) ** 2)
-    u, v = 0.5 * phi, 0.5 * eta
-    first, third = _series(n)
-    re = dr.select(small, u * (first + third * (dr.square(u) - 3.0 * dr.square(v))), re)
-    im = dr.select(small, v * (first + third * (3.0 * dr.square(u) - dr.square(v))), im)
-    return -re, im / dr.sinh(eta)
-
-
-def _cot(u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Real and imaginary part of cot((u + j v) / 2)."""
-    bottom = 2.0 * (dr.square(dr.sinh(0.5 * v)) + dr.square(dr.sin(0.5 * u)))
-    return dr.sin(u) / bottom, -dr.sinh(v) / bottom

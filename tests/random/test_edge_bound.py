@@ -47,6 +47,8 @@ def drawn(rng: np.random.Generator) -> tuple[SharpEdges, Aperture, F64]:
         np.ones(1),
         np.full((1, DIRECTIONS), np.inf),
         -np.ones(1),
+        np.zeros(1),
+        np.ones((1, 2)),
     )
     pick = np.linspace(0, PULSES - 1, EXAMINED).round().astype(int)
     cells = rng.uniform(0.15, 1.0, 2)

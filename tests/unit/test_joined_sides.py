@@ -137,6 +137,7 @@ def test_a_loose_plate_returns_what_the_whole_one_does() -> None:
             [any("share no corners there" in text for text in texts) for texts in (sweep.notes, [why])]
         )
     peak = np.abs(found[0]).max()
-    # tol: tubes over faces of 1.6 mm, 2e-3 of the peak
-    assert np.abs(found[1] - found[0]).max() < 5e-3 * peak
+    # tol: tubes over faces of 1.6 mm, 2e-3 of the peak; the plate's width behind a rim is that at the middle of each
+    # piece, 3e-3 between pieces of two and of a fifth of a wavelength
+    assert np.abs(found[1] - found[0]).max() < 1e-2 * peak
     assert said == [[False, False], [True, True]]

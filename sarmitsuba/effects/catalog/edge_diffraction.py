@@ -18,6 +18,7 @@ from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
+from sarmitsuba.mesh.thin_rims import with_thin_rims
 
 # antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed
 POSITIONS, EDGES = 9, 2000
@@ -72,7 +73,8 @@ class EdgeDiffraction(Effect):
             )
         if context.draft:
             return Assessment(True, "sharp edges of metal are possible", float("nan"))
-        edges = sharp_edges(found.corners, found.metal, WIDEST_GAP * scene.radar.waveform.wavelength)
+        wavelength = scene.radar.waveform.wavelength
+        edges = with_thin_rims(sharp_edges(found.corners, found.metal, WIDEST_GAP * wavelength), wavelength)
         if not edges.n:
             return Assessment(False, "no sharp metal edge", -np.inf)
         bounces = decided["max_depth"].on and decided["max_depth"].value != 1
@@ -83,8 +85,8 @@ class EdgeDiffraction(Effect):
         what = f"metal edges up to {length(float(edges.length.max()))} add {cell:.0f} dB, {reference.name}"
         if np.isfinite(energy):
             what += f", and at most {energy:.0f} dB of the image's energy"
-        if edges.joined_text:
-            what += f"; {edges.joined_text}"
+        for note in (edges.joined_text, edges.thin_text):
+            what += f"; {note}" if note else ""
         if any(
             context.scene.materials[m].metallic
             for _, faces in context.scene.geometry.moving_meshes()

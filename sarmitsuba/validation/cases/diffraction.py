@@ -43,8 +43,8 @@ def edge_plate(quick: bool = False) -> Case:
                     db_from_power(np.maximum(want, 1e-30)),
                     result.rcs_dbsm(channel),
                     tolerance=0.2,
-                    reason="the two rims that the tilt does not part, a wavelength of edge each; a rational "
-                    "approximation of Fresnel's integral",
+                    reason="the two rims that the tilt does not part, a wavelength of edge each; widths of the "
+                    "sheet found by bisection",
                     floor=EDGE_FLOOR,
                     canonical=True,
                     shown=-1 if channel == "HH" else None,
@@ -61,15 +61,16 @@ def edge_plate(quick: bool = False) -> Case:
         topic="canonical",
         title="Plate towards edge-on: physical optics and fringe currents",
         formula="(b^2 / pi) |cos(k a sin t) - j sin(k a sin t) / sin t|^2 in HH, b^2 / pi edge-on; in VV the far "
-        "rim's fringe times T^2, T = F(w) - F(-w), w = sqrt(2 k a) sin(g / 2), g = 90 deg - t",
+        "rim's coefficient less 2 (T - 1) / cos(g / 2) + (T - 1)^2, T = F(w) - F(-w), w = sqrt(2 k a) sin(g / 2), "
+        "g = 90 deg - t",
         source="Ross, IEEE TAP 14 (1966), singly diffracted; Knott, Shaeffer and Tuley, Radar Cross Section (1993); "
         "Sommerfeld, Optics (1954)",
         x_label="angle off the normal (deg)",
         y_label="RCS (dBsm)",
         comparisons=tuple(comparisons),
         note="Physical optics alone falls without bound, to nothing edge-on, the same in HH and VV. Off Ross's "
-        f"multiply diffracted plate, up to {ROSS_UP_TO:g} degrees, in shares of the edge-on amplitude (waves between "
-        f"the rims that the simulator ignores): {'; '.join(notes)}.",
+        f"multiply diffracted plate, up to {ROSS_UP_TO:g} degrees, in shares of the edge-on amplitude (its waves "
+        f"between the rims are those far from grazing): {'; '.join(notes)}.",
     )
 
 

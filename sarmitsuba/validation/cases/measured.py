@@ -16,8 +16,11 @@ from sarmitsuba.validation.measured import bodies
 from sarmitsuba.validation.measured.azimuth_tables import azimuth_table
 from sarmitsuba.validation.targets import Mesh
 
-SMALL_PLATE = "diffraction between rims 2.3 wavelengths apart, and by the rims that the wave grazes"
-RIMS = "diffraction between rims 4.6 wavelengths apart and more"
+# the solved strip in place of both upright rims: tests/physics/test_solved_strips.py
+SMALL_PLATE = (
+    "corners of a plate 1.3 wavelengths high: with the solved strip for its rims 2.1 dB (HH), 3.1 dB (VV)"
+)
+RIMS = "corners of a plate of 2.6 wavelengths and more: with the solved strip for its rims 0.03 to 0.3 dB"
 CHANNELS = ("HH", "VV")
 # dB below the solver's peak: what is compared and what the plot shows
 FLOOR, DRAWN = 20.0, 45.0
@@ -79,10 +82,10 @@ BODIES = {
         "II_A_sx1",
         bodies.plate,
         (
-            Bound(2.56e9, (3.0, 3.4), SMALL_PLATE),
-            Bound(5.12e9, (0.6, 0.4), RIMS),
-            Bound(7e9, (0.35, 0.3), RIMS),
-            Bound(10.2e9, (0.35, 0.2), RIMS),
+            Bound(2.56e9, (2.4, 3.4), SMALL_PLATE),
+            Bound(5.12e9, (0.3, 0.3), RIMS),
+            Bound(7e9, (0.1, 0.3), RIMS),
+            Bound(10.2e9, (0.25, 0.15), RIMS),
         ),
     ),
     "thick_plate": MeasuredBody(
@@ -90,8 +93,8 @@ BODIES = {
         "II_B_sx1",
         bodies.thick_plate,
         (
-            Bound(2.56e9, (5.7, 2.5), SMALL_PLATE + "; two wedges a seventieth of it apart are one rim"),
-            Bound(7e9, (0.8, 0.3), "two wedges a 26th of a wavelength apart are one rim"),
+            Bound(2.56e9, (2.4, 3.0), SMALL_PLATE),
+            Bound(7e9, (0.25, 0.3), RIMS + "; a thickness of a 26th, to its first order"),
         ),
     ),
     "dielectric_plate": MeasuredBody(
@@ -118,8 +121,8 @@ BODIES = {
         "IIIS_A_s1",
         bodies.prism,
         (
-            Bound(2.56e9, (1.0, 0.5), "diffraction by edges 1.1 to 3.4 wavelengths apart"),
-            Bound(7e9, (0.5, 0.2), "diffraction by edges 3 to 9 wavelengths apart"),
+            Bound(2.56e9, (0.9, 0.35), "diffraction by edges 1.1 to 3.4 wavelengths apart"),
+            Bound(7e9, (0.3, 0.2), "diffraction by edges 3 to 9 wavelengths apart"),
         ),
     ),
     "duct": MeasuredBody(
