@@ -107,8 +107,9 @@ def test_long_strips_and_square_cylinders_against_moments_in_two_dimensions(clos
             assert stated - 3.0 < true < stated + MARGIN
             if i == 0:
                 factors.append(stated / true)
-    # neither optimistic nor useless
-    assert 0.4 < np.median(factors) < 4.0
+    # neither optimistic nor useless; waves between the rims of a strip are simulated, so that the corners and ends that
+    # are stated for a body of three dimensions are nearly all
+    assert 0.4 < np.median(factors) < (4.0 if closed else 6.0)
 
 
 @pytest.mark.slow
@@ -214,8 +215,9 @@ def test_repeated_bounces_in_narrow_ducts_are_doubted_and_those_of_wide_corners_
 
 
 def test_a_doubtful_sweep_is_warned_of_with_the_remedy() -> None:
+    # edge-on all around: the echo of a plate's thickness, with the field along it, is not simulated
     azimuth = np.radians(np.arange(0.0, 90.0, 6.0))
-    with pytest.warns(SarmitsubaWarning, match="act as one.*describe the plate as a sheet without thickness"):
+    with pytest.warns(SarmitsubaWarning, match="0.02 wavelengths apart.*take a full-wave solver"):
         sweep = swept(box(3.0, 2.0, 0.02), azimuth)
     found = sweep.statement.as_dict(CHANNELS)
     assert found["total_db"]["HH"] == pytest.approx(sweep.statement.total_db[0], abs=1e-3)  # type: ignore[index]
