@@ -17,6 +17,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import N_EDGES, facets
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.edge_pairs import edge_pairs
+from sarmitsuba.mesh.flattening import flattened
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_needs, slant_factor
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
@@ -273,6 +274,10 @@ def build_trace_scene(
     if movers is not None:  # surfaces with different motions share no edge
         vertex = movers.apart(vertex)
     pairs = edge_pairs(vertex)
+    # `corners`, which rays are intersected with, keep the common vertices of facets
+    triangles = flattened(triangles, pairs, wavelength)
+    if movers is not None:
+        movers = replace(movers, triangles=triangles)
     piece = piece_of(triangles, vertex, pairs)
     area, width = piece_sizes(triangles, piece)
     largest = np.minimum(width, np.sqrt(area / LEAST_SCATTERERS)).astype(np.float32)
