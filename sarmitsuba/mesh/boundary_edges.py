@@ -256,7 +256,7 @@ def _simple_facets(edges: _TriangleEdges, facet: I64, faces: I64) -> tuple[NDArr
     np.maximum.at(size, facet, _largest(points))
     rounding = np.zeros(count)
     np.maximum.at(rounding, facet, edges.rounding[faces])
-    slack = 1e-6 * size + 2.0 * rounding
+    slack = 1e-6 * size + 3.0 * rounding
 
     own, k = np.nonzero(edges.sharp[faces])
     line = _straight(edges, facet, faces, own, k)
@@ -381,7 +381,7 @@ def _straight(
     a, b = (edge[end] for end in twins(key))  # corners of the facet where just two of its edges meet
     inward, length = edges.inward[face, k], edges.length[face, k]
     bend = np.linalg.norm(np.cross(inward[a], inward[b]), axis=1)
-    allowed = FLAT_BEND + 2.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
+    allowed = FLAT_BEND + 6.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
     go_on = (bend < np.minimum(allowed, LARGEST_TURN)) & (np.einsum("ei,ei->e", inward[a], inward[b]) > 0.0)
     return connected(n, a[go_on], b[go_on])
 

@@ -97,7 +97,8 @@ class _Sides:
         bent = np.einsum("ei,ei->e", inward[one], inward[two]) < -np.cos(LARGEST_BEND)
         one, two, own, other = one[bent], two[bent], own[bent], other[bent]
         bend = np.abs(np.einsum("ei,ei->e", inward[two], normal[own]))
-        height = twice[other] / length.ravel()[two]
+        # of the flatter one: a narrow triangle has no reliable plane
+        height = np.minimum(twice[own] / length.ravel()[one], twice[other] / length.ravel()[two])
         rounding = ROUNDINGS * np.finfo(np.float64).eps * np.abs(corners).reshape(-1, 9).max(axis=1)
         return _Sides(
             own,
