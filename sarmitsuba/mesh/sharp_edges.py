@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
+from sarmitsuba.mesh.double_faces import double_faces
 from sarmitsuba.mesh.joined_sides import join_sides
 from sarmitsuba.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.mesh.welding import weld
@@ -15,6 +16,8 @@ from sarmitsuba.mesh.welding import weld
 SLIVER = 1e-6
 # widest gap between two sides that are taken for one edge, wavelengths
 WIDEST_GAP = 0.02
+# distance of two faces that are taken for one, over that gap
+DOUBLE_SHARE = 0.05
 # number of directions in a sheet, over half a circle, in which its width is tabulated
 DIRECTIONS = 16
 
@@ -38,6 +41,7 @@ class SharpEdges:
         circle from one end of the edge to the other, backwards along it first; infinite for wedges, and where unknown
     gap : (n,) float64, m, between the sides of two triangles that lie on one another and make the edge; -1 for rims,
         and where the triangles share both its ends
+    doubled : number of triangles that lie on those of another shape, and were left out
     """
 
     middle: F64
@@ -48,6 +52,7 @@ class SharpEdges:
     weight: F64
     span: F64
     gap: F64
+    doubled: int = 0
 
     @property
     def n(self) -> int:
@@ -61,10 +66,15 @@ class SharpEdges:
 
     @property
     def joined_text(self) -> str:
-        """Note on edges of facets that share no corners; empty without such edges."""
-        joined = self.gap[self.gap >= 0.0]
-        if not joined.size:
-            return ""
+        """Note on edges of facets that share no corners, and on double faces; empty without such."""
+        joined, notes = self.gap[self.gap >= 0.0], []
+        if self.doubled:
+            notes.append(f"{self.doubled} metal triangles on those of another shape are left out")
+        if joined.size:
+            notes.append(self._joined_sides_text(joined))
+        return "; ".join(notes)
+
+    def _joined_sides_text(self, joined: F64) -> str:
         apart = f", up to {1e3 * float(joined.max()):.2g} mm apart" if joined.max() > 1e-6 else ""
         return f"{joined.size} of {self.n} metal edges are of facets that share no corners there{apart}"
 
@@ -97,7 +107,9 @@ class SharpEdges:
         return replace(pieces, middle=pieces.middle + shift[:, None] * pieces.along, length=length)
 
 
-def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) -> SharpEdges:
+def sharp_edges(
+    corners: F64, metal: NDArray[np.bool_], widest: float = np.inf, shape: I64 | None = None
+) -> SharpEdges:
     """Sharp edges of and between metal triangles.
 
     A side of one triangle is a rim. An edge of two is sharp where they bend by more than ``SMOOTH_BEND``; smaller
@@ -109,13 +121,22 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) 
     corners : (n, 3, 3) float64, m, of all triangles
     metal : (n,) perfect conductors
     widest : m, bound on the gap between sides that lie on one another
+    shape : (n,) number of the shape of each triangle: metal triangles that lie on those of another shape are left out,
+        see :func:`sarmitsuba.mesh.double_faces.double_faces`; None: all belong to one
 
     Notes
     -----
     Ignores edges of three triangles and more, and those between metal and another material. A side that lies within
     another triangle is a rim: :func:`sarmitsuba.trace.edges.uncovered` removes rims that touch another object.
     """
-    corners = np.asarray(corners, dtype=np.float64)
+    corners, doubled = np.asarray(corners, dtype=np.float64), 0
+    if shape is not None:
+        rows = np.flatnonzero(metal)
+        twice = np.zeros(len(corners), dtype=bool)
+        near = DOUBLE_SHARE * widest if np.isfinite(widest) else 0.0
+        twice[rows] = double_faces(corners[rows], shape[rows], near)
+        doubled = int(twice.sum())
+        corners, metal = corners[~twice], metal[~twice]
     ids = weld(corners.reshape(-1, 3)).reshape(-1, 3)
     of_metal = np.zeros(int(ids.max(initial=-1)) + 1, dtype=bool)
     of_metal[ids[metal]] = True
@@ -175,6 +196,7 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) 
         np.ones(edge.size),
         np.full((edge.size, DIRECTIONS), np.inf),
         np.concatenate([np.full(rim.size, -1.0), gap]),
+        doubled,
     )
 
 

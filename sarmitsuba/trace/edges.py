@@ -63,7 +63,7 @@ def edges_of(
     metal &= ~moving[visible]
     if not metal.any():
         return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
-    edges = sharp_edges(corners, metal, WIDEST_GAP * wavelength)
+    edges = sharp_edges(corners, metal, WIDEST_GAP * wavelength, geometry.face_mesh[visible])
     longest = min(max(LONGEST * wavelength, spacing), cell)
     scene = intersector(corners.astype(np.float32))
     edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))

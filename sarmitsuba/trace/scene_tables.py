@@ -19,7 +19,7 @@ from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.edge_pairs import edge_pairs
 from sarmitsuba.mesh.flattening import flattened
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_needs, slant_factor
-from sarmitsuba.mesh.welding import weld
+from sarmitsuba.mesh.welding import copies_apart, weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.intersector import intersector
@@ -270,7 +270,7 @@ def build_trace_scene(
     material_table, diffuse_table = _material_tables(materials, wavelength)
     form = np.array([FORMS.index(LAWS[m.diffuse_law].bistatic) for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
-    vertex = weld(triangles.reshape(-1, 3))
+    vertex = copies_apart(weld(triangles.reshape(-1, 3)))
     if movers is not None:  # surfaces with different motions share no edge
         vertex = movers.apart(vertex)
     pairs = edge_pairs(vertex)
