@@ -114,6 +114,6 @@ def _common_area(first: F64, second: F64, normal: F64) -> F64:
         crosses = before * height < 0.0
         share = before / np.where(crosses, before - height, 1.0)
         crossing = np.where(crosses[..., None], last + share[..., None] * (points - last), cut)
-        points = np.stack([crossing, cut], axis=2).reshape(len(points), -1, 3)
+        points = np.stack([crossing, cut], axis=2).reshape(len(points), 2 * points.shape[1], 3)
     twice = np.cross(points, np.roll(points, -1, axis=1)).sum(axis=1)
     return np.asarray(0.5 * np.abs(np.einsum("pi,pi->p", twice, normal)))

@@ -18,6 +18,8 @@ SLIVER = 1e-6
 WIDEST_GAP = 0.02
 # distance of two faces that are taken for one, over that gap
 DOUBLE_SHARE = 0.05
+# most gaps from the side of a triangle to the line in which the planes of two faces meet
+MOST_GAPS = 4.0
 # number of directions in a sheet, over half a circle, in which its width is tabulated
 DIRECTIONS = 16
 
@@ -187,8 +189,10 @@ def sharp_edges(
     wedge = np.stack([_away(inward[a], inward[b]), _away(inward[b], inward[a])], axis=1)
     faces_out = np.concatenate([np.stack([own, -own], axis=1), wedge])
     exterior = np.concatenate([np.full(rim.size, 2.0), 2.0 - opening / np.pi])
+    middle = start[edge] + shares.mean(axis=1)[:, None] * step[edge]
+    middle[rim.size :] += _towards_plane(middle[rim.size :], inward[a], start[b], normal[b // 3], gap)
     return SharpEdges(
-        start[edge] + shares.mean(axis=1)[:, None] * step[edge],
+        middle,
         (shares[:, 1] - shares[:, 0]) * length[edge],
         exterior,
         faces_in,
@@ -198,6 +202,14 @@ def sharp_edges(
         np.concatenate([np.full(rim.size, -1.0), gap]),
         doubled,
     )
+
+
+def _towards_plane(middle: F64, inward: F64, other: F64, normal: F64, gap: F64) -> F64:
+    """(n, 3) steps in a face, across the edge, to where the plane of the other face meets it; 0 without a gap."""
+    slope = np.einsum("ei,ei->e", inward, normal)
+    step = np.einsum("ei,ei->e", other - middle, normal) / np.where(slope == 0.0, 1.0, slope)
+    near = np.abs(step) <= MOST_GAPS * gap
+    return np.asarray(np.where(near, step, 0.0)[:, None] * inward)
 
 
 def _away(face: F64, other: F64) -> F64:

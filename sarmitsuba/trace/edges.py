@@ -30,6 +30,8 @@ PROBES = 8
 BISECTIONS = 12
 # least sine of the angle between wave and edge, and least angle in a wedge, rad: the formulas are held there
 LEAST = 1e-3
+# widths of the gap between two faces at which shadow rays from their edge start
+GAPS = 2.0
 # m, width used for a sheet of unknown width
 FAR = 1e6
 # places along all edges at which the widths of sheets are found, or one on each piece where there are fewer
@@ -124,6 +126,7 @@ def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[
         return np.zeros(0, dtype=bool)
     rounding = 16.0 * 2.0**-24 * np.abs(edges.middle).max()
     reach = np.maximum(np.minimum(REACH * wavelength, REACH_SHARE * edges.length), rounding)
+    reach = np.maximum(reach, GAPS * edges.gap)  # past a face that reaches over the other
     # from a sixteenth of the exterior off face a to as much off face b
     share = np.linspace(1.0 / 16.0, 15.0 / 16.0, PROBES)
     turn = np.pi * edges.angle[:, None] * share
@@ -178,7 +181,7 @@ class FringeCurrents(Scatterers):
             np.column_stack([edges.inward[:, 0], edges.angle]),
             np.column_stack([edges.normal[:, 0], edges.length]),
             np.column_stack([edges.inward[:, 1], edges.weight]),
-            np.column_stack([edges.normal[:, 1], np.zeros(edges.n)]),
+            np.column_stack([edges.normal[:, 1], np.maximum(edges.gap, 0.0)]),
         ]
         self._table = device_array(mi.Float, np.stack(rows, axis=1).astype(np.float32))
         self._span = device_array(mi.Float, np.minimum(edges.span, FAR).astype(np.float32))
@@ -190,8 +193,9 @@ class FringeCurrents(Scatterers):
     def departure(
         self, index: mi.UInt32, point: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
     ) -> mi.Vector3f:
-        """Start of a shadow ray, m: off both faces of the wedge, and along the direction."""
+        """Start of a shadow ray, m: off both faces of the wedge and past the gap between them, along the direction."""
         first, second = self._row(index, 0), self._row(index, 2)
+        clearance = clearance + GAPS * self._row(index, 3).w
         inward = mi.Vector3f(first.x + second.x, first.y + second.y, first.z + second.z)
         return point + (direction - dr.normalize(inward)) * clearance
 
