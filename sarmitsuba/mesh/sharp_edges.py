@@ -135,8 +135,8 @@ def sharp_edges(
     if shape is not None:
         rows = np.flatnonzero(metal)
         twice = np.zeros(len(corners), dtype=bool)
-        near = DOUBLE_SHARE * widest if np.isfinite(widest) else 0.0
-        twice[rows] = double_faces(corners[rows], shape[rows], near)
+        distance = DOUBLE_SHARE * widest if np.isfinite(widest) else 0.0
+        twice[rows] = double_faces(corners[rows], shape[rows], distance)
         doubled = int(twice.sum())
         corners, metal = corners[~twice], metal[~twice]
     ids = weld(corners.reshape(-1, 3)).reshape(-1, 3)

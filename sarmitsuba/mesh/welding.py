@@ -32,9 +32,9 @@ def copies_apart(vertex: I64) -> I64:
     """
     ids = np.sort(vertex.reshape(-1, 3), axis=1)
     with np.errstate(over="ignore"):
-        key = (ids.astype(np.uint64) * np.array([1, 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9], dtype=np.uint64)).sum(
-            axis=1, dtype=np.uint64
-        )
+        key = (
+            ids.astype(np.uint64) * np.array([1, 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9], dtype=np.uint64)
+        ).sum(axis=1, dtype=np.uint64)
     order = np.argsort(key, kind="stable")
     same = np.append(False, (ids[order[1:]] == ids[order[:-1]]).all(axis=1))
     if not same.any():
