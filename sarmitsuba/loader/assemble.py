@@ -34,6 +34,10 @@ from sarmitsuba.scene.wires import WireTarget, wire_ends
 # beyond this distance from the file's origin the scene gets an origin near the geometry: float32 positions stay exact
 # to 1 mm
 RECENTRE_DISTANCE = 5e3
+# the same for small scenes, over the diagonal of their bounds
+RECENTRE_SIZES = 20.0
+# least distance, m: 3e-5 m of rounding
+LEAST_RECENTRED = 500.0
 # coordinates beyond this are taken as an error of units
 MAX_COORDINATE = 1e9
 _MAX_MESH_NOTES = 12
@@ -292,7 +296,9 @@ def _extent(geometry: Geometry, places: F64) -> Extent:
 
 
 def _offset(geometry: Geometry, places: F64) -> F64:
-    center = _bounds(geometry, places).mean(axis=0)
-    if float(np.linalg.norm(center)) <= RECENTRE_DISTANCE:
+    bounds = _bounds(geometry, places)
+    center, size = bounds.mean(axis=0), float(np.linalg.norm(bounds[1] - bounds[0]))
+    limit = min(RECENTRE_DISTANCE, max(RECENTRE_SIZES * size, LEAST_RECENTRED))
+    if float(np.linalg.norm(center)) <= limit:
         return np.zeros(3)
     return np.asarray(np.round(center))

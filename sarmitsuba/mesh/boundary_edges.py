@@ -26,6 +26,8 @@ PAIRS = 200_000
 SLAB = 20_000
 # relative rounding of a coordinate in a float32 file
 FLOAT32 = 2.0**-23
+# distance of vertices from a straight boundary edge, wavelengths, and bend there (rad) up to which they are on it
+STRAIGHT, LARGEST_TURN = 1e-3, 0.5
 # least share of a triangle's width along a boundary edge that the edge must cover to limit it
 FACING = 0.5
 
@@ -124,6 +126,8 @@ def facets(
     sharp = np.ones(3 * n, dtype=bool)
     sharp[here[smooth]] = False
     ids, mate = vertex.reshape(n, 3), mate.reshape(n, 3)
+    # outlines are as little straight as facets are flat, see :mod:`sarmitsuba.mesh.flattening`
+    rounding = np.maximum(rounding, STRAIGHT * wavelength)
     edges = _TriangleEdges(corners, ids, along, inward, length, rounding, sharp.reshape(n, 3), mate)
     outlines = _outlines(edges, facet, np.arange(n))
     # the whole facet, where a neighbour in the plane continues as a curved surface
@@ -252,7 +256,7 @@ def _simple_facets(edges: _TriangleEdges, facet: I64, faces: I64) -> tuple[NDArr
     np.maximum.at(size, facet, _largest(points))
     rounding = np.zeros(count)
     np.maximum.at(rounding, facet, edges.rounding[faces])
-    slack = 1e-6 * size + 2.0 * rounding
+    slack = 1e-6 * size + 3.0 * rounding
 
     own, k = np.nonzero(edges.sharp[faces])
     line = _straight(edges, facet, faces, own, k)
@@ -280,6 +284,11 @@ def _simple_facets(edges: _TriangleEdges, facet: I64, faces: I64) -> tuple[NDArr
         m_x, m_y, m_z, c = np.ascontiguousarray(line_of.T)
         low = np.minimum.reduce(m_x * x + m_y * y + m_z * z) - c
         outside[facet[low < -slack[facet]]] = True
+    # edges of a line are on it: those of a curved outline are not
+    for step in (0, 1):
+        ends = points[own, (k + step) % 3]
+        height = np.einsum("ei,ei->e", inward[line], ends) - offset[line]
+        outside[facet[own[np.abs(height) > slack[facet[own]]]]] = True
     found[:, :, 3] -= np.einsum("fsi,fi->fs", found[:, :, :3], points[:, 0])
     return ((lines <= N_EDGES) & ~outside)[facet], found
 
@@ -372,8 +381,8 @@ def _straight(
     a, b = (edge[end] for end in twins(key))  # corners of the facet where just two of its edges meet
     inward, length = edges.inward[face, k], edges.length[face, k]
     bend = np.linalg.norm(np.cross(inward[a], inward[b]), axis=1)
-    allowed = FLAT_BEND + 2.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
-    go_on = (bend < allowed) & (np.einsum("ei,ei->e", inward[a], inward[b]) > 0.0)
+    allowed = FLAT_BEND + 6.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
+    go_on = (bend < np.minimum(allowed, LARGEST_TURN)) & (np.einsum("ei,ei->e", inward[a], inward[b]) > 0.0)
     return connected(n, a[go_on], b[go_on])
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
+from sarmitsuba.mesh.double_faces import double_faces
 from sarmitsuba.mesh.joined_sides import join_sides
 from sarmitsuba.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.mesh.welding import weld
@@ -15,6 +16,10 @@ from sarmitsuba.mesh.welding import weld
 SLIVER = 1e-6
 # widest gap between two sides that are taken for one edge, wavelengths
 WIDEST_GAP = 0.02
+# distance of two faces that are taken for one, over that gap
+DOUBLE_SHARE = 0.05
+# most gaps from the side of a triangle to the line in which the planes of two faces meet
+MOST_GAPS = 4.0
 # number of directions in a sheet, over half a circle, in which its width is tabulated
 DIRECTIONS = 16
 
@@ -40,6 +45,7 @@ class SharpEdges:
         and where the triangles share both its ends
     thickness : (n,) float64, m, of the plate whose face between two wedges a rim stands for; 0 for others
     parts : (n, 2) float64, shares of the parts with the electric and with the magnetic field along the edge
+    doubled : number of triangles that lie on those of another shape, and were left out
     """
 
     middle: F64
@@ -52,6 +58,7 @@ class SharpEdges:
     gap: F64
     thickness: F64
     parts: F64
+    doubled: int = 0
 
     @property
     def n(self) -> int:
@@ -73,10 +80,15 @@ class SharpEdges:
 
     @property
     def joined_text(self) -> str:
-        """Note on edges of facets that share no corners; empty without such edges."""
-        joined = self.gap[self.gap >= 0.0]
-        if not joined.size:
-            return ""
+        """Note on edges of facets that share no corners, and on double faces; empty without such."""
+        joined, notes = self.gap[self.gap >= 0.0], []
+        if self.doubled:
+            notes.append(f"{self.doubled} metal triangles on those of another shape are left out")
+        if joined.size:
+            notes.append(self._joined_sides_text(joined))
+        return "; ".join(notes)
+
+    def _joined_sides_text(self, joined: F64) -> str:
         apart = f", up to {1e3 * float(joined.max()):.2g} mm apart" if joined.max() > 1e-6 else ""
         return f"{joined.size} of {self.n} metal edges are of facets that share no corners there{apart}"
 
@@ -111,7 +123,9 @@ class SharpEdges:
         return replace(pieces, middle=pieces.middle + shift[:, None] * pieces.along, length=length)
 
 
-def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) -> SharpEdges:
+def sharp_edges(
+    corners: F64, metal: NDArray[np.bool_], widest: float = np.inf, shape: I64 | None = None
+) -> SharpEdges:
     """Sharp edges of and between metal triangles.
 
     A side of one triangle is a rim. An edge of two is sharp where they bend by more than ``SMOOTH_BEND``; smaller
@@ -123,13 +137,22 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) 
     corners : (n, 3, 3) float64, m, of all triangles
     metal : (n,) perfect conductors
     widest : m, bound on the gap between sides that lie on one another
+    shape : (n,) number of the shape of each triangle: metal triangles that lie on those of another shape are left out,
+        see :func:`sarmitsuba.mesh.double_faces.double_faces`; None: all belong to one
 
     Notes
     -----
     Ignores edges of three triangles and more, and those between metal and another material. A side that lies within
     another triangle is a rim: :func:`sarmitsuba.trace.edges.uncovered` removes rims that touch another object.
     """
-    corners = np.asarray(corners, dtype=np.float64)
+    corners, doubled = np.asarray(corners, dtype=np.float64), 0
+    if shape is not None:
+        rows = np.flatnonzero(metal)
+        twice = np.zeros(len(corners), dtype=bool)
+        distance = DOUBLE_SHARE * widest if np.isfinite(widest) else 0.0
+        twice[rows] = double_faces(corners[rows], shape[rows], distance)
+        doubled = int(twice.sum())
+        corners, metal = corners[~twice], metal[~twice]
     ids = weld(corners.reshape(-1, 3)).reshape(-1, 3)
     of_metal = np.zeros(int(ids.max(initial=-1)) + 1, dtype=bool)
     of_metal[ids[metal]] = True
@@ -180,8 +203,10 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) 
     wedge = np.stack([_away(inward[a], inward[b]), _away(inward[b], inward[a])], axis=1)
     faces_out = np.concatenate([np.stack([own, -own], axis=1), wedge])
     exterior = np.concatenate([np.full(rim.size, 2.0), 2.0 - opening / np.pi])
+    middle = start[edge] + shares.mean(axis=1)[:, None] * step[edge]
+    middle[rim.size :] += _towards_plane(middle[rim.size :], inward[a], start[b], normal[b // 3], gap)
     return SharpEdges(
-        start[edge] + shares.mean(axis=1)[:, None] * step[edge],
+        middle,
         (shares[:, 1] - shares[:, 0]) * length[edge],
         exterior,
         faces_in,
@@ -191,7 +216,16 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_], widest: float = np.inf) 
         np.concatenate([np.full(rim.size, -1.0), gap]),
         np.zeros(edge.size),
         np.ones((edge.size, 2)),
+        doubled,
     )
+
+
+def _towards_plane(middle: F64, inward: F64, other: F64, normal: F64, gap: F64) -> F64:
+    """(n, 3) steps in a face, across the edge, to where the plane of the other face meets it; 0 without a gap."""
+    slope = np.einsum("ei,ei->e", inward, normal)
+    step = np.einsum("ei,ei->e", other - middle, normal) / np.where(slope == 0.0, 1.0, slope)
+    near = np.abs(step) <= MOST_GAPS * gap
+    return np.asarray(np.where(near, step, 0.0)[:, None] * inward)
 
 
 def _away(face: F64, other: F64) -> F64:

@@ -117,8 +117,9 @@ def with_thin_rims(edges: SharpEdges, wavelength: float) -> SharpEdges:
             1.0 - shares,
         )
     )
-    names = SharpEdges.__dataclass_fields__
-    found = SharpEdges(**{name: np.concatenate([getattr(x, name) for x in kept]) for name in names})
+    arrays = [name for name in SharpEdges.__dataclass_fields__ if name != "doubled"]
+    joined = {name: np.concatenate([getattr(x, name) for x in kept]) for name in arrays}
+    found = SharpEdges(**joined, doubled=edges.doubled)
     return found.of(np.asarray(found.parts.any(axis=1)))
 
 

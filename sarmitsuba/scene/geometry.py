@@ -46,6 +46,11 @@ class Geometry:
         return int(self.faces.shape[0])
 
     @property
+    def face_mesh(self) -> I64:
+        """(n_faces,) mesh of each face."""
+        return np.searchsorted(self.mesh_face_offset, np.arange(self.n_faces), side="right") - 1
+
+    @property
     def moves(self) -> bool:
         """True where some mesh moves."""
         return any(not motion.still for motion in self.mesh_motion)

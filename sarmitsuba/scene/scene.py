@@ -33,7 +33,7 @@ class Scene:
     radar : sensor, with track and receive window
     settings, image : of the tracing; the image to focus
     offset : (3,) float64, m; scene frame = file frame - offset. Zero unless the geometry lies more than
-        5 km from the file's origin, whole metres then
+        5 km, or 500 m and twenty times its own size, from the file's origin; whole metres then
     notes : one line each: assumptions and repairs made while loading
     description : parameters that radar and film were made from; None where they were not made from any
     wires : straight round ones that scatter by a closed form

@@ -34,6 +34,8 @@ PROBES = 8
 ROUND = 1.25
 # bisection steps for the width of a sheet
 BISECTIONS = 14
+# widths of the gap between two faces at which shadow rays from their edge start
+GAPS = 2.0
 # places along all edges at which the widths of sheets are found, or one on each piece where there are fewer
 SPANS = 20_000
 
@@ -63,7 +65,9 @@ def edges_of(
     metal &= ~moving[visible]
     if not metal.any():
         return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
-    edges = with_thin_rims(sharp_edges(corners, metal, WIDEST_GAP * wavelength), wavelength)
+    edges = with_thin_rims(
+        sharp_edges(corners, metal, WIDEST_GAP * wavelength, geometry.face_mesh[visible]), wavelength
+    )
     longest = min(max(LONGEST * wavelength, spacing), cell)
     scene = intersector(corners.astype(np.float32))
     edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))
@@ -126,6 +130,7 @@ def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[
         return np.zeros(0, dtype=bool)
     rounding = 16.0 * 2.0**-24 * np.abs(edges.middle).max()
     reach = np.maximum(np.minimum(REACH * wavelength, REACH_SHARE * edges.length), rounding)
+    reach = np.maximum(reach, GAPS * edges.gap)  # past a face that reaches over the other
     # from a sixteenth of the exterior off face a to as much off face b; round the face between the corners of a plate
     reach = np.maximum(reach, ROUND * edges.thickness)
     least = np.where(edges.thickness > 0.0, 1.0 / 10.0, 1.0 / 16.0)
@@ -197,9 +202,11 @@ class FringeCurrents(Scatterers):
         ]
         self._table = device_array(mi.Float, np.stack(rows, axis=1).astype(np.float32))
         self._span = device_array(mi.Float, np.minimum(edges.span, FAR).astype(np.float32))
-        self._thickness = None
+        self._thickness = self._gap = None
         if edges.thickness.any():
             self._thickness = device_array(mi.Float, edges.thickness.astype(np.float32))
+        if (edges.gap > 0.0).any():
+            self._gap = device_array(mi.Float, edges.gap.clip(0.0).astype(np.float32))
 
     def point(self, index: mi.UInt32) -> mi.Vector3d:
         """See :class:`sarmitsuba.trace.source.Scatterers`."""
@@ -208,8 +215,10 @@ class FringeCurrents(Scatterers):
     def departure(
         self, index: mi.UInt32, point: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
     ) -> mi.Vector3f:
-        """Start of a shadow ray, m: off both faces of the wedge, and along the direction."""
+        """Start of a shadow ray, m: off both faces of the wedge and past the gap between them, along the direction."""
         first, second = self._row(index, 0), self._row(index, 2)
+        if self._gap is not None:
+            clearance = clearance + GAPS * dr.gather(mi.Float, self._gap, index)
         inward = mi.Vector3f(first.x + second.x, first.y + second.y, first.z + second.z)
         start = point + (direction - dr.normalize(inward)) * clearance
         if self._thickness is None:

@@ -33,6 +33,11 @@ if TYPE_CHECKING:
     Found = tuple[mi.UInt32, mi.Vector2f, mi.Bool]
 
 
+# displacement of a ray that missed at a vertex, over the largest coordinate: float32 rounding of its origin and of the
+# triangle. Rays beside a facet that hit it by more would add their cells to it
+NUDGE = 2.0**-21
+
+
 def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     """Start every ray of the grid from every pulse: lane = pulse * n_rays + ray."""
     f32, f64, u32, v32, v64 = mi.Float, mi.Float64, mi.UInt32, mi.Vector3f, mi.Vector3d
@@ -80,7 +85,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         inverse_start=inverse_start,
         tube_rate_a=dr.dot(edge_a, v32(velocity)) * inverse_start,
         tube_rate_b=dr.dot(edge_b, v32(velocity)) * inverse_start,
-        nudge=dr.normalize(edge_a) * constants.clearance,
+        nudge=dr.normalize(edge_a) * dr.opaque(f32, NUDGE * kernel.scene.extent),
         needs=needs,
         pattern=None if beams is None else beams[1],
         time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),

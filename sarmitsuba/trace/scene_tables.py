@@ -17,8 +17,9 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import N_EDGES, facets
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.edge_pairs import edge_pairs
+from sarmitsuba.mesh.flattening import flattened
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_needs, slant_factor
-from sarmitsuba.mesh.welding import weld
+from sarmitsuba.mesh.welding import copies_apart, weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.intersector import intersector
@@ -269,10 +270,14 @@ def build_trace_scene(
     material_table, diffuse_table = _material_tables(materials, wavelength)
     form = np.array([FORMS.index(LAWS[m.diffuse_law].bistatic) for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
-    vertex = weld(triangles.reshape(-1, 3))
+    vertex = copies_apart(weld(triangles.reshape(-1, 3)))
     if movers is not None:  # surfaces with different motions share no edge
         vertex = movers.apart(vertex)
     pairs = edge_pairs(vertex)
+    # `corners`, which rays are intersected with, keep the common vertices of facets
+    triangles = flattened(triangles, pairs, wavelength)
+    if movers is not None:
+        movers = replace(movers, triangles=triangles)
     piece = piece_of(triangles, vertex, pairs)
     area, width = piece_sizes(triangles, piece)
     largest = np.minimum(width, np.sqrt(area / LEAST_SCATTERERS)).astype(np.float32)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128, F64
+from sarmitsuba.arrays import C128, F64, I64
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.edge_bound import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
@@ -74,7 +74,9 @@ class EdgeDiffraction(Effect):
         if context.draft:
             return Assessment(True, "sharp edges of metal are possible", float("nan"))
         wavelength = scene.radar.waveform.wavelength
-        edges = with_thin_rims(sharp_edges(found.corners, found.metal, WIDEST_GAP * wavelength), wavelength)
+        edges = with_thin_rims(
+            sharp_edges(found.corners, found.metal, WIDEST_GAP * wavelength, found.shape), wavelength
+        )
         if not edges.n:
             return Assessment(False, "no sharp metal edge", -np.inf)
         bounces = decided["max_depth"].on and decided["max_depth"].value != 1
@@ -105,17 +107,19 @@ class EdgeDiffraction(Effect):
 
 @dataclass(frozen=True, eq=False)
 class _Metal:
-    """Corners (n, 3, 3) of all visible triangles, m, and which of them are metal."""
+    """Corners (n, 3, 3) of all visible triangles, m, which of them are metal, and the number of each one's shape."""
 
     corners: F64
     metal: NDArray[np.bool_]
+    shape: I64
 
     @staticmethod
     def of(context: SceneContext) -> "_Metal":
         geometry, materials = context.scene.geometry, context.scene.materials
         visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
         metal = np.array([m.metallic for m in materials], dtype=bool)[geometry.face_material[visible]]
-        return _Metal(np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64), metal)
+        corners = np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64)
+        return _Metal(corners, metal, geometry.face_mesh[visible])
 
 
 @dataclass(frozen=True)
