@@ -16,8 +16,8 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 
-# summed weight w g^2, over the image's largest, above which a place counts as illuminated: a tenth in amplitude
-_DARK = 0.01
+DARK = 0.01
+"""Summed weight w g^2, over the image's largest, above which a place counts as illuminated: a tenth in amplitude."""
 # rounding of a component of a float32 unit vector along a direction, rms
 _SINE_ROUNDING = 3.5e-8
 # summed weight over the largest below which a place counts as not illuminated: its pixel is zero
@@ -253,7 +253,7 @@ def leaves_beam(radar: Radar, point: ArrayLike) -> bool:
 
 def _dark(total: F64) -> bool:
     """Whether a summed weight w g^2 is negligible relative to the largest, or all are zero."""
-    return bool(total.min() <= _DARK * total.max())
+    return bool(total.min() <= DARK * total.max())
 
 
 def ground_cell_area(

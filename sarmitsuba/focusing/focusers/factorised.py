@@ -7,11 +7,12 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture_weights import image_places, leaves_beam, matched_weights
+from sarmitsuba.focusing.aperture_weights import DARK, matched_weights
 from sarmitsuba.focusing.factorised.division import Plan
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
 from sarmitsuba.focusing.factorised.section_plan import make_plan
-from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan, whole_weights
+from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan
+from sarmitsuba.focusing.factorised.weights import alike, image_weights
 from sarmitsuba.focusing.focuser import (
     FOCUSERS,
     Focused,
@@ -106,11 +107,20 @@ class Factorised(Focuser):
         return ""
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Predicted error for a rectangular azimuth window, with a margin; NaN where the image leaves the beam."""
+        """Predicted error for a rectangular azimuth window, with a margin; NaN where the image leaves the beam.
+
+        With what the summed weights miss between their nodes, measured halfway.
+        """
         plan = self.plan(radar, grid)
-        if isinstance(plan, str) or leaves_beam(radar, image_places(grid)):
+        if isinstance(plan, str):
             return math.nan
-        return plan.error_db + MARGIN_DB
+        power = 10.0 ** (0.1 * (plan.error_db + MARGIN_DB))
+        if not alike(radar):
+            weights = image_weights(radar, grid, RECTANGULAR)
+            if weights.least <= DARK:
+                return math.nan
+            power += weights.error_power
+        return 10.0 * math.log10(power)
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Peak memory in bytes while the pixels are made, pixels included, raw data not."""
@@ -159,7 +169,11 @@ class Factorised(Focuser):
             some = replace(raw, data=raw.data[layers], layers=raw.layers[layers])
             job = make_job(some, profiles, plan, task.azimuth_window, grid)
             image[layers] = run_plan(job, plan, grid, task.progress)
-            weights = whole_weights(job, grid)
+            weights = (
+                np.full((1, 1), job.pulse_weights.sum(), dtype=np.float32)
+                if alike(radar)
+                else image_weights(radar, grid, task.azimuth_window).at(grid)
+            )
             seen = weights > _DARK * job.pulse_weights.sum()
             scale = np.float32(job.reference**2 / radar.amplitude_constant)
             image[layers] *= np.divide(scale, weights, out=np.zeros_like(weights), where=seen)
