@@ -44,6 +44,8 @@ _BEAM_BAND = 3.0
 _WIDEST = 2.0
 # pulses of a section whose receive windows are checked
 _LOOKED_AT = 33
+# largest phase error of a merger's parabolas over that of the sampling, dB
+_BOW_DB = -6.0
 # margin, because spectra are computed at a few points only
 _SPARE = 1.03
 _UNDER = "the image extends below the track"
@@ -199,7 +201,7 @@ def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: Subimag
     n_ranges = int(np.ceil((sight.ranges[1] - sight.ranges[0]) / range_step)) + 2 * GUARD + 2
     n_angles = int(np.ceil((sight.angles[1] - sight.angles[0]) / angle_step)) + 2 * GUARD + 2
     top = SubimageLevel(n, 1, 1, sight.angles[0] - GUARD * angle_step, angle_step, n_angles)
-    levels = _levels(sight, top, lengths, sampling.upsampling)
+    levels = _levels(sight, top, lengths, sampling)
     if levels is None:
         return f"groups of {lengths[0]} pulses are no smaller than their section"
     return Section(
@@ -218,14 +220,18 @@ def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: Subimag
 
 
 def _levels(
-    sight: _SectionSpectra, top: SubimageLevel, lengths: tuple[int, ...], upsampling: float
+    sight: _SectionSpectra, top: SubimageLevel, lengths: tuple[int, ...], sampling: SubimageSampling
 ) -> tuple[SubimageLevel, ...] | None:
     """Levels from the section's own downwards; None where a smaller group does not need fewer angles."""
-    above = top
+    above, tolerance = top, 10.0 ** (0.05 * (sampling.error_db(len(lengths)) + _BOW_DB))
     levels = [above]
     for length in reversed(lengths):
-        coarsest = np.pi / (sight.extent(length)[1] * upsampling)
-        ratio = next((r for r in RATIOS if r * above.angle_step <= coarsest), None)
+        coarsest = np.pi / (sight.extent(length)[1] * sampling.upsampling)
+        steps = ((r, r * above.angle_step) for r in RATIOS)
+        ratio = next(
+            (r for r, step in steps if step <= coarsest and _bow(r, step, sampling.upsampling) <= tolerance),
+            None,
+        )
         if ratio is None:
             return None
         chunks = -(-above.n_angles // ratio)
@@ -236,6 +242,16 @@ def _levels(
         levels.append(above)
     levels[-1] = replace(above, n_angles=4 * -(-above.n_angles // 4))
     return _padded(levels[::-1], top.n_pulses)
+
+
+def _bow(ratio: int, step: float, upsampling: float) -> float:
+    r"""Largest phase error, rad, of the parabola over the angles merged from between two samples ``step`` apart.
+
+    A phase :math:`K \sin\varphi` whose frequency fills the band, :math:`K = \pi / u \Delta`, loses
+    :math:`K h^3 / 9 \sqrt 3` within :math:`h = \Delta (r - 1) / 2 r`; twice that where the line of sight is steep.
+    """
+    half = 0.5 * step * (ratio - 1) / ratio
+    return float(2.0 * np.pi / (upsampling * step) * half**3 / (9.0 * np.sqrt(3.0)))
 
 
 def _padded(levels: list[SubimageLevel], n: int) -> tuple[SubimageLevel, ...]:
