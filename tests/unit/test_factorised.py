@@ -215,7 +215,7 @@ def test_what_it_refuses() -> None:
         focus(band_noise(radar, 9), grid, focuser="factorised")
     for options, message in (
         ("stages=5", "stages = 5 must be"),
-        ("upsampling=1.2", "upsampling = 1.2 must lie"),
+        ("upsampling=1.2", "upsampling = 1.2 must be from 1.5 to 4, or 0"),
     ):
         with pytest.raises(DataError, match=message):
             focus(band_noise(radar, 9), grid, focuser=f"factorised,{options}")

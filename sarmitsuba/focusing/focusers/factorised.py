@@ -14,6 +14,7 @@ from sarmitsuba.focusing.factorised.section_plan import make_plan
 from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan
 from sarmitsuba.focusing.factorised.weights import alike, image_weights
 from sarmitsuba.focusing.focuser import (
+    ERROR_DB,
     FOCUSERS,
     Focused,
     Focuser,
@@ -73,25 +74,19 @@ class Factorised(Focuser):
     name: ClassVar[str] = "factorised"
     title: ClassVar[str] = "any track, an image off the flight line; fast for large images"
 
-    error: float = option(-50.0, "wanted error against exact backprojection, dB")
-    upsampling: float = option(0.0, "samples per critical sample of subimages; 0 = from the wanted error")
-    stages: int = option(0, "stages between pulses and pixels: 2 (Yegulalp), 3 or 4; 0 = the fastest")
+    error: float = option(-50.0, "wanted error against exact backprojection, dB", within=ERROR_DB)
+    upsampling: float = option(
+        0.0,
+        "samples per critical sample of subimages; 0 = from the wanted error",
+        within=UPSAMPLING,
+        automatic=True,
+    )
+    stages: int = option(
+        0, "stages between pulses and pixels: 2 (Yegulalp), 3 or 4; 0 = the fastest", choices=STAGES
+    )
 
     def plan(self, radar: Radar, grid: ImageGrid, window: Window = RECTANGULAR) -> Plan | str:
-        """Division of the aperture; the reason where it is impossible.
-
-        Raises
-        ------
-        DataError
-            An option is out of its bounds.
-        """
-        if self.stages not in STAGES:
-            raise DataError(f"focuser factorised: stages = {self.stages} must be 0, 2, 3 or 4")
-        low, high = UPSAMPLING
-        if self.upsampling != 0.0 and not low <= self.upsampling <= high:
-            raise DataError(
-                f"focuser factorised: upsampling = {self.upsampling:g} must lie in {low:g} ... {high:g}, or be 0"
-            )
+        """Division of the aperture; the reason where it is impossible."""
         return make_plan(radar, grid, window, self.error, self.upsampling, self.stages)
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
