@@ -69,6 +69,10 @@ class Factorised(Focuser):
     an edge, of which the part outside its spectrum is lost: the longer the section over the Fresnel length
     :math:`\sqrt{\lambda R / 2}`, the less (:attr:`sarmitsuba.focusing.factorised.division.Plan.edge_db`, an empirical
     law).
+
+    Errors are relative to the energy of all echoes that pass through the image's pixels, side lobes included. In a crop
+    beside something far brighter they are larger than stated, relative to the crop: by 2 dB for a point 20 m outside,
+    70 dB above the pixels.
     """
 
     name: ClassVar[str] = "factorised"
