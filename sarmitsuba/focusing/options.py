@@ -21,7 +21,7 @@ def option(
     *,
     within: tuple[float, float] | None = None,
     automatic: bool = False,
-    choices: tuple[Any, ...] = (),
+    choices: tuple[OptionValue, ...] = (),
 ) -> Any:
     """Field of a focuser's dataclass: an option of type str, int, float or bool, with its one line of help.
 
@@ -109,7 +109,7 @@ class WithOptions:
         return "; options ".join([self.title, ", ".join(options)]) if options else self.title
 
 
-def _takes(field: "dataclasses.Field[Any]") -> str:
+def _takes(field: "dataclasses.Field[OptionValue]") -> str:
     """Values that an option accepts, for messages."""
     choices, within = field.metadata.get("choices", ()), field.metadata.get("within")
     if choices:

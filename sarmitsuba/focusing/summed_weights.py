@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.interpolate
+import scipy
 
 from sarmitsuba.arrays import F32, F64
 from sarmitsuba.focusing.aperture_weights import DARK

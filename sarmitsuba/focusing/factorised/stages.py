@@ -16,6 +16,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing.backprojection_kernel import AXES_STRIDE, Weighting
 from sarmitsuba.focusing.factorised.division import Plan, Section, SubimageLevel
+from sarmitsuba.focusing.factorised.image_weights import axes_table, pulse_weights, weighting_of
 from sarmitsuba.focusing.factorised.kernels import (
     ANGLES,
     GroupPulses,
@@ -26,7 +27,6 @@ from sarmitsuba.focusing.factorised.kernels import (
 )
 from sarmitsuba.focusing.factorised.resampling import Pixels, along_rows, resample
 from sarmitsuba.focusing.factorised.sampling import CORRECTION, SubimageSampling, correction
-from sarmitsuba.focusing.factorised.weights import axes_table, pulse_weights, weighting_of
 from sarmitsuba.focusing.profiles import MOST_BEYOND, ProfilePlan
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid

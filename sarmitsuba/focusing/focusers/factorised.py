@@ -9,10 +9,10 @@ import numpy as np
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import DARK, matched_weights
 from sarmitsuba.focusing.factorised.division import Plan
+from sarmitsuba.focusing.factorised.image_weights import alike, image_weights
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
 from sarmitsuba.focusing.factorised.section_plan import make_plan
 from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan
-from sarmitsuba.focusing.factorised.weights import alike, image_weights
 from sarmitsuba.focusing.focuser import (
     ERROR_DB,
     FOCUSERS,
