@@ -120,4 +120,6 @@ def definition(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
+    if not value.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} has no value after the equals sign")
     return name, value

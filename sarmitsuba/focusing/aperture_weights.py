@@ -16,12 +16,14 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 
-# summed weight w g^2, over the image's largest, above which a place counts as illuminated: a tenth in amplitude
-_DARK = 0.01
+DARK = 0.01
+"""Summed weight w g^2, over the image's largest, above which a place counts as illuminated: a tenth in amplitude."""
 # rounding of a component of a float32 unit vector along a direction, rms
 _SINE_ROUNDING = 3.5e-8
 # summed weight over the largest below which a place counts as not illuminated: its pixel is zero
 _UNLIT = 1e-6
+# largest difference of the two beams' amplitudes, relative to the transmitter's peak
+_BEAMS_APART = 0.1
 
 
 def direction_gain(radar: Radar, pulse: int | slice, direction: F64, pointing: Pointing | None = None) -> F64:
@@ -96,6 +98,34 @@ def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: W
     """
     share = np.clip((half_aperture - np.abs(offset)) / step + 0.5, 0.0, 1.0)
     return np.asarray(window(np.clip(offset / (2.0 * half_aperture), -0.5, 0.5)) * share)
+
+
+def bistatic_refusal(radar: Radar) -> str:
+    """Reason why bistatic data cannot be backprojected; empty when they can, or are monostatic."""
+    if radar.receiver is None or (radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)):
+        return ""
+    if radar.receives_itself:
+        return ""
+    if radar.receiver_pointing is None:
+        return "the data are bistatic and give no pattern of the receiver; give an isotropic antenna"
+    other = replace(
+        radar,
+        track=radar.receiver,
+        pointing=radar.receiver_pointing,
+        receiver=None,
+        receiver_pointing=None,
+        delay=None,
+    )
+    sent, received = (
+        direction_gain(one, slice(None), look_directions(one, radar.aim_point)) for one in (radar, other)
+    )
+    apart = float(np.abs(received - sent).max() / max(float(sent.max()), 1e-300))
+    if apart <= _BEAMS_APART:
+        return ""
+    return (
+        f"the beams of transmitter and receiver differ by {100.0 * apart:.0f} % at the aim point, and pulses are "
+        "weighed by the transmitter's; bring the receiver nearer or give an isotropic antenna"
+    )
 
 
 @lru_cache(maxsize=8)
@@ -253,7 +283,7 @@ def leaves_beam(radar: Radar, point: ArrayLike) -> bool:
 
 def _dark(total: F64) -> bool:
     """Whether a summed weight w g^2 is negligible relative to the largest, or all are zero."""
-    return bool(total.min() <= _DARK * total.max())
+    return bool(total.min() <= DARK * total.max())
 
 
 def ground_cell_area(

@@ -121,6 +121,8 @@ EXACT, FAST = "backprojection", "factorised"
 """Names of the reference and of the fast form of the same sum."""
 DEFAULT = "auto"
 """The focuser where none is named."""
+ERROR_DB = (-300.0, 0.0)
+"""Bounds of a wanted error, dB."""
 # errors of the fast form in the default choice, dB: below the data's own error, where that is not known, and at most
 _BELOW_DB, _UNKNOWN_DB, _MOST_DB = -20.0, -60.0, -50.0
 # processor seconds of one layer, and share, that the fast form must save: a small image keeps the plain sum's bits; and
@@ -141,7 +143,7 @@ class Auto(Focuser):
     bistatic: ClassVar[bool] = True
 
     error: float = option(
-        0.0, "largest stated error against exact backprojection, dB; 0 = from the data's own"
+        0.0, "largest stated error against exact backprojection, dB; 0 = from the data's own", within=ERROR_DB
     )
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
@@ -243,7 +245,7 @@ def parse_focuser(text: str | Focuser) -> Focuser:
     ExtensionError
         There is no focuser of that name.
     DataError
-        Unknown option, or a value of the wrong type.
+        Unknown option, or a value of the wrong type or out of its bounds.
     """
     if isinstance(text, Focuser):
         return text
@@ -267,6 +269,7 @@ def check_focuser(focuser: Focuser, radar: Radar, grid: ImageGrid) -> None:
 __all__ = [
     "CALL_SECONDS",
     "DEFAULT",
+    "ERROR_DB",
     "EXACT",
     "FOCUSERS",
     "WEIGHT_SECONDS",

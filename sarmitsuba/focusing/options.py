@@ -1,6 +1,7 @@
 """Options of focusers and autofocusers: the fields of a frozen dataclass, each with a default and a line of help."""
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -14,9 +15,22 @@ if TYPE_CHECKING:
 OptionValue = str | int | float | bool
 
 
-def option(default: Any, doc: str) -> Any:
-    """Field of a focuser's dataclass: an option of type str, int, float or bool, with its one line of help."""
-    return dataclasses.field(default=default, metadata={"doc": doc})
+def option(
+    default: Any,
+    doc: str,
+    *,
+    within: tuple[float, float] | None = None,
+    automatic: bool = False,
+    choices: tuple[OptionValue, ...] = (),
+) -> Any:
+    """Field of a focuser's dataclass: an option of type str, int, float or bool, with its one line of help.
+
+    ``within`` bounds a number, both ends included; with ``automatic`` 0 is accepted as well. ``choices`` are all values
+    accepted. Numbers are finite in any case.
+    """
+    return dataclasses.field(
+        default=default, metadata={"doc": doc, "within": within, "automatic": automatic, "choices": choices}
+    )
 
 
 @dataclass(frozen=True)
@@ -34,6 +48,25 @@ class WithOptions:
     name: ClassVar[str]
     title: ClassVar[str]
 
+    def __post_init__(self) -> None:
+        """Check every option's value.
+
+        Raises
+        ------
+        DataError
+            One is not finite, out of its bounds or not among its choices.
+        """
+        for field in dataclasses.fields(self):
+            value, takes = getattr(self, field.name), _takes(field)
+            choices, within = field.metadata.get("choices", ()), field.metadata.get("within")
+            right = value in choices if choices else True
+            if right and isinstance(value, int | float) and not isinstance(value, bool):
+                right = math.isfinite(value) and (within is None or within[0] <= value <= within[1])
+                right |= value == 0 and bool(field.metadata.get("automatic"))
+            if not right:
+                shown = f"{value:g}" if isinstance(value, float) else repr(value)
+                raise DataError(f"{self.kind} {self.name}: {field.name} = {shown} must be {takes}")
+
     @property
     def options(self) -> dict[str, OptionValue]:
         """Options by name, with their values."""
@@ -45,7 +78,7 @@ class WithOptions:
         Raises
         ------
         DataError
-            Unknown option, or a value of the wrong type.
+            Unknown option, or a value of the wrong type or out of its bounds.
         """
         values: dict[str, OptionValue] = {}
         for name, text in texts.items():
@@ -74,3 +107,13 @@ class WithOptions:
             for field in dataclasses.fields(self)
         ]
         return "; options ".join([self.title, ", ".join(options)]) if options else self.title
+
+
+def _takes(field: "dataclasses.Field[OptionValue]") -> str:
+    """Values that an option accepts, for messages."""
+    choices, within = field.metadata.get("choices", ()), field.metadata.get("within")
+    if choices:
+        *most, last = (str(choice) for choice in choices)
+        return f"{', '.join(most)} or {last}"
+    text = "finite" if within is None else f"from {within[0]:g} to {within[1]:g}"
+    return f"{text}, or 0" if field.metadata.get("automatic") else text

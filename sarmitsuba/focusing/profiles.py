@@ -11,6 +11,8 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.radar.radar import Radar
 
+INTERPOLATIONS = {"linear": 2, "kernel": 6, "kernel:4": 4, "kernel:6": 6, "kernel:8": 8}
+"""Kernel widths, in samples, of the interpolations by their names."""
 # default upsampling of the receiver's rate by kernel width; linear errs by -47 to -50 dB then, and more would make it
 # slower than the better kernel of four taps
 _DEFAULT_OVERSAMPLING = {2: 6, 4: 2, 6: 2, 8: 2}
@@ -25,10 +27,9 @@ def parse_interpolation(text: str) -> int:
 
     ``linear`` (width 2), ``kernel`` (width 6) or ``kernel:4``, ``kernel:6``, ``kernel:8``.
     """
-    widths = {"linear": 2, "kernel": 6, "kernel:4": 4, "kernel:6": 6, "kernel:8": 8}
-    if text not in widths:
-        raise DataError(f"interpolation {text!r}: unknown; choose one of {', '.join(widths)}")
-    return widths[text]
+    if text not in INTERPOLATIONS:
+        raise DataError(f"interpolation {text!r}: unknown; choose one of {', '.join(INTERPOLATIONS)}")
+    return INTERPOLATIONS[text]
 
 
 def band_weights(n_fft: int, sampling_rate: float, bandwidth: float, window: Window) -> F64:

@@ -122,6 +122,10 @@ def test_errors_are_one_line(
         (["paint"], "invalid choice"),
         (["render", "box"], "-o/--output"),
         (["render", "box", "-o", "x", "-D", "novalue"], "'novalue' is not of the form NAME=VALUE"),
+        (
+            ["render", "box", "-o", "x", "-D", "slant_range="],
+            "'slant_range=' has no value after the equals sign",
+        ),
         (["render", "box", "-o", "x", "--seed", "pi"], "invalid int value"),
     ],
 )

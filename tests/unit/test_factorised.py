@@ -21,6 +21,7 @@ from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.focusing.focusers.factorised import Factorised
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
@@ -144,6 +145,50 @@ def test_the_antenna_weighs_as_in_backprojection() -> None:
         assert image_error_db(image, exact) < Factorised().error_db(radar, grid)
 
 
+def under_a_narrow_beam(seed: int) -> tuple[RawData, ImageGrid]:
+    """Noise and an image off the beam's centre, at whose corners the two-way power has fallen by 5 to 13 dB."""
+    rng = np.random.default_rng(seed)
+    slant_range, look = rng.uniform(1.5e3, 4e3), rng.uniform(0.6, 1.0)
+    extent = rng.uniform(0.04, 0.06, 2) * slant_range
+    widths = np.sqrt(np.log(rng.uniform(3.0, 20.0)) / np.log(4.0)) * rng.dirichlet([1.0, 1.0]) ** 0.5
+    angles = 0.65 * extent / slant_range * (1.0, np.cos(look))
+    antenna = Antenna(
+        str(rng.choice(["gaussian", "rectangular"])), 1e3, *(2.0 * angles / np.maximum(widths, 0.05))
+    )
+    radar = ideal_radar(
+        slant_range=slant_range,
+        look_angle=look,
+        squint_angle=float(rng.choice([0.0, rng.uniform(-0.4, 0.4)])),
+        resolution=1.0,
+        bandwidth=150e6,
+        n_samples=int(1.3 * np.hypot(*extent) / 0.8),
+        antenna=antenna,
+    )
+    request = ImageRequest(
+        grid="ground",
+        extent_azimuth=extent[0],
+        extent_range=extent[1],
+        spacing_azimuth=extent[0] / 160,
+        spacing_range=extent[1] / 120,
+    )
+    grid = default_grid(radar, request)
+    away = 0.15 * extent * rng.choice([-1.0, 1.0], 2)
+    grid = dataclasses.replace(grid, azimuth=grid.azimuth + away[0], range=grid.range + away[1])
+    return band_noise(radar, seed), grid
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(n, marks=pytest.mark.slow) for n in range(3, 20))])
+@pytest.mark.parametrize("wanted", [-50.0, -65.0])
+def test_a_beam_that_falls_across_the_image_leaves_the_stated_error(seed: int, wanted: float) -> None:
+    """The sum of weights is interpolated, as accurately as the image is made."""
+    raw, grid = under_a_narrow_beam(seed)
+    focuser = Factorised(error=wanted)
+    exact = focus(raw, grid, focuser=EXACT).data
+    stated = focuser.error_db(raw.radar, grid)
+    assert stated <= wanted + 0.5
+    assert image_error_db(focus(raw, grid, focuser=focuser).data, exact) < stated
+
+
 def stripmap() -> Radar:
     """Track three apertures long; every pixel has its own, at whose end the two-way beam has fallen by 9 dB."""
     radar = ideal_radar(
@@ -215,7 +260,7 @@ def test_what_it_refuses() -> None:
         focus(band_noise(radar, 9), grid, focuser="factorised")
     for options, message in (
         ("stages=5", "stages = 5 must be"),
-        ("upsampling=1.2", "upsampling = 1.2 must lie"),
+        ("upsampling=1.2", "upsampling = 1.2 must be from 1.5 to 4, or 0"),
     ):
         with pytest.raises(DataError, match=message):
             focus(band_noise(radar, 9), grid, focuser=f"factorised,{options}")

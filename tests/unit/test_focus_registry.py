@@ -26,6 +26,7 @@ from sarmitsuba.focusing import (
     focus,
 )
 from sarmitsuba.focusing.aperture_weights import matched_weights
+from sarmitsuba.focusing.autofocus import parse_autofocus
 from sarmitsuba.focusing.focuser import option, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import Backprojection, backproject
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
@@ -57,6 +58,31 @@ def test_options_are_read_with_their_types() -> None:
         parse_focuser("backprojection,oversampling=2.5")
     with pytest.raises(ExtensionError, match="choose one of"):
         parse_focuser("cubist_format")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        *((f"factorised,error={value}", "must be from -300 to 0") for value in ("nan", "inf", "-inf", "50")),
+        ("auto,error=nan", "error = nan must be from -300 to 0"),
+        ("omega_k,bound=nan", "bound = nan must be"),
+        ("range_doppler,bound=-1", "bound = -1 must be"),
+        ("chirp_scaling,bound=inf", "bound = inf must be"),
+        ("backprojection,oversampling=1", "oversampling = 1 must be from 2 to 64, or 0"),
+        ("backprojection,interpolation=cubic", "must be linear, kernel, kernel:4, kernel:6 or kernel:8"),
+    ],
+)
+def test_values_of_options_are_checked(text: str, said: str) -> None:
+    with pytest.raises(DataError, match=said):
+        parse_focuser(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["phase_gradient,rounds=0", "minimum_entropy,orders=1", "maximum_contrast,pixels=-3"]
+)
+def test_values_of_autofocusers_options_are_checked(text: str) -> None:
+    with pytest.raises(DataError, match="must be from"):
+        parse_autofocus(text)
 
 
 def test_options_change_the_image_and_are_written_down() -> None:

@@ -45,8 +45,8 @@ class PhaseGradient(Autofocuser):
     name: ClassVar[str] = "phase_gradient"
     title: ClassVar[str] = "bright points that stand out, spotlight and stripmap"
 
-    rounds: int = option(8, "largest number of images made")
-    points: int = option(200, "largest number of bright pixels used")
+    rounds: int = option(8, "largest number of images made", within=(1, 1000))
+    points: int = option(200, "largest number of bright pixels used", within=(1, 10**9))
 
     def estimate(self, task: AutofocusTask) -> F64:
         """See the class."""

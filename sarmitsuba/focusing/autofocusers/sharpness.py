@@ -38,9 +38,11 @@ class _Sharpness(Autofocuser):
     Ignores that the error along the line of sight varies over the scene, and errors of higher order than asked for.
     """
 
-    orders: int = option(16, "highest order of the polynomials over the pulses")
-    pixels: int = option(20_000, "largest number of pixels used")
-    start: int = option(8, "rounds of phase_gradient before the search; 0: start from the recorded track")
+    orders: int = option(16, "highest order of the polynomials over the pulses", within=(2, 1000))
+    pixels: int = option(20_000, "largest number of pixels used", within=(1, 10**9))
+    start: int = option(
+        8, "rounds of phase_gradient before the search; 0: start from the recorded track", within=(0, 1000)
+    )
 
     @abstractmethod
     def measure(self, intensity: F64) -> tuple[float, F64]:

@@ -15,6 +15,8 @@ _PULSE, _MERGE, _SAMPLE = 3e-9, 2.2e-9, 2.5e-8
 PIXEL_SECONDS = {4: 7e-9, 6: 12e-9}
 # of the transforms, and of the last interpolation, where that is along the image's rows
 _ROW_SAMPLE, ROW_PIXEL_SECONDS = 1e-8, {4: 7e-9, 6: 8e-9}
+# relative error of the arc tangent of a pixel's angle in float32
+_ANGLE_ROUNDING = 6e-7
 # of a section, independent of its size: each stage is traced again for its launch
 _SECTION = 0.02
 
@@ -117,11 +119,15 @@ class Plan:
 
     @property
     def error_db(self) -> float:
-        """Predicted rms error."""
-        return float(
-            10.0
-            * np.log10(10.0 ** (0.1 * self.sampling.error_db(self.merges)) + 10.0 ** (0.1 * self.edge_db))
-        )
+        r"""Predicted rms error.
+
+        A pixel's angle in single precision, off by :math:`\epsilon` of itself, is off by :math:`\epsilon n / 2` samples
+        at the image's edge, where the band's edge turns by :math:`\pi / u` per sample; both are uniformly distributed.
+        """
+        angles = max(section.levels[-1].n_angles for section in self.sections)
+        turned = _ANGLE_ROUNDING * 0.5 * angles * np.pi / self.sampling.upsampling / 3.0
+        power = 10.0 ** (0.1 * self.sampling.error_db(self.merges)) + 10.0 ** (0.1 * self.edge_db)
+        return float(10.0 * np.log10(power + turned**2))
 
     @property
     def n_bytes(self) -> int:

@@ -35,6 +35,8 @@ _MERGED = (4, 8, 16)
 # sqrt(lambda R / 2); its decrease for a tenfold length; and the smallest error that is stated: fitted to band-filling
 # noise
 _EDGE_DB, _EDGE_SLOPE_DB, _EDGE_LEAST_DB = -7.0, 26.0, -60.0
+# more where the beam turns: drawn sliding spotlights exceed the law by up to 2.1 dB
+_EDGE_TURNING_DB = 3.0
 _SHORTEST = 4.0
 # nodes along each of the image's sides for extents, and across it for spectra
 _SIDE, _ACROSS = 33, 5
@@ -44,6 +46,8 @@ _BEAM_BAND = 3.0
 _WIDEST = 2.0
 # pulses of a section whose receive windows are checked
 _LOOKED_AT = 33
+# largest phase error of a merger's parabolas over that of the sampling, dB
+_BOW_DB = -6.0
 # margin, because spectra are computed at a few points only
 _SPARE = 1.03
 _UNDER = "the image extends below the track"
@@ -199,7 +203,7 @@ def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: Subimag
     n_ranges = int(np.ceil((sight.ranges[1] - sight.ranges[0]) / range_step)) + 2 * GUARD + 2
     n_angles = int(np.ceil((sight.angles[1] - sight.angles[0]) / angle_step)) + 2 * GUARD + 2
     top = SubimageLevel(n, 1, 1, sight.angles[0] - GUARD * angle_step, angle_step, n_angles)
-    levels = _levels(sight, top, lengths, sampling.upsampling)
+    levels = _levels(sight, top, lengths, sampling)
     if levels is None:
         return f"groups of {lengths[0]} pulses are no smaller than their section"
     return Section(
@@ -218,14 +222,18 @@ def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: Subimag
 
 
 def _levels(
-    sight: _SectionSpectra, top: SubimageLevel, lengths: tuple[int, ...], upsampling: float
+    sight: _SectionSpectra, top: SubimageLevel, lengths: tuple[int, ...], sampling: SubimageSampling
 ) -> tuple[SubimageLevel, ...] | None:
     """Levels from the section's own downwards; None where a smaller group does not need fewer angles."""
-    above = top
+    above, tolerance = top, 10.0 ** (0.05 * (sampling.error_db(len(lengths)) + _BOW_DB))
     levels = [above]
     for length in reversed(lengths):
-        coarsest = np.pi / (sight.extent(length)[1] * upsampling)
-        ratio = next((r for r in RATIOS if r * above.angle_step <= coarsest), None)
+        coarsest = np.pi / (sight.extent(length)[1] * sampling.upsampling)
+        steps = ((r, r * above.angle_step) for r in RATIOS)
+        ratio = next(
+            (r for r, step in steps if step <= coarsest and _bow(r, step, sampling.upsampling) <= tolerance),
+            None,
+        )
         if ratio is None:
             return None
         chunks = -(-above.n_angles // ratio)
@@ -236,6 +244,16 @@ def _levels(
         levels.append(above)
     levels[-1] = replace(above, n_angles=4 * -(-above.n_angles // 4))
     return _padded(levels[::-1], top.n_pulses)
+
+
+def _bow(ratio: int, step: float, upsampling: float) -> float:
+    r"""Largest phase error, rad, of the parabola over the angles merged from between two samples ``step`` apart.
+
+    A phase :math:`K \sin\varphi` whose frequency fills the band, :math:`K = \pi / u \Delta`, loses
+    :math:`K h^3 / 9 \sqrt 3` within :math:`h = \Delta (r - 1) / 2 r`; twice that where the line of sight is steep.
+    """
+    half = 0.5 * step * (ratio - 1) / ratio
+    return float(2.0 * np.pi / (upsampling * step) * half**3 / (9.0 * np.sqrt(3.0)))
 
 
 def _padded(levels: list[SubimageLevel], n: int) -> tuple[SubimageLevel, ...]:
@@ -291,7 +309,7 @@ class _ApertureEnds:
 
     Parameters
     ----------
-    weight_db : window and antenna at the aperture's end, dB
+    weight_db : window and antenna at the aperture's end, dB, and what a turning beam adds
     fresnel : Fresnel length in pulses
     """
 
@@ -309,7 +327,8 @@ class _ApertureEnds:
         beam = radar.antenna.two_way_amplitude(np.array(radar.half_aperture), np.array(0.0))
         weight = float(window(np.array(0.5))) * float(beam)
         fresnel = np.sqrt(0.5 * radar.waveform.wavelength * far) / max(gap, 1e-9)
-        return cls(20.0 * float(np.log10(max(weight, 1e-9))), float(fresnel))
+        turning = _EDGE_TURNING_DB if abs(1.0 - radar.footprint_speed) > 1e-9 else 0.0
+        return cls(20.0 * float(np.log10(max(weight, 1e-9))) + turning, float(fresnel))
 
     def error_db(self, n: float) -> float:
         """Error of sections of n pulses, dB."""

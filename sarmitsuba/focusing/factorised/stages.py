@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from types import ModuleType
 
 import numpy as np
 import scipy.fft
 
-from sarmitsuba.arrays import C64, F32, F64
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing.aperture_weights import beam_turn, flight
-from sarmitsuba.focusing.backprojection_kernel import ApertureBand, Beam, Weighting
+from sarmitsuba.focusing.backprojection_kernel import AXES_STRIDE, Weighting
 from sarmitsuba.focusing.factorised.division import Plan, Section, SubimageLevel
+from sarmitsuba.focusing.factorised.image_weights import axes_table, pulse_weights, weighting_of
 from sarmitsuba.focusing.factorised.kernels import (
     ANGLES,
-    AXES_STRIDE,
     GroupPulses,
     PolarAxes,
     form,
     merge,
     quads,
-    sum_weights,
 )
 from sarmitsuba.focusing.factorised.resampling import Pixels, along_rows, resample
 from sarmitsuba.focusing.factorised.sampling import CORRECTION, SubimageSampling, correction
@@ -33,7 +31,6 @@ from sarmitsuba.focusing.profiles import MOST_BEYOND, ProfilePlan
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress
-from sarmitsuba.radar.radar import Radar
 
 # bytes of profiles at a time
 BATCH_BYTES = 32 << 20
@@ -41,10 +38,6 @@ BATCH_BYTES = 32 << 20
 _COPIES = 6
 # pixels per launch
 TILE_PIXELS = 1 << 22
-# nodes along azimuth and range of the sum of weights
-_NODES = (257, 33)
-# nodes of the azimuth window over a pixel's own aperture
-_WINDOW_NODES = 1025
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +67,6 @@ class Job:
     def turns_per_metre(self) -> dr.ArrayBase:
         """Of the carrier's phase, 2 fc / c."""
         return dr.opaque(self.types.Float64, 2.0 * self.raw.radar.waveform.center_frequency / SPEED_OF_LIGHT)
-
-
-def weighting_of(types: ModuleType, radar: Radar, window: Window) -> Weighting:
-    """Antenna and aperture band of a radar; the azimuth window is over the band where there is one."""
-    band = None
-    if np.isfinite(radar.half_aperture):
-        nodes = window(np.linspace(-0.5, 0.5, _WINDOW_NODES)).astype(np.float32)
-        band = ApertureBand(dr.opaque(types.Float32, radar.half_aperture), device_array(types.Float32, nodes))
-    return Weighting(None if radar.antenna.pattern == "isotropic" else Beam.of(types, radar.antenna), band)
 
 
 def run_plan(job: Job, plan: Plan, grid: ImageGrid, progress: Progress) -> C64:
@@ -210,7 +194,7 @@ def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slic
     starts = np.zeros(padded)
     starts[:n] = radar.window.start_range[own] / plan.step - MOST_BEYOND * plan.oversampling
     axes = np.zeros((padded, AXES_STRIDE), dtype=np.float32)
-    axes[:n] = _axes(radar, job.pulse_weights, own, section.axes)
+    axes[:n] = axes_table(radar, job.pulse_weights, own, section.axes)
     axes[n:, 7] = 1.0
     stored = plan.n_stored + 2 * MOST_BEYOND * plan.oversampling
     profiles = np.zeros((len(job.raw.layers), padded, stored), dtype=np.complex64)
@@ -229,20 +213,6 @@ def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slic
         turns_per_metre=job.turns_per_metre,
         inverse_square=dr.opaque(Float64, 1.0 / job.reference**2),
     )
-
-
-def _axes(radar: Radar, weights: F64, pulses: slice, frame: F64) -> F32:
-    """Axes, weight and flight of pulses (n, ``AXES_STRIDE``) in a frame of unit vectors, as backprojection's."""
-    forward, sine, gap = (part[pulses] for part in flight(radar))
-    table = np.zeros((len(sine), AXES_STRIDE), dtype=np.float32)
-    table[:, 0:3] = radar.pointing.azimuth_axis[pulses] @ frame.T
-    table[:, 3] = weights[pulses]
-    table[:, 4:7] = radar.pointing.elevation_axis[pulses] @ frame.T
-    table[:, 7] = gap
-    table[:, 8:11] = radar.pointing.boresight[pulses] @ frame.T
-    table[:, 11] = beam_turn(radar)[pulses]
-    table[:, 12:15], table[:, 15] = forward @ frame.T, sine
-    return table
 
 
 def _corrected(
@@ -286,33 +256,6 @@ def _pixels(types: ModuleType, section: Section, grid: ImageGrid, rows: slice) -
     )
 
 
-def whole_weights(job: Job, grid: ImageGrid) -> F32:
-    """Sum of all pulses' weights in every pixel (n_azimuth, n_range), or (1, 1) where it is the same in all.
-
-    Computed at nodes and linear in between: it varies as slowly as a beam, or as an aperture cut by the track's end.
-    """
-    radar = job.raw.radar
-    if job.weighting.uniform:
-        return np.full((1, 1), job.pulse_weights.sum(), dtype=np.float32)
-    nodes = [
-        np.linspace(axis[0], axis[-1], n) for axis, n in zip((grid.azimuth, grid.range), _NODES, strict=True)
-    ]
-    points = replace(grid, azimuth=nodes[0], range=nodes[1]).positions().reshape(-1, 3)
-    axes = device_array(
-        job.types.Float32, _axes(radar, job.pulse_weights, slice(0, radar.track.n_pulses), np.eye(3))
-    )
-    sums = sum_weights(job.types, points, radar.track.position, axes, job.weighting).reshape(_NODES)
-    along, across = (
-        _between(node, axis) for node, axis in zip(nodes, (grid.azimuth, grid.range), strict=True)
-    )
-    return np.asarray((along @ sums).astype(np.float32) @ across.T.astype(np.float32))
-
-
-def _between(nodes: F64, places: F64) -> F64:
-    """Weights (n_places, n_nodes) of linear interpolation between nodes."""
-    return np.array([np.interp(places, nodes, unit) for unit in np.eye(nodes.size)]).T
-
-
 def plan_bytes(plan: Plan, profiles: ProfilePlan, grid: ImageGrid, n_layers: int) -> int:
     """Peak memory in bytes beyond raw data and image: profiles of a batch, subimages, sums and a launch's pixels."""
     group = 8 * n_layers * profiles.n_stored * max(section.levels[0].n_pulses for section in plan.sections)
@@ -325,8 +268,14 @@ def plan_bytes(plan: Plan, profiles: ProfilePlan, grid: ImageGrid, n_layers: int
 def make_job(raw: RawData, profiles: ProfilePlan, plan: Plan, window: Window, grid: ImageGrid) -> Job:
     """Data common to all stages, from raw data and plan."""
     types, radar = arrays(), raw.radar
-    own = np.isfinite(radar.half_aperture)
-    weights = np.ones(radar.track.n_pulses) if own else window.aperture(radar.track.n_pulses)
     middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
     reference = float(np.linalg.norm(middle - radar.track.center_position))
-    return Job(types, raw, profiles, weights, weighting_of(types, radar, window), reference, plan.sampling)
+    return Job(
+        types,
+        raw,
+        profiles,
+        pulse_weights(radar, window),
+        weighting_of(types, radar, window),
+        reference,
+        plan.sampling,
+    )

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from types import ModuleType
@@ -18,12 +18,11 @@ from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import (
     beam_turn,
+    bistatic_refusal,
     dimness,
-    direction_gain,
     ends_rounding,
     flight,
     image_places,
-    look_directions,
     matched_weights,
 )
 from sarmitsuba.focusing.backprojection_kernel import (
@@ -46,7 +45,13 @@ from sarmitsuba.focusing.pixel_lines import (
     plan_line,
     point_lines,
 )
-from sarmitsuba.focusing.profiles import ProfilePlan, parse_interpolation, plan_profiles, plan_spectrum
+from sarmitsuba.focusing.profiles import (
+    INTERPOLATIONS,
+    ProfilePlan,
+    parse_interpolation,
+    plan_profiles,
+    plan_spectrum,
+)
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
@@ -380,40 +385,10 @@ def series_at(spectrum: C128, position: F64) -> C128:
 _SERIES = 64
 # by taps, at twofold oversampling; of eight taps what sums in float32 leave
 _KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -115.0}
+# of the upsampling: below it the interpolation leaves images of the band
+OVERSAMPLING = (2, 64)
 # rows and columns of an image at which the illumination is evaluated
 _PLACES = (9, 9)
-
-
-# largest difference of the two beams' amplitudes, relative to the transmitter's peak
-_BEAMS_APART = 0.1
-
-
-def bistatic_refusal(radar: Radar) -> str:
-    """Reason why bistatic data cannot be backprojected; empty when they can, or are monostatic."""
-    if radar.receiver is None or (radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)):
-        return ""
-    if radar.receives_itself:
-        return ""
-    if radar.receiver_pointing is None:
-        return "the data are bistatic and give no pattern of the receiver; give an isotropic antenna"
-    other = replace(
-        radar,
-        track=radar.receiver,
-        pointing=radar.receiver_pointing,
-        receiver=None,
-        receiver_pointing=None,
-        delay=None,
-    )
-    sent, received = (
-        direction_gain(one, slice(None), look_directions(one, radar.aim_point)) for one in (radar, other)
-    )
-    apart = float(np.abs(received - sent).max() / max(float(sent.max()), 1e-300))
-    if apart <= _BEAMS_APART:
-        return ""
-    return (
-        f"the beams of transmitter and receiver differ by {100.0 * apart:.0f} % at the aim point, and pulses are "
-        "weighed by the transmitter's; bring the receiver nearer or give an isotropic antenna"
-    )
 
 
 @dataclass(frozen=True)
@@ -425,9 +400,16 @@ class Backprojection(Focuser):
     bistatic: ClassVar[bool] = True
 
     interpolation: str = option(
-        "kernel", "of range profiles: linear (least accurate), kernel:4, kernel, kernel:8 (best)"
+        "kernel",
+        "of range profiles: linear (least accurate), kernel:4, kernel, kernel:8 (best)",
+        choices=tuple(INTERPOLATIONS),
     )
-    oversampling: int = option(0, "range upsampling factor; 0 = 6 for linear and 2 for the others")
+    oversampling: int = option(
+        0,
+        "range upsampling factor; 0 = 6 for linear and 2 for the others",
+        within=OVERSAMPLING,
+        automatic=True,
+    )
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
         """Reason why it cannot focus this radar's data on this grid; empty when it can."""
@@ -444,7 +426,7 @@ class Backprojection(Focuser):
         if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate
             error = -16.0 - 12.0 * float(np.log2(self.oversampling or 6))
         else:
-            error = _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
+            error = _KERNEL_ERROR_DB[width]
         power = (10.0 ** (0.1 * error) + ends_rounding(radar)) * dimness(radar, image_places(grid, _PLACES))
         return 10.0 * float(np.log10(power))
 

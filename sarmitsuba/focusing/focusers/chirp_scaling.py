@@ -11,6 +11,7 @@ from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.chirp_z import ChirpZ, VirtualChirp
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
+    PHASES,
     Migration,
     Treatment,
     directions,
@@ -93,7 +94,7 @@ class ChirpScaling(RowsFocuser):
     )
     sample_seconds: ClassVar[float] = 0.95e-7
     scaling: bool = option(True, "equalise the range migration by chirp scaling")
-    bound: float = option(MAX_PHASE, "largest residual phase, rad, before it refuses")
+    bound: float = option(MAX_PHASE, "largest residual phase, rad, before it refuses", within=PHASES)
 
     @property
     def _treatment(self) -> Treatment:

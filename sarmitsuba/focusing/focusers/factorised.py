@@ -7,12 +7,14 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture_weights import image_places, leaves_beam, matched_weights
+from sarmitsuba.focusing.aperture_weights import DARK, matched_weights
 from sarmitsuba.focusing.factorised.division import Plan
+from sarmitsuba.focusing.factorised.image_weights import alike, image_weights
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
 from sarmitsuba.focusing.factorised.section_plan import make_plan
-from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan, whole_weights
+from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan
 from sarmitsuba.focusing.focuser import (
+    ERROR_DB,
     FOCUSERS,
     Focused,
     Focuser,
@@ -67,30 +69,28 @@ class Factorised(Focuser):
     an edge, of which the part outside its spectrum is lost: the longer the section over the Fresnel length
     :math:`\sqrt{\lambda R / 2}`, the less (:attr:`sarmitsuba.focusing.factorised.division.Plan.edge_db`, an empirical
     law).
+
+    Errors are relative to the energy of all echoes that pass through the image's pixels, side lobes included. In a crop
+    beside something far brighter they are larger than stated, relative to the crop: by 2 dB for a point 20 m outside,
+    70 dB above the pixels.
     """
 
     name: ClassVar[str] = "factorised"
     title: ClassVar[str] = "any track, an image off the flight line; fast for large images"
 
-    error: float = option(-50.0, "wanted error against exact backprojection, dB")
-    upsampling: float = option(0.0, "samples per critical sample of subimages; 0 = from the wanted error")
-    stages: int = option(0, "stages between pulses and pixels: 2 (Yegulalp), 3 or 4; 0 = the fastest")
+    error: float = option(-50.0, "wanted error against exact backprojection, dB", within=ERROR_DB)
+    upsampling: float = option(
+        0.0,
+        "samples per critical sample of subimages; 0 = from the wanted error",
+        within=UPSAMPLING,
+        automatic=True,
+    )
+    stages: int = option(
+        0, "stages between pulses and pixels: 2 (Yegulalp), 3 or 4; 0 = the fastest", choices=STAGES
+    )
 
     def plan(self, radar: Radar, grid: ImageGrid, window: Window = RECTANGULAR) -> Plan | str:
-        """Division of the aperture; the reason where it is impossible.
-
-        Raises
-        ------
-        DataError
-            An option is out of its bounds.
-        """
-        if self.stages not in STAGES:
-            raise DataError(f"focuser factorised: stages = {self.stages} must be 0, 2, 3 or 4")
-        low, high = UPSAMPLING
-        if self.upsampling != 0.0 and not low <= self.upsampling <= high:
-            raise DataError(
-                f"focuser factorised: upsampling = {self.upsampling:g} must lie in {low:g} ... {high:g}, or be 0"
-            )
+        """Division of the aperture; the reason where it is impossible."""
         return make_plan(radar, grid, window, self.error, self.upsampling, self.stages)
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
@@ -106,11 +106,20 @@ class Factorised(Focuser):
         return ""
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Predicted error for a rectangular azimuth window, with a margin; NaN where the image leaves the beam."""
+        """Predicted error for a rectangular azimuth window, with a margin; NaN where the image leaves the beam.
+
+        With what the summed weights miss between their nodes, measured halfway.
+        """
         plan = self.plan(radar, grid)
-        if isinstance(plan, str) or leaves_beam(radar, image_places(grid)):
+        if isinstance(plan, str):
             return math.nan
-        return plan.error_db + MARGIN_DB
+        power = 10.0 ** (0.1 * (plan.error_db + MARGIN_DB))
+        if not alike(radar):
+            weights = image_weights(radar, grid, RECTANGULAR)
+            if weights.least <= DARK:
+                return math.nan
+            power += weights.error_power
+        return 10.0 * math.log10(power)
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Peak memory in bytes while the pixels are made, pixels included, raw data not."""
@@ -159,7 +168,11 @@ class Factorised(Focuser):
             some = replace(raw, data=raw.data[layers], layers=raw.layers[layers])
             job = make_job(some, profiles, plan, task.azimuth_window, grid)
             image[layers] = run_plan(job, plan, grid, task.progress)
-            weights = whole_weights(job, grid)
+            weights = (
+                np.full((1, 1), job.pulse_weights.sum(), dtype=np.float32)
+                if alike(radar)
+                else image_weights(radar, grid, task.azimuth_window).at(grid)
+            )
             seen = weights > _DARK * job.pulse_weights.sum()
             scale = np.float32(job.reference**2 / radar.amplitude_constant)
             image[layers] *= np.divide(scale, weights, out=np.zeros_like(weights), where=seen)

@@ -9,11 +9,11 @@ import scipy.fft
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.chirp_z import WIDTH, ChirpZ, kernel_transform, spread
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
+    PHASES,
     Migration,
     Treatment,
     migration_refusal,
@@ -142,13 +142,17 @@ class OmegaK(RowsFocuser):
     name: ClassVar[str] = "omega_k"
     title: ClassVar[str] = "straight, level, uniform track and a grid along it; fast for large images"
     sample_seconds: ClassVar[float] = 1.0e-7
-    stolt: str = option("on", "Stolt's mapping: on, phase (residual azimuth compression instead) or off")
-    bound: float = option(MAX_PHASE, "largest residual phase, rad, before phase and off refuse")
+    stolt: str = option(
+        "on",
+        "Stolt's mapping: on, phase (residual azimuth compression instead) or off",
+        choices=("on", *_WITHOUT),
+    )
+    bound: float = option(
+        MAX_PHASE, "largest residual phase, rad, before phase and off refuse", within=PHASES
+    )
 
     @property
     def _treatment(self) -> Treatment | None:
-        if self.stolt != "on" and self.stolt not in _WITHOUT:
-            raise DataError(f"focuser omega_k: stolt = {self.stolt!r} is unknown; it is on, phase or off")
         return _WITHOUT.get(self.stolt)
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:

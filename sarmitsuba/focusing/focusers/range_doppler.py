@@ -8,11 +8,11 @@ import scipy.fft
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.chirp_z import interpolate, kernel_transform
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
+    PHASES,
     Migration,
     Treatment,
     migration_refusal,
@@ -89,16 +89,14 @@ class RangeDoppler(RowsFocuser):
     sample_seconds: ClassVar[float] = 1.15e-7
     rcmc: bool = option(True, "range cell migration correction, by interpolation")
     src: str = option(
-        "doppler", "secondary range compression: doppler, centroid (azimuth-independent) or off"
+        "doppler",
+        "secondary range compression: doppler, centroid (azimuth-independent) or off",
+        choices=tuple(_COMPRESSION),
     )
-    bound: float = option(MAX_PHASE, "largest residual phase, rad, before it refuses")
+    bound: float = option(MAX_PHASE, "largest residual phase, rad, before it refuses", within=PHASES)
 
     @property
     def _treatment(self) -> Treatment:
-        if self.src not in _COMPRESSION:
-            raise DataError(
-                f"focuser range_doppler: src = {self.src!r} is unknown; it is {', '.join(_COMPRESSION)}"
-            )
         treatment = _COMPRESSION[self.src]
         return treatment if self.rcmc else replace(treatment, correction="off")
 

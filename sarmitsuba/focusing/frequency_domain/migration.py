@@ -20,6 +20,8 @@ _PULSES, _FREQUENCIES = 65, 9
 # default bound on the residual phase, rad: a quadratic phase of this size at the band's ends changes the peak's phase
 # by a third of it, 5 degrees
 MAX_PHASE = np.pi / 12
+PHASES = (0.0, 1e9)
+"""Bounds of that bound, rad."""
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,17 @@ from sarmitsuba.focusing.frequency_domain.track_geometry import (
     own_apertures,
     serving_pulses,
 )
+from sarmitsuba.focusing.summed_weights import sum_at_nodes
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
-# rows and columns at which weights are summed, and rows where only the sampling of the aperture varies along azimuth
-_ROWS, _COLUMNS, _OWN_ROWS = 65, 33, 9
-NODES = _ROWS * _COLUMNS
-"""Number of places at which weights are summed, in images of at least as many rows and columns."""
+# rows, where only the sampling of the aperture varies along azimuth, and columns at which own apertures are summed
+_OWN_ROWS, _COLUMNS = 9, 33
+NODES = 65 * 33
+"""Number of places at which weights are summed at least, by the first nodes and places halfway."""
+# and at most, where they vary steeply
+_MOST = 4 * NODES
 # sines over an aperture at which its weight is summed, and the smallest part within the track used as divisor
 _SINES, _HELD = 4097, 0.02
 
@@ -32,11 +35,14 @@ def normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window
         total = _own_sums(radar, grid, geometry, window)
     elif radar.antenna.pattern == "isotropic":
         total = np.full(grid.shape, window.aperture(radar.track.n_pulses).sum())
-    else:  # smooth: summed at a few nodes, linear between them
-        rows, columns = _nodes(grid.azimuth.size, _ROWS), _nodes(grid.range.size, _COLUMNS)
-        points = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[columns]).positions()
-        coarse = np.array([pulse_weights(radar, grid, line, window).sum(axis=-1) for line in points])
-        total = _between(coarse, rows, columns, grid.shape)
+    else:
+
+        def sums(nodes: ImageGrid) -> F64:
+            return np.array(
+                [pulse_weights(radar, grid, line, window).sum(axis=-1) for line in nodes.positions()]
+            )
+
+        total = sum_at_nodes(grid, sums, most=_MOST).at(grid).astype(np.float64)
     scale = np.divide(1.0, total, out=np.zeros(grid.shape), where=total > 1e-6 * total.max())
     # pixels that the receive window does not contain in the middle of their aperture hold no data
     middle = aperture_middle(radar, geometry, grid.azimuth[:, None], grid.range)
