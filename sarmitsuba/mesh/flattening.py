@@ -12,6 +12,8 @@ from sarmitsuba.mesh.connected import connected
 LARGEST_DISTANCE = 2e-3
 # tolerances that are tried in turn, as shares of the largest one
 SHARES = 4.0 ** -np.arange(9)
+# factor on the tolerance with which a facet has the same triangles
+CLEAR = 4.0
 # largest bend between neighbours in one plane, rad: that of slivers, whose normals are mostly noise
 LARGEST_BEND = np.pi / 3.0
 # rounding of a coordinate, below which a distance from the plane is none, float64 steps
@@ -59,6 +61,10 @@ def flattened(corners: F64, pairs: tuple[I64, I64], wavelength: float) -> F64:
         if not rows.size:
             break
         moved, near = _onto_planes(corners[rows], facet[rows], tolerance)
+        # a facet of a curved surface grows with the tolerance
+        wider = sides.bend <= CLEAR * tolerance * sides.inverse_heights
+        whole = connected(len(corners), sides.own[wider], sides.other[wider])
+        near &= (np.bincount(facet)[facet] == np.bincount(whole)[whole])[rows]
         out[rows[near]] = moved[near]
         undecided[:] = False
         undecided[rows[~near]] = True
