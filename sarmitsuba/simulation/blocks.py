@@ -3,7 +3,8 @@
 Within a block of pulses every path keeps the amplitude and the visibility that it has at the block's key pulse. The
 pulse at the boundary of two blocks is synthesised from both: the two profiles would be equal if nothing changed from
 one key pulse to the next, so their difference measures the changes of shadows, glints, hits of rays, curvature and
-gridding. It costs no tracing, only one more synthesised pulse per block.
+gridding. It costs no tracing, only one more synthesised pulse per block. How fast the change grows with the time between
+two pulses is measured by one more traced pulse, at the boundary in the middle of the track.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,13 +24,10 @@ from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.launch import LaunchGrid
 
-# exponent of the time between two pulses with which the energy of a path's change grows, at least: one for edges of
-# shadows, which cross scatterers in proportion to time, two for glints, less where rays hit other facets; a lower
+# exponent of the time between two pulses with which the energy of a path's change grows, least and most: one for edges
+# of shadows, which cross scatterers in proportion to time, two for glints, less where rays hit other facets; a lower
 # exponent gives a higher stated error
-GROWTH = 0.5
-# mean over a block, whose pulses are up to half a block from the key pulse, over the change from one key pulse to the
-# next, dB
-BOUNDARY_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
+GROWTH, MOST_GROWTH = 0.5, 2.0
 # standard deviation of the estimate from one block boundary, dB (n boundaries: over the root of n); added to the
 # stated error (benchmarks/suite/stated_errors.py)
 BOUNDARY_SCATTER_DB = 2.5
@@ -99,6 +97,7 @@ class Blocks:
         settings = tracer.sampling.scene.settings
         self.automatic = settings.key_pulse_interval == 0 and settings.method != "raw"
         n = data.shape[1]
+        self.growth: dict[str, float] = {}  # exponent of each channel, where it is measured
         self.interval: int = min(tracer.sampling.key_pulse_interval, n)
         if self.automatic and 1 < self.interval and n < 2 * self.interval:
             self.interval = self._fitting(-(-n // 2))  # two blocks at least: their boundary gives the error
@@ -195,6 +194,7 @@ class Blocks:
             stats = self.block(middle)
             if len(self.blocks) > 1:
                 stats = stats.plus(self.block(middle + 1))
+                self._measure_growth()
             decided = self.finished is not None and self.finished.settled
             open_ = self.automatic and len(self.blocks) > 1 and not decided
             shorter = self._shorter() if open_ else self.interval
@@ -306,8 +306,32 @@ class Blocks:
             if energy[channel] < 10.0 ** (0.1 * EMPTY_DB) * max(energy.values()):
                 continue
             change = self._channel(self.boundaries[:, list(boundaries)], channel) - here
-            out[channel] = _ratio_db(change, here) + BOUNDARY_DB
+            out[channel] = _ratio_db(change, here) + _mean_over_change_db(self.growth.get(channel, GROWTH))
         return out
+
+    def _measure_growth(self) -> None:
+        r"""Measure how the change of every channel grows with time, where its error counts.
+
+        The pulse at the boundary in the middle is traced with the first ray subset. From it to the key pulses beside it
+        is half the time that is between these, so that with changes :math:`S` the exponent is
+
+        .. math:: \log_2 \frac{S(T)}{S(T / 2)}
+        """
+        self.growth = {}
+        errors = self._errors([self._middle])
+        if max(errors.values(), default=-np.inf) <= self.tracer.sampling.scene.settings.tolerance_db:
+            return
+        pulse = self.blocks[self._middle][1]
+        first = self._layers_of(0)
+        traced = self._at(None, pulse)
+        before, after = self.boundaries[first, self._middle], self.data[first, pulse]
+        for channel in errors:
+            mine = [layer.channel == channel for layer in self.layers[first]]
+            exact, left, right = (planes[mine].sum(axis=0) for planes in (traced, before, after))
+            half = float(np.sum(np.abs(left - exact) ** 2) + np.sum(np.abs(right - exact) ** 2)) / 2.0
+            whole = float(np.sum(np.abs(left - right) ** 2))
+            if half > 0.0 and whole > 0.0:
+                self.growth[channel] = float(np.clip(np.log2(whole / half), GROWTH, MOST_GROWTH))
 
     def _channel(self, planes: C64, channel: str) -> C64:
         """Sum of a channel's layers (n_layers, ...), subsets weighted by their shares."""
@@ -326,7 +350,8 @@ class Blocks:
         excess = self._excess(error)
         if excess <= LEEWAY_DB or self.interval <= SHORTEST:
             return self.interval
-        length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess)))
+        growth = max(1.0, min(self.growth.values(), default=1.0))
+        length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess / growth)))
         return self._fitting(length)
 
     def _fitting(self, length: int) -> int:
@@ -382,8 +407,8 @@ class Blocks:
             out[channel] = _ratio_db(change, self._channel(whole, channel)) - 3.0 - 10.0 * np.log10(share)
         return out
 
-    def _at(self, rays: Sequence[LaunchGrid], pulse: int) -> C64:
-        """Profiles (n_layers, n_samples) of one pulse with given rays: echoes of surfaces."""
+    def _at(self, rays: Sequence[LaunchGrid] | None, pulse: int) -> C64:
+        """Profiles (n_layers, n_samples) of one pulse with given rays: echoes of surfaces; None: all, first subset."""
         return self.batches.trace(Batch(0, pulse, pulse + 1, together=True), rays).profiles[:, 0]
 
 
@@ -409,6 +434,11 @@ def _shifted(grid: LaunchGrid) -> LaunchGrid:
     return replace(
         grid, x=grid.x + half * np.float32(np.cos(angle)), y=grid.y + half * np.float32(np.sin(angle))
     )
+
+
+def _mean_over_change_db(growth: float) -> float:
+    """Mean error over a block, whose pulses are up to half a block from the key pulse, over the change between keys, dB."""
+    return float(10.0 * np.log10(0.5**growth / (1.0 + growth)))
 
 
 def _ratio_db(error: C64, signal: C64) -> float:

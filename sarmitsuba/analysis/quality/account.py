@@ -154,6 +154,9 @@ class Account:
     def advice(self) -> tuple[str, str]:
         """The change that lowers the error most, and the one that saves most, as text."""
         finer = "no single setting lowers the known error visibly"
+        loose = sum(_energy(part.weight_db) for part in self.parts if not math.isnan(part.likely_db))
+        if loose > 0.5 * _energy(likely_total_db(self.parts)):
+            finer += "; effects left out are only bounded, `explain` measures them"
         if self.finer:
             again = _SIMULATING.isdisjoint(self.stages) and self.finer.cause != "focuser"
             finer = f"{'simulate again with ' * again}{self.finer}"

@@ -12,6 +12,8 @@ MEASURED, AT_MOST, UNKNOWN = "measured", "at most", "not measured"
 SHOWN_DB = 1.0
 # rounding of echoes in complex64, relative to profiles of single pulses (benchmarks/suite/stated_errors.py)
 _ROUNDING_DB = -115.0
+# blocks below which their boundaries are so few that their scatter, which is added, makes the error a bound
+_FEW_BLOCKS = 8
 # dB that bounds of effects left out by a law, not by a pilot's rays, lie above the truth: 10 to 14 in drawn scenes
 _LOOSE_DB = 10.0
 
@@ -153,7 +155,8 @@ def _blocks(data: BudgetFacts) -> ErrorPart:
     error = number(sampling.get("block_error_db"))
     if math.isnan(error):
         return ErrorPart(name, error, UNKNOWN, "where blocks meet, in the middle of the track")
-    return _of_image(data, ErrorPart(name, error, MEASURED, "where blocks meet, in the middle of the track"))
+    known = AT_MOST if number(data.part("statistics").get("key_pulses")) < _FEW_BLOCKS else MEASURED
+    return _of_image(data, ErrorPart(name, error, known, "where blocks meet"))
 
 
 def _of_image(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
