@@ -31,6 +31,8 @@ GROWTH, MOST_GROWTH = 0.5, 2.0
 # standard deviation of the estimate from one block boundary, dB (n boundaries: over the root of n); added to the
 # stated error (benchmarks/suite/stated_errors.py)
 BOUNDARY_SCATTER_DB = 2.5
+# boundaries below which the error is relative to the weaker of the pulses there and of the blocks that meet there
+FEW_BOUNDARIES = 3
 # energy of a channel relative to the strongest's below which its echoes are rounding and residues of symmetry, dB
 EMPTY_DB = -60.0
 # margin of the error of blocks below a wanted error of the whole run, dB
@@ -291,7 +293,8 @@ class Blocks:
     def _errors(self, boundaries: Sequence[int]) -> dict[str, float]:
         """Error of each channel from some of the block boundaries, dB; empty without a boundary.
 
-        Channels ``EMPTY_DB`` below the strongest hold nothing but rounding and are left out.
+        Relative to the mean energy of the pulses of the blocks that meet there, as that of single pulses changes with
+        the lobes of walls; of few boundaries to the energy of the pulses there if that is less. Channels ``EMPTY_DB`` below the strongest hold nothing but rounding and are left out.
         """
         if not len(boundaries):
             return {}
@@ -300,14 +303,25 @@ class Blocks:
             channel: self._channel(self.data[:, pulses], channel)
             for channel in dict.fromkeys(layer.channel for layer in self.layers)
         }
-        energy = {channel: float(np.sum(np.abs(here) ** 2)) for channel, here in data.items()}
+        meeting = sorted({k for i in boundaries for k in (i, i + 1)})
+        energy = {channel: len(pulses) * self._mean_energy(meeting, channel) for channel in data}
         out = {}
         for channel, here in data.items():
             if energy[channel] < 10.0 ** (0.1 * EMPTY_DB) * max(energy.values()):
                 continue
             change = self._channel(self.boundaries[:, list(boundaries)], channel) - here
-            out[channel] = _ratio_db(change, here) + _mean_over_change_db(self.growth.get(channel, GROWTH))
+            energy_here = energy[channel]
+            if len(pulses) < FEW_BOUNDARIES:  # a bound: the weaker of both
+                energy_here = min(energy_here, _energy(here))
+            over_energy = _over_db(_energy(change), energy_here)
+            out[channel] = over_energy + _mean_over_change_db(self.growth.get(channel, GROWTH))
         return out
+
+    def _mean_energy(self, blocks: Sequence[int], channel: str) -> float:
+        """Mean energy of a pulse of some blocks."""
+        spans = [slice(*self.blocks[k]) for k in blocks]
+        total = sum(_energy(self._channel(self.data[:, span], channel)) for span in spans)
+        return total / sum(span.stop - span.start for span in spans)
 
     def _measure_growth(self) -> None:
         r"""Measure how the change of every channel grows with time, where its error counts.
@@ -328,8 +342,7 @@ class Blocks:
         for channel in errors:
             mine = [layer.channel == channel for layer in self.layers[first]]
             exact, left, right = (planes[mine].sum(axis=0) for planes in (traced, before, after))
-            half = float(np.sum(np.abs(left - exact) ** 2) + np.sum(np.abs(right - exact) ** 2)) / 2.0
-            whole = float(np.sum(np.abs(left - right) ** 2))
+            half, whole = 0.5 * (_energy(left - exact) + _energy(right - exact)), _energy(left - right)
             if half > 0.0 and whole > 0.0:
                 self.growth[channel] = float(np.clip(np.log2(whole / half), GROWTH, MOST_GROWTH))
 
@@ -408,7 +421,7 @@ class Blocks:
         return out
 
     def _at(self, rays: Sequence[LaunchGrid] | None, pulse: int) -> C64:
-        """Profiles (n_layers, n_samples) of one pulse with given rays: echoes of surfaces; None: all, first subset."""
+        """Profiles (n_layers, n_samples) of one pulse: of surfaces with given rays; None: of all with the first subset."""
         return self.batches.trace(Batch(0, pulse, pulse + 1, together=True), rays).profiles[:, 0]
 
 
@@ -437,11 +450,18 @@ def _shifted(grid: LaunchGrid) -> LaunchGrid:
 
 
 def _mean_over_change_db(growth: float) -> float:
-    """Mean error over a block, whose pulses are up to half a block from the key pulse, over the change between keys, dB."""
+    """Mean error over a block, up to half its length from the key pulse, over the change between key pulses, dB."""
     return float(10.0 * np.log10(0.5**growth / (1.0 + growth)))
 
 
 def _ratio_db(error: C64, signal: C64) -> float:
     """Ratio of the energies of error and signal, dB; -inf where there is no signal."""
-    a, b = (float(np.sum(v.real**2 + v.imag**2, dtype=np.float64)) for v in (error, signal))
-    return 10.0 * float(np.log10(a / b)) if a > 0.0 and b > 0.0 else -np.inf
+    return _over_db(_energy(error), _energy(signal))
+
+
+def _energy(data: C64) -> float:
+    return float(np.sum(data.real**2 + data.imag**2, dtype=np.float64))
+
+
+def _over_db(energy: float, reference: float) -> float:
+    return 10.0 * float(np.log10(energy / reference)) if energy > 0.0 and reference > 0.0 else -np.inf
