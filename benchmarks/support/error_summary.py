@@ -23,10 +23,10 @@ on two scenes, error of the image against a converged one, and seconds of the si
 
 ![Error against seconds: front](images/benchmarks/error_time_front.png)
 
-Figures of one setting differ from section to section: references differ (here a converged image of other rays; below often the
-same rays with one thing changed), and so does the state of the machine: Munich's automatic blocks have 256 pulses, so that
-its two times are of one setting. Where figures were taken, coarser rays were slower on urban_block: with fewer rays the
-automatic blocks became shorter, from 129 to 33 pulses, hence the more key pulses.
+Figures of one setting differ from section to section: references differ (here a converged image of other rays; below
+often the same rays with one thing changed), and so does the state of the machine: Munich's automatic blocks have 256
+pulses, so that its two times with them are of one setting. When these figures were taken, coarser rays were slower on
+urban_block: with fewer rays the automatic blocks became shorter, from 129 to 33 pulses, hence the more key pulses.
 
 """
 

@@ -3,8 +3,8 @@
 Within a block of pulses every path keeps the amplitude and the visibility that it has at the block's key pulse. The
 pulse at the boundary of two blocks is synthesised from both: the two profiles would be equal if nothing changed from
 one key pulse to the next, so their difference measures the changes of shadows, glints, hits of rays, curvature and
-gridding. It costs no tracing, only one more synthesised pulse per block. How fast the change grows with the time between
-two pulses is measured by one more traced pulse, at the boundary in the middle of the track.
+gridding. It costs no tracing, only one more synthesised pulse per block. How fast the change grows with the time
+between two pulses is measured by one more traced pulse, at the boundary in the middle of the track.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -294,7 +294,8 @@ class Blocks:
         """Error of each channel from some of the block boundaries, dB; empty without a boundary.
 
         Relative to the mean energy of the pulses of the blocks that meet there, as that of single pulses changes with
-        the lobes of walls; of few boundaries to the energy of the pulses there if that is less. Channels ``EMPTY_DB`` below the strongest hold nothing but rounding and are left out.
+        the lobes of walls; of few boundaries to the energy of the pulses there if that is less. Channels
+        ``EMPTY_DB`` below the strongest hold nothing but rounding and are left out.
         """
         if not len(boundaries):
             return {}
@@ -421,7 +422,7 @@ class Blocks:
         return out
 
     def _at(self, rays: Sequence[LaunchGrid] | None, pulse: int) -> C64:
-        """Profiles (n_layers, n_samples) of one pulse: of surfaces with given rays; None: of all with the first subset."""
+        """Profiles (n_layers, n_samples) of one pulse: surfaces with given rays; None: all, first ray subset."""
         return self.batches.trace(Batch(0, pulse, pulse + 1, together=True), rays).profiles[:, 0]
 
 

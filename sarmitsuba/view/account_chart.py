@@ -31,8 +31,8 @@ def account_figure(account: Account, title: str = "") -> Figure:
     Returns
     -------
     Figure. Left: share of every cause in the likely sum of the known error energies, linear from 0, with its level
-    relative to the image; a cause that is not measured has no bar. Right: elapsed and processor seconds of every stage. Below: the
-    changes of settings that pay most.
+    relative to the image; a cause that is not measured has no bar. Right: elapsed and processor seconds of every stage.
+    Below: the changes of settings that pay most.
     """
     stages = _stages(account)
     rows = max(len(account.parts), len(stages))

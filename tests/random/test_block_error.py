@@ -48,7 +48,8 @@ HALL = """<scene version="3.0.0">
     <string name="material" value="metal"/><float name="rms_height" value="0.002"/>
     <string name="diffuse_law" value="constant_gamma"/><float name="diffuse_level_db" value="-15"/>
   </bsdf>
-  <shape type="rectangle" id="yard"><transform name="to_world"><scale x="25" y="25"/></transform><ref id="steel"/></shape>
+  <shape type="rectangle" id="yard">
+    <transform name="to_world"><scale x="25" y="25"/></transform><ref id="steel"/></shape>
   <shape type="cube" id="hall"><transform name="to_world">
     <scale x="8" y="12" z="4"/><rotate z="1" angle="{turn}"/><translate x="4" y="2" z="4"/>
   </transform><ref id="steel"/></shape>

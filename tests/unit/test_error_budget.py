@@ -177,3 +177,17 @@ def test_a_loose_bound_does_not_outweigh_a_measured_error(
         assert "all known errors at most" in str(found.finer)
     # twice the blocks would raise what is likely by 2 dB, which the bound must not hide
     assert found.coarser is None or "key_pulse_interval" not in found.coarser.options or bound > -20.0
+
+
+def test_a_wanted_error_that_is_met_reads_as_met(image: SarImage) -> None:
+    facts = {
+        "effects": {"effects": {"wideband": {"on": False, "error_is": "at most", "error_db": -28.0}}},
+        "sampling_error": {"VV": {"error_db": -36.0, "source": "passes"}},
+        "sampling": {"key_pulse_interval": 1},
+    }
+    for wanted, met in ((-30.0, True), (-37.0, False)):
+        metadata = {**image.metadata, **facts, "refinement": {"target_error_db": wanted}}
+        found = account(replace(image, metadata=metadata), {})
+        assert found.met == met and ("are met" in found.advice[0]) == met
+    part = next(p for p in found.parts if p.name == "effects left out")
+    assert part.likely_db == -38.0 and str(part).endswith("at most -28.0 dB (likely -38 dB)")
