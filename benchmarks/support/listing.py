@@ -23,7 +23,7 @@ def scripts(folder: str) -> dict[str, str]:
 
 def suite(sections: Mapping[str, str]) -> str:
     """Table of the benchmarks of ``run_all.py``; ``sections`` are the titles of those on the page, by name."""
-    rows = ["| `benchmarks/suite/` | what it measures | results |", "|---|---|---|"]
+    rows = ["## All benchmarks", "", "| `benchmarks/suite/` | what it measures | results |", "|---|---|---|"]
     for name, text in scripts("suite").items():
         title, pages = sections.get(name), _pages("suite", name)
         shown = f"[{title}](#{_anchor(title)})" if title else NOT_YET + ("; see " if pages else "") + pages

@@ -132,7 +132,12 @@ def account_payload(account: Mapping[str, object]) -> Value:
     return {
         "total_db": _finite(found.get("total_db")),
         "errors": [
-            {"name": str(name), "error_db": _finite(part.get("error_db")), "known": str(part.get("known"))}
+            {
+                "name": str(name),
+                "error_db": _finite(part.get("error_db")),
+                "likely_db": _finite(part.get("likely_db")),
+                "known": str(part.get("known")),
+            }
             for name, part in errors.items()
             if isinstance(part, Mapping)
         ],

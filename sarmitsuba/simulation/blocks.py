@@ -3,7 +3,8 @@
 Within a block of pulses every path keeps the amplitude and the visibility that it has at the block's key pulse. The
 pulse at the boundary of two blocks is synthesised from both: the two profiles would be equal if nothing changed from
 one key pulse to the next, so their difference measures the changes of shadows, glints, hits of rays, curvature and
-gridding. It costs no tracing, only one more synthesised pulse per block.
+gridding. It costs no tracing, only one more synthesised pulse per block. How fast the change grows with the time
+between two pulses is measured by one more traced pulse, at the boundary in the middle of the track.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,16 +24,15 @@ from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.launch import LaunchGrid
 
-# exponent of the time between two pulses with which the energy of a path's change grows, at least: one for edges of
-# shadows, which cross scatterers in proportion to time, two for glints, less where rays hit other facets; a lower
+# exponent of the time between two pulses with which the energy of a path's change grows, least and most: one for edges
+# of shadows, which cross scatterers in proportion to time, two for glints, less where rays hit other facets; a lower
 # exponent gives a higher stated error
-GROWTH = 0.5
-# mean over a block, whose pulses are up to half a block from the key pulse, over the change from one key pulse to the
-# next, dB
-BOUNDARY_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
+GROWTH, MOST_GROWTH = 0.5, 2.0
 # standard deviation of the estimate from one block boundary, dB (n boundaries: over the root of n); added to the
 # stated error (benchmarks/suite/stated_errors.py)
 BOUNDARY_SCATTER_DB = 2.5
+# boundaries below which the error is relative to the weaker of the pulses there and of the blocks that meet there
+FEW_BOUNDARIES = 3
 # energy of a channel relative to the strongest's below which its echoes are rounding and residues of symmetry, dB
 EMPTY_DB = -60.0
 # margin of the error of blocks below a wanted error of the whole run, dB
@@ -99,6 +99,7 @@ class Blocks:
         settings = tracer.sampling.scene.settings
         self.automatic = settings.key_pulse_interval == 0 and settings.method != "raw"
         n = data.shape[1]
+        self.growth: dict[str, float] = {}  # exponent of each channel, where it is measured
         self.interval: int = min(tracer.sampling.key_pulse_interval, n)
         if self.automatic and 1 < self.interval and n < 2 * self.interval:
             self.interval = self._fitting(-(-n // 2))  # two blocks at least: their boundary gives the error
@@ -195,6 +196,7 @@ class Blocks:
             stats = self.block(middle)
             if len(self.blocks) > 1:
                 stats = stats.plus(self.block(middle + 1))
+                self._measure_growth()
             decided = self.finished is not None and self.finished.settled
             open_ = self.automatic and len(self.blocks) > 1 and not decided
             shorter = self._shorter() if open_ else self.interval
@@ -291,7 +293,9 @@ class Blocks:
     def _errors(self, boundaries: Sequence[int]) -> dict[str, float]:
         """Error of each channel from some of the block boundaries, dB; empty without a boundary.
 
-        Channels ``EMPTY_DB`` below the strongest hold nothing but rounding and are left out.
+        Relative to the mean energy of the pulses of the blocks that meet there, as that of single pulses changes with
+        the lobes of walls; of few boundaries to the energy of the pulses there if that is less. Channels
+        ``EMPTY_DB`` below the strongest hold nothing but rounding and are left out.
         """
         if not len(boundaries):
             return {}
@@ -300,14 +304,48 @@ class Blocks:
             channel: self._channel(self.data[:, pulses], channel)
             for channel in dict.fromkeys(layer.channel for layer in self.layers)
         }
-        energy = {channel: float(np.sum(np.abs(here) ** 2)) for channel, here in data.items()}
+        meeting = sorted({k for i in boundaries for k in (i, i + 1)})
+        energy = {channel: len(pulses) * self._mean_energy(meeting, channel) for channel in data}
         out = {}
         for channel, here in data.items():
             if energy[channel] < 10.0 ** (0.1 * EMPTY_DB) * max(energy.values()):
                 continue
             change = self._channel(self.boundaries[:, list(boundaries)], channel) - here
-            out[channel] = _ratio_db(change, here) + BOUNDARY_DB
+            energy_here = energy[channel]
+            if len(pulses) < FEW_BOUNDARIES:  # a bound: the weaker of both
+                energy_here = min(energy_here, _energy(here))
+            over_energy = _over_db(_energy(change), energy_here)
+            out[channel] = over_energy + _mean_over_change_db(self.growth.get(channel, GROWTH))
         return out
+
+    def _mean_energy(self, blocks: Sequence[int], channel: str) -> float:
+        """Mean energy of a pulse of some blocks."""
+        spans = [slice(*self.blocks[k]) for k in blocks]
+        total = sum(_energy(self._channel(self.data[:, span], channel)) for span in spans)
+        return total / sum(span.stop - span.start for span in spans)
+
+    def _measure_growth(self) -> None:
+        r"""Measure how the change of every channel grows with time, where its error counts.
+
+        The pulse at the boundary in the middle is traced with the first ray subset. From it to the key pulses beside it
+        is half the time that is between these, so that with changes :math:`S` the exponent is
+
+        .. math:: \log_2 \frac{S(T)}{S(T / 2)}
+        """
+        self.growth = {}
+        errors = self._errors([self._middle])
+        if max(errors.values(), default=-np.inf) <= self.tracer.sampling.scene.settings.tolerance_db:
+            return
+        pulse = self.blocks[self._middle][1]
+        first = self._layers_of(0)
+        traced = self._at(None, pulse)
+        before, after = self.boundaries[first, self._middle], self.data[first, pulse]
+        for channel in errors:
+            mine = [layer.channel == channel for layer in self.layers[first]]
+            exact, left, right = (planes[mine].sum(axis=0) for planes in (traced, before, after))
+            half, whole = 0.5 * (_energy(left - exact) + _energy(right - exact)), _energy(left - right)
+            if half > 0.0 and whole > 0.0:
+                self.growth[channel] = float(np.clip(np.log2(whole / half), GROWTH, MOST_GROWTH))
 
     def _channel(self, planes: C64, channel: str) -> C64:
         """Sum of a channel's layers (n_layers, ...), subsets weighted by their shares."""
@@ -326,7 +364,8 @@ class Blocks:
         excess = self._excess(error)
         if excess <= LEEWAY_DB or self.interval <= SHORTEST:
             return self.interval
-        length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess)))
+        growth = max(1.0, min(self.growth.values(), default=1.0))
+        length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess / growth)))
         return self._fitting(length)
 
     def _fitting(self, length: int) -> int:
@@ -382,8 +421,8 @@ class Blocks:
             out[channel] = _ratio_db(change, self._channel(whole, channel)) - 3.0 - 10.0 * np.log10(share)
         return out
 
-    def _at(self, rays: Sequence[LaunchGrid], pulse: int) -> C64:
-        """Profiles (n_layers, n_samples) of one pulse with given rays: echoes of surfaces."""
+    def _at(self, rays: Sequence[LaunchGrid] | None, pulse: int) -> C64:
+        """Profiles (n_layers, n_samples) of one pulse: surfaces with given rays; None: all, first ray subset."""
         return self.batches.trace(Batch(0, pulse, pulse + 1, together=True), rays).profiles[:, 0]
 
 
@@ -411,7 +450,19 @@ def _shifted(grid: LaunchGrid) -> LaunchGrid:
     )
 
 
+def _mean_over_change_db(growth: float) -> float:
+    """Mean error over a block, up to half its length from the key pulse, over the change between key pulses, dB."""
+    return float(10.0 * np.log10(0.5**growth / (1.0 + growth)))
+
+
 def _ratio_db(error: C64, signal: C64) -> float:
     """Ratio of the energies of error and signal, dB; -inf where there is no signal."""
-    a, b = (float(np.sum(v.real**2 + v.imag**2, dtype=np.float64)) for v in (error, signal))
-    return 10.0 * float(np.log10(a / b)) if a > 0.0 and b > 0.0 else -np.inf
+    return _over_db(_energy(error), _energy(signal))
+
+
+def _energy(data: C64) -> float:
+    return float(np.sum(data.real**2 + data.imag**2, dtype=np.float64))
+
+
+def _over_db(energy: float, reference: float) -> float:
+    return 10.0 * float(np.log10(energy / reference)) if energy > 0.0 and reference > 0.0 else -np.inf

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from sarmitsuba.analysis.quality.account import Account
+from sarmitsuba.analysis.quality.account import Account, likely_total_db
 from sarmitsuba.analysis.quality.error_budget import AT_MOST, ErrorPart
 from sarmitsuba.view.figure import Figure
 
@@ -30,9 +30,9 @@ def account_figure(account: Account, title: str = "") -> Figure:
 
     Returns
     -------
-    Figure. Left: share of every cause in the sum of the known error energies, linear from 0, with its level relative to
-    the image; a cause that is not measured has no bar. Right: elapsed and processor seconds of every stage. Below: the
-    changes of settings that pay most.
+    Figure. Left: share of every cause in the likely sum of the known error energies, linear from 0, with its level
+    relative to the image; a cause that is not measured has no bar. Right: elapsed and processor seconds of every stage.
+    Below: the changes of settings that pay most.
     """
     stages = _stages(account)
     rows = max(len(account.parts), len(stages))
@@ -69,7 +69,8 @@ def account_figure(account: Account, title: str = "") -> Figure:
 
 
 def _errors(axes: Axes, account: Account) -> None:
-    shares = [_share(part, account.total_db) for part in account.parts]
+    likely = likely_total_db(account.parts)
+    shares = [_share(part, likely) for part in account.parts]
     colours = [_BOUND if part.known == AT_MOST else _MEASURED for part in account.parts]
     _bars(axes, [part.name for part in account.parts], [100.0 * share for share in shares], colours)
     for i, (part, share) in enumerate(zip(account.parts, shares, strict=True)):
@@ -105,9 +106,9 @@ def _bars(
 
 
 def _share(part: ErrorPart, total_db: float) -> float:
-    if not part.counts or not math.isfinite(part.error_db):
+    if not part.counts or not math.isfinite(part.weight_db):
         return 0.0
-    return float(10.0 ** (0.1 * (part.error_db - total_db)))
+    return float(10.0 ** (0.1 * (part.weight_db - total_db)))
 
 
 def _value(part: ErrorPart, share: float) -> str:

@@ -78,5 +78,6 @@ def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips:
     each = sum(grid.n_rays for grid in rays.at(0)[0])
     assert made.interval == before
     more = sum(traced) / each - 2.0
-    # all rays once more, and shifted; blocks have an error of their own, which is not the rays'
-    assert more == pytest.approx(2.0) if not strips else 0.0 < more < 0.25
+    # one pulse for the growth of the error; all rays once more, and shifted; blocks have an
+    # error of their own, which is not the rays'
+    assert more == pytest.approx(3.0) if not strips else 1.0 < more < 1.25

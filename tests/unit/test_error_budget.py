@@ -150,7 +150,7 @@ def test_advice_is_for_the_largest_error_and_the_largest_saving(image: SarImage)
     assert "not measured" in found.advice[0]
 
 
-@pytest.mark.parametrize(("bound", "advised"), [(-25.0, "key_pulse_interval=32"), (-12.0, "wideband=on")])
+@pytest.mark.parametrize(("bound", "advised"), [(-25.0, "key_pulse_interval=32"), (-12.0, "")])
 def test_a_loose_bound_does_not_outweigh_a_measured_error(
     image: SarImage, bound: float, advised: str
 ) -> None:
@@ -170,7 +170,24 @@ def test_a_loose_bound_does_not_outweigh_a_measured_error(
         "sampling_error": {"VV": {"error_db": -36.0, "source": "two sets"}},
     }
     found = account(replace(image, metadata={**image.metadata, **facts}), {"trace": StageTime(6.0, 10.0)})
-    assert found.finer is not None and found.finer.options == f"-D sar_path.{advised}"
-    assert "all known errors at most" in str(found.finer)
+    if not advised:  # a loose bound calls for nothing but its measurement
+        assert found.finer is None and "`explain` measures them" in found.advice[0]
+    else:
+        assert found.finer is not None and found.finer.options == f"-D sar_path.{advised}"
+        assert "all known errors at most" in str(found.finer)
     # twice the blocks would raise what is likely by 2 dB, which the bound must not hide
     assert found.coarser is None or "key_pulse_interval" not in found.coarser.options or bound > -20.0
+
+
+def test_a_wanted_error_that_is_met_reads_as_met(image: SarImage) -> None:
+    facts = {
+        "effects": {"effects": {"wideband": {"on": False, "error_is": "at most", "error_db": -28.0}}},
+        "sampling_error": {"VV": {"error_db": -36.0, "source": "passes"}},
+        "sampling": {"key_pulse_interval": 1},
+    }
+    for wanted, met in ((-30.0, True), (-37.0, False)):
+        metadata = {**image.metadata, **facts, "refinement": {"target_error_db": wanted}}
+        found = account(replace(image, metadata=metadata), {})
+        assert found.met == met and ("are met" in found.advice[0]) == met
+    part = next(p for p in found.parts if p.name == "effects left out")
+    assert part.likely_db == -38.0 and str(part).endswith("at most -28.0 dB (likely -38 dB)")

@@ -10,10 +10,12 @@ from sarmitsuba.analysis.quality.error_budget import (
     BudgetFacts,
     ErrorPart,
     bounces_left_out,
+    by_law,
     effects_by_name,
     effects_db,
     error_budget,
     gridding_error_db,
+    likely_effects_db,
     number,
 )
 from sarmitsuba.constants import RAY_ERROR_ORDER
@@ -32,10 +34,6 @@ BLOCK_ORDER = 1.0
 # share of the tracing of rays, with a gridding kernel of 4 cells, that is proportional to the kernel's area
 # (benchmarks/suite/gridding.py)
 ADDING = 0.28
-# dB that bounds of effects left out by a law, not by a pilot's rays, lie above the truth: 10 to 14 in drawn scenes.
-# Changes are chosen by what is likely, so that a loose bound neither calls for a change that changes nothing nor hides
-# what a coarser setting loses
-_LOOSE_DB = 10.0
 # share of the known error energy from which bounds make it a bound
 _BOUNDED = 0.1
 # dB by which the next number of bounces must lower their error
@@ -75,9 +73,9 @@ class Change:
     total_db : of the sum of all known errors, before and after
     seconds : processor seconds more, below 0 fewer; NaN: not known
     known : kind of the cause's error, see :class:`ErrorPart`
-    likely_db : of the sum that is likely, with bounds of effects by a law ``_LOOSE_DB`` lower, before and after
+    likely_db : likely sum, before and after: a loose bound neither calls for a change nor hides what one loses
     bounded : the sum is a bound, because bounds are a part of it that counts
-    left_out_db : likely error of effects left out afterwards; NaN: as before
+    left_out_db : likely error of the cause afterwards, of effects left out; NaN: as ``error_db``
     """
 
     cause: str
@@ -127,6 +125,7 @@ class Account:
     coarser : change that saves most time and raises that sum by less than ``VISIBLE_DB``; None where none saves
         ``WORTH`` of the time
     changes : all that were considered
+    target_db : wanted error of a run that adds passes; NaN: none was
     """
 
     parts: tuple[ErrorPart, ...]
@@ -134,6 +133,12 @@ class Account:
     finer: Change | None
     coarser: Change | None
     changes: tuple[Change, ...] = ()
+    target_db: float = math.nan
+
+    @property
+    def met(self) -> bool:
+        """Whether there is a wanted error, and the likely sum of the known errors is at most that."""
+        return likely_total_db(self.parts) <= self.target_db
 
     @property
     def total_db(self) -> float:
@@ -149,6 +154,9 @@ class Account:
     def advice(self) -> tuple[str, str]:
         """The change that lowers the error most, and the one that saves most, as text."""
         finer = "no single setting lowers the known error visibly"
+        loose = sum(_energy(part.weight_db) for part in self.parts if not math.isnan(part.likely_db))
+        if loose > 0.5 * _energy(likely_total_db(self.parts)):
+            finer += "; effects left out are only bounded, `explain` measures them"
         if self.finer:
             again = _SIMULATING.isdisjoint(self.stages) and self.finer.cause != "focuser"
             finer = f"{'simulate again with ' * again}{self.finer}"
@@ -157,6 +165,8 @@ class Account:
         nothing = (
             f"nothing coarser saves {100 * WORTH:.0f} % of the processor time for less than {VISIBLE_DB:g} dB"
         )
+        if self.met:
+            finer = f"not needed, the wanted {self.target_db:g} dB are met; to go on, {finer}"
         return f"to lower the error: {finer}", f"to save time: {self.coarser or nothing}"
 
     def as_dict(self) -> dict[str, object]:
@@ -200,8 +210,7 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
         *_effects(data, by_name[_EFFECTS], spent),
         *_focusers(by_name["focuser"], others, stages),
     ]
-    left_out = _likely_db(effects_by_name(data))
-    weighed = [_with_total(change, parts, left_out) for change in changes]
+    weighed = [_with_total(change, parts) for change in changes]
     finer = [c for c in weighed if _LAWLESS_DB < c.likely_db[0] >= c.likely_db[1] + VISIBLE_DB]
     needed = WORTH * sum(t.processor for t in stages.values() if not math.isnan(t.processor))
     coarser = [c for c in weighed if c.seconds < -needed and c.likely_db[1] < c.likely_db[0] + VISIBLE_DB]
@@ -213,7 +222,14 @@ def account(image: SarImage, stages: Mapping[str, StageTime], others: Iterable[A
         min(finer, key=lambda c: c.likely_db[1], default=None),
         min(coarser, key=lambda c: c.seconds, default=None),
         tuple(weighed),
+        _target_db(data),
     )
+
+
+def _target_db(data: BudgetFacts) -> float:
+    """Wanted error of a run that adds passes, dB; NaN where none was."""
+    wanted = number(data.part("refinement").get("target_error_db"))
+    return wanted if wanted < 0.0 else math.nan
 
 
 def total_db(parts: Iterable[ErrorPart]) -> float:
@@ -242,24 +258,26 @@ def _energy(error_db: float) -> float:
     return 0.0 if math.isnan(error_db) else 10.0 ** (0.1 * error_db)
 
 
-def _with_total(change: Change, parts: Iterable[ErrorPart], left_out_db: float) -> Change:
-    """Change with the sums of the errors, stated and likely; ``left_out_db``: likely error of effects left out."""
+def likely_total_db(parts: Iterable[ErrorPart]) -> float:
+    """Likely sum of the known error energies, dB; -inf where none is known."""
+    return total_db(replace(part, error_db=part.weight_db) for part in parts)
+
+
+def _with_total(change: Change, parts: Iterable[ErrorPart]) -> Change:
+    """Change with the sums of the errors, stated and likely."""
     before = tuple(part for part in parts if part.counts)
-    after = _changed(before, change.cause, change.error_db[1])
-    later = left_out_db if math.isnan(change.left_out_db) else change.left_out_db
+    after = tuple(
+        replace(part, error_db=change.error_db[1], likely_db=change.left_out_db)
+        if part.name == change.cause
+        else part
+        for part in before
+    )
     return replace(
         change,
         total_db=(total_db(before), total_db(after)),
-        likely_db=(
-            total_db(_changed(before, _EFFECTS, left_out_db)),
-            total_db(_changed(after, _EFFECTS, later)),
-        ),
+        likely_db=(likely_total_db(before), likely_total_db(after)),
         bounded=_bounded(before),
     )
-
-
-def _changed(parts: Iterable[ErrorPart], name: str, error_db: float) -> tuple[ErrorPart, ...]:
-    return tuple(replace(part, error_db=error_db) if part.name == name else part for part in parts)
 
 
 def _bounded(parts: Iterable[ErrorPart]) -> bool:
@@ -352,22 +370,22 @@ def _gridding(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]
 
 
 def _effects(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
-    """Each effect that is off on its own; only ``explain`` measures what share of the time one takes."""
+    """Each effect that is off and whose error rays or images measured, on its own: a bound by a law calls for none.
+
+    Only ``explain`` measures what share of the time one takes.
+    """
     if part.known == UNKNOWN:
         return []
     found = []
     by_name = effects_by_name(data)
     for name, decision in by_name.items():
+        if by_law(decision):
+            continue
         rest = {other: d for other, d in by_name.items() if other != name}
         seconds = spent.simulating * number(decision.get("cost"))
         change = _change(part, _path(name, "on"), effects_db(rest.values()), seconds, part.known)
-        found.append(replace(change, left_out_db=_likely_db(rest)))
+        found.append(replace(change, left_out_db=likely_effects_db(rest.values())))
     return found
-
-
-def _likely_db(decisions: Mapping[str, Mapping[str, object]]) -> float:
-    """Likely error of effects left out, dB: bounds by a law lie above it."""
-    return effects_db(decisions.values(), laws_lower_by=_LOOSE_DB)
 
 
 def _focusers(

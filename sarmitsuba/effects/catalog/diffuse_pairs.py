@@ -51,7 +51,7 @@ class DiffusePairs(Effect):
             )
         if level.share == 0.0:
             return Assessment(False, "pilot: no diffuse surface sees another", -np.inf, measured=True)
-        return _measured(level, context.tolerance_db)
+        return _measured(level, context)
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
@@ -60,7 +60,8 @@ class DiffusePairs(Effect):
         return {"diffuse_pairs": on and decided["diffuse"].on}
 
 
-def _measured(level: PairLevel, tolerance_db: float) -> Assessment:
+def _measured(level: PairLevel, context: SceneContext) -> Assessment:
+    tolerance_db = context.tolerance_db
     share, square = (
         10.0 * float(np.log10(max(x, 1e-30))) for x in (level.share + 2.0 * level.error, level.strongest)
     )
@@ -82,7 +83,16 @@ def _measured(level: PairLevel, tolerance_db: float) -> Assessment:
     else:
         limits = f"{tolerance_db + WHOLE_DB:.0f} and {tolerance_db + SQUARE_DB:.0f} dB"
         why = f"{found}; left out below {limits}, where they hardly change the clutter level"
-    return Assessment(on, why, min(max(mean, cross), 0.0), measured=True)
+    return Assessment(
+        on, why, min(max(mean + _clutter_db(context), cross), 0.0), measured=context.pilot is not None
+    )
+
+
+def _clutter_db(context: SceneContext) -> float:
+    """Clutter's share of the image's energy, dB; 0 without a pilot: the image may be nothing but clutter."""
+    if context.pilot is None or context.pilot.clutter == 0.0:
+        return 0.0
+    return min(0.0, context.pilot.energy_db(slice(1, 3), 1, upper=True))
 
 
 EFFECTS.register(DiffusePairs())

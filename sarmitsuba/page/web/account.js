@@ -2,9 +2,12 @@
 
 import { html } from "sarmitsuba/markup.js";
 
-/** Share of every cause in the sum of the known error energies, 0 where it is not known. */
+/** Share of every cause in the likely sum of the known error energies, 0 where it is not known. */
 export function shares(errors) {
-  const energy = errors.map((part) => (part.error_db === null ? 0 : 10 ** (part.error_db / 10)));
+  const energy = errors.map((part) => {
+    const level = part.likely_db ?? part.error_db;
+    return level === null ? 0 : 10 ** (level / 10);
+  });
   const sum = energy.reduce((a, b) => a + b, 0);
   return energy.map((x) => (sum > 0 ? x / sum : 0));
 }
@@ -12,7 +15,9 @@ export function shares(errors) {
 const seconds = (value) => (value === null ? "-" : `${value.toFixed(2)} s`);
 const level = (part) => {
   if (part.error_db === null) return part.known;
-  return `${part.known === "at most" ? "at most " : ""}${part.error_db.toFixed(1)} dB`;
+  return `${part.known === "at most" ? "at most " : ""}${part.error_db.toFixed(1)} dB${
+    (part.likely_db ?? part.error_db) < part.error_db - 1 ? ` (likely ${part.likely_db.toFixed(0)} dB)` : ""
+  }`;
 };
 
 /** Bar of a share, light where it is a bound. */
@@ -27,7 +32,7 @@ export function accountView(account) {
   const longest = Math.max(...account.stages.map((stage) => stage.seconds ?? 0), 1e-9);
   const total = account.total_db === null ? "" : ` The sum is ${account.total_db.toFixed(1)} dB of the image's energy.`;
   return html`<h2>What the error is made of</h2>
-    <p class="quiet">Bars: share of the sum of the known errors, light where they are bounds.${total}</p>
+    <p class="quiet">Bars: share of the likely sum of the known errors, light where they are bounds.${total}</p>
     <table>${account.errors.map((part, i) => html`<tr><th scope="row">${part.name}</th>${bar(parts[i], part.known === "at most")}
       <td class="number">${level(part)}</td></tr>`)}</table>
     <h2>Where the time went</h2>
