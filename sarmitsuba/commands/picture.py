@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.image_arguments import add_image_arguments, image_file
+from sarmitsuba.commands.image_arguments import add_axes_argument, add_image_arguments, image_file
 
 NAME = "picture"
 HELP = "draw the picture of an image again, with other limits, colours, quantity, channel or looks"
@@ -64,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--order", type=int, metavar="N", help="one bounce number only, where the image keeps them apart"
     )
+    add_axes_argument(parser)
     parser.add_argument("--title", help="first line above the picture (default: the scene's name)")
 
 
@@ -87,6 +88,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         looks=tuple(args.looks),
         order=args.order,
         spectral_looks=tuple(args.spectral_looks),
+        axes=args.axes,
     )
     figure = quicklook(image, options, title=args.title)
     name = picture_name(image.channels, args.channel)

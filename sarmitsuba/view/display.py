@@ -14,6 +14,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means
 from sarmitsuba.image.calibration import backscatter
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.units import db_from_power
 
@@ -64,6 +65,8 @@ class PictureOptions:
     order : single bounce order to show; None: the sum of all
     spectral_looks : parts of the spectrum in azimuth and range whose powers are averaged, see
         :func:`sarmitsuba.analysis.quality.spectral_looks`; they reduce speckle more than ``looks`` of as many pixels
+    axes : frame of the axes' numbers, ``scene`` or ``radar``, see :class:`sarmitsuba.image.shown_axes.ShownAxes`;
+        None: ``scene`` for images on the ground, ``radar`` for those in slant range
     """
 
     channel: str | None = None
@@ -74,6 +77,7 @@ class PictureOptions:
     looks: tuple[int, int] = (1, 1)
     order: int | None = None
     spectral_looks: tuple[int, int] = (1, 1)
+    axes: str | None = None
 
     def check(self) -> None:
         """Raise a DataError for options that are invalid for every image."""
@@ -103,9 +107,10 @@ class Display:
     ----------
     values : (rows, columns) float64 of the quantity; rows are azimuth, columns range; -inf dB where the power is zero
     limits : values of black and white
-    extent : range of the first column's near edge and the last column's far edge, azimuth likewise, m
+    extent : left, right, lower and upper edge, m of ``axes``
     label : quantity and unit of the values
     averaged : (azimuth, range) pixels averaged into one
+    axes : coordinates shown
     """
 
     values: F64
@@ -113,6 +118,7 @@ class Display:
     extent: tuple[float, float, float, float]
     label: str
     averaged: tuple[int, int]
+    axes: ShownAxes
 
 
 def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
@@ -137,18 +143,10 @@ def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
         image = _of_looks(image, options)
     grid = image.grid
     block = _block(image, options.looks, largest)
-    rows, columns = grid.shape[0] // block[0], grid.shape[1] // block[1]
     values = _values(image, options, block)
-    r0 = float(grid.range[0]) - 0.5 * grid.range_spacing
-    a0 = float(grid.azimuth[0]) - 0.5 * grid.azimuth_spacing
-    extent = (
-        r0,
-        r0 + columns * block[1] * grid.range_spacing,
-        a0,
-        a0 + rows * block[0] * grid.azimuth_spacing,
-    )
+    axes = ShownAxes.of(grid, options.axes)
     limits = options.limits or _limits(values, options, has_clutter(image))
-    return Display(values, limits, extent, _LABELS[options.quantity], block)
+    return Display(values, limits, axes.extent(grid, block), _LABELS[options.quantity], block, axes)
 
 
 def of_order(image: SarImage, order: int) -> SarImage:
@@ -210,8 +208,8 @@ def screen_size(display: Display, largest: int, smallest: int) -> tuple[int, int
     and narrow pictures are magnified as far as ``largest`` allows.
     """
     rows, columns = display.values.shape
-    width = display.extent[1] - display.extent[0]
-    height = display.extent[3] - display.extent[2]
+    width = abs(display.extent[1] - display.extent[0])
+    height = abs(display.extent[3] - display.extent[2])
     step = min(width / columns, height / rows)
     factor = magnification(width / step, height / step, largest, smallest)
     return max(1, round(width / step * factor)), max(1, round(height / step * factor))

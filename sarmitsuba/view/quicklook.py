@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import AxesImage
-from matplotlib.text import Annotation
 
 from sarmitsuba.arrays import U8
 from sarmitsuba.constants import SPEED_OF_LIGHT
@@ -18,6 +17,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.parameters import did_you_mean
+from sarmitsuba.view.bearings import draw_flight_and_look, draw_north_and_east, draw_scale_bar
 from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
 from sarmitsuba.view.figure import PACKED, Figure
 
@@ -63,7 +63,9 @@ def quicklook(
     figure = _figure(2 * left - _LEFT + width + _RIGHT, height + _BOTTOM + _TOP)
     axes = _axes(figure, left, _BOTTOM, width, height)
     picture = _draw(axes, display, image, options)
-    _arrows(figure, str(image.metadata.get("look_side", "")))
+    draw_flight_and_look(figure, str(image.metadata.get("look_side", "")))
+    draw_north_and_east(figure, image.grid)
+    draw_scale_bar(figure, width / abs(display.extent[1] - display.extent[0]), left + width)
     _colour_bar(figure, picture, left + width + 18, _BOTTOM, height, display.label)
     first = title if title is not None else str(image.metadata.get("scene", ""))
     lines = (first, *_subtitle(image, options, display))
@@ -169,7 +171,7 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
         )
         if i % columns:
             axes.set_ylabel("")
-    _arrows(figure, str(image.metadata.get("look_side", "")))
+    draw_flight_and_look(figure, str(image.metadata.get("look_side", "")))
     _colour_bar(figure, picture, columns * step_x + 28, _BOTTOM - 10, height, displays[0].label)
     return figure
 
@@ -224,27 +226,13 @@ def _draw(axes: Axes, display: Display, image: SarImage, options: PictureOptions
         aspect="auto",  # the axes' box already has equal scales in both directions
         interpolation="nearest",  # speckle is not smoothed
     )
-    axes.set_xlabel("slant range (m)" if image.grid.kind == "slant" else "ground range (m)", fontsize=9)
-    axes.set_ylabel("azimuth (m)", fontsize=9)
+    axes.set_xlabel(display.axes.range_label, fontsize=9)
+    axes.set_ylabel(display.axes.azimuth_label, fontsize=9)
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.tick_params(labelsize=8)
     axes.locator_params(axis="x", nbins=int(np.clip(axes.bbox.width / 110, 1, 8)))
     axes.locator_params(axis="y", nbins=int(np.clip(axes.bbox.height / 60, 1, 8)))
     return picture
-
-
-def _arrows(figure: Figure, look_side: str) -> None:
-    """Flight direction (up) and look direction (right), in the corner below the axes' numbers."""
-    style = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
-    x, y, length = 18.0, 14.0, 26.0
-    for tip in ((x, y + length), (x + length, y)):
-        figure.add_artist(Annotation("", xy=tip, xycoords="figure pixels", xytext=(x, y), arrowprops=style))
-    for place, text, align in (
-        ((x + 5, y + length), "flight", "top"),
-        ((x + length + 3, y), f"look {look_side}".rstrip(), "center"),
-    ):
-        label = Annotation(text, xy=place, xycoords="figure pixels", fontsize=7, va=align)
-        figure.add_artist(label)
 
 
 def _colour_bar(
