@@ -25,6 +25,18 @@ def add_axes_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_scene_picture_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what a picture shows of the scene."""
+    parser.add_argument(
+        "--outlines",
+        action="store_true",
+        help="draw footprints of bodies (solid) and their upper rims where layover shows them (dashed)",
+    )
+    parser.add_argument(
+        "--with-view", action="store_true", help="draw the scene seen from above beside the image"
+    )
+
+
 def image_file(given: Path) -> Path:
     """The image file that ``render`` or ``focus`` wrote into a folder; a file is taken as it is.
 

@@ -22,14 +22,13 @@ def draw_flight_and_look(figure: Figure, look_side: str) -> None:
     _text(figure, (x + length + 3, y), f"look {look_side}".rstrip(), va="center")
 
 
-def draw_north_and_east(figure: Figure, grid: ImageGrid) -> None:
-    """Draw the directions of north (y of the scene) and east (x) on the ground in the lower right corner.
+def draw_north_and_east(figure: Figure, grid: ImageGrid, x: float) -> None:
+    """Draw the directions of north (y of the scene) and east (x) on the ground about ``x`` screen pixels from the left.
 
     Seen from a radar that looks to the left, east is to the left of north: with range to the right the picture is
     mirrored.
     """
-    width = figure.get_size_inches()[0] * figure.dpi
-    x, y = width - 34.0, 30.0
+    y = 30.0
     for index, name in ((1, "N"), (0, "E")):
         direction = np.array([grid.across[index], grid.along[index]], dtype=np.float64)
         direction /= max(float(np.hypot(*direction)), 1e-12)

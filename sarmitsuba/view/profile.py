@@ -27,7 +27,8 @@ def cut(
     ----------
     image : the image
     axis : direction of the cut
-    at : position on the other axis, m of the grid (``ShownAxes.grid_coordinates`` gives it for a place of a picture); None: through the brightest pixel
+    at : position on the other axis, m of the grid (for a place of a picture see ``ShownAxes.grid_coordinates``); None:
+        through the brightest pixel
     channel : polarisation; None: the first
     quantity : ``rcs``, ``sigma0``, ``beta0`` or ``gamma0``
     """

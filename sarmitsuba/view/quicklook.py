@@ -17,9 +17,12 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.parameters import did_you_mean
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.view.bearings import draw_flight_and_look, draw_north_and_east, draw_scale_bar
 from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
 from sarmitsuba.view.figure import PACKED, Figure
+from sarmitsuba.view.outlines import draw_outlines
+from sarmitsuba.view.shaded_plan import draw_plan, plan_width
 
 # function that draws a picture on demand
 Drawing = Callable[[], Figure]
@@ -37,6 +40,9 @@ def quicklook(
     *,
     channel: str | None = None,
     title: str | None = None,
+    scene: Scene | None = None,
+    outlined: bool = False,
+    with_plan: bool = False,
 ) -> Figure:
     """Draw one channel, by default the sum of all bounce orders.
 
@@ -46,6 +52,9 @@ def quicklook(
     options : of the picture; None: the defaults
     channel : overrides that in ``options``
     title : first line above the picture; None: the scene's name
+    scene : of the image, needed for what follows
+    outlined : draw footprints and laid over upper rims of bodies, see :mod:`sarmitsuba.view.outlines`
+    with_plan : draw the scene seen from above, to the same scale, to the right
 
     Returns
     -------
@@ -60,13 +69,20 @@ def quicklook(
     display = prepare(image, options, LARGEST)
     width, height = screen_size(display, LARGEST, SMALLEST)
     left = _LEFT + max(0, (_NARROWEST - width) // 2)
-    figure = _figure(2 * left - _LEFT + width + _RIGHT, height + _BOTTOM + _TOP)
+    scale = width / abs(display.extent[1] - display.extent[0])  # screen pixels per metre
+    whole = 2 * left - _LEFT + width + _RIGHT
+    plan = max(1, round(plan_width(image.grid) * scale)) if with_plan and scene else 0
+    figure = _figure(whole + (_LEFT + plan + 20 if plan else 0), height + _BOTTOM + _TOP)
     axes = _axes(figure, left, _BOTTOM, width, height)
     picture = _draw(axes, display, image, options)
     draw_flight_and_look(figure, str(image.metadata.get("look_side", "")))
-    draw_north_and_east(figure, image.grid)
-    draw_scale_bar(figure, width / abs(display.extent[1] - display.extent[0]), left + width)
+    draw_north_and_east(figure, image.grid, left + width + 62.0)
+    draw_scale_bar(figure, scale, left + width)
     _colour_bar(figure, picture, left + width + 18, _BOTTOM, height, display.label)
+    if scene and outlined:
+        draw_outlines(axes, scene, image.grid, display.axes)
+    if scene and plan:
+        draw_plan(_axes(figure, whole + _LEFT - 30, _BOTTOM, plan, height), scene, image.grid, options.axes)
     first = title if title is not None else str(image.metadata.get("scene", ""))
     lines = (first, *_subtitle(image, options, display))
     # a given height: Matplotlib would measure all labels to find that none is in the way
