@@ -54,9 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--looks",
         nargs=2,
         type=int,
-        default=(1, 1),
         metavar=("AZIMUTH", "RANGE"),
-        help="pixels averaged into one (multi-look)",
+        help="pixels averaged into one (multi-look; default: 1 1, or more in large images of speckle throughout)",
     )
     parser.add_argument(
         "--spectral-looks",
@@ -96,7 +95,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         limits=tuple(args.limits) if args.limits else None,
         span_db=args.span,
         colour_map=args.colour_map,
-        looks=tuple(args.looks),
+        looks=tuple(args.looks) if args.looks else None,
         order=args.order,
         spectral_looks=tuple(args.spectral_looks),
         axes=args.axes,

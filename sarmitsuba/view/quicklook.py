@@ -170,8 +170,9 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
         raise DataError(
             'image: bounce orders were not kept separately; set keep_orders to "true" in the scene\'s integrator'
         )
-    limits = prepare(image, options, _LARGEST_PANEL).limits
-    apart = [dataclasses.replace(options, order=order, limits=limits) for order in orders]
+    whole = prepare(image, options, _LARGEST_PANEL)
+    alike = dataclasses.replace(options, limits=whole.limits, looks=whole.averaged)
+    apart = [dataclasses.replace(alike, order=order) for order in orders]
     displays = [prepare(image, one, _LARGEST_PANEL) for one in apart]
     width, height = screen_size(displays[0], _LARGEST_PANEL, _SMALLEST_PANEL)
     columns = min(columns, len(orders))
@@ -277,5 +278,6 @@ def _subtitle(image: SarImage, options: PictureOptions, display: Display) -> tup
         )
     if max(display.averaged) > 1:
         what = "complex values" if options.quantity == "phase" else "power"
-        more.append(f"{what} of {display.averaged[0]} x {display.averaged[1]} pixels averaged")
+        text = f"{what} of {display.averaged[0]} x {display.averaged[1]} pixels averaged"
+        more.append(f"multilooked: {text}, scale of the means" if display.multilooked else text)
     return ",  ".join(facts), ",  ".join(more)

@@ -85,6 +85,7 @@ def draw_plan(axes: Axes, scene: Scene, grid: ImageGrid, frame: str | None = Non
     axes.set_ylim(below, above)
     axes.set_xlabel(shown.range_label, fontsize=9)
     axes.set_ylabel(shown.azimuth_label, fontsize=9)
+    axes.tick_params(labelsize=8)
     axes.set_title("seen from above", fontsize=9)
 
 
