@@ -50,7 +50,7 @@ _CLUTTER_AT = 0.42
 # tower on a plain 96 to 97 %, a city 75 % of such blocks
 _SPECKLE_BLOCK, _SPECKLE_CONTRAST, _SPECKLE_SHARE = 12, 1.6, 0.985
 # blocks along the longer side of a multilooked picture, most pixels along a side of a block, least span of the scale
-_LEAST_BLOCKS, _MOST_LOOKS, _LEAST_SPAN_DB = 320, 8, 10.0
+_LEAST_BLOCKS, _MOST_LOOKS, _LEAST_SPAN_DB = 200, 12, 10.0
 # share of the picture that may be white over clutter: facades of a dense city take 2 %, lines of side lobes 13 %
 _MOST_WHITE = 0.15
 
@@ -134,8 +134,8 @@ def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
     """Displayed values of an image, averaged over blocks of pixels as requested and to the size of the picture.
 
     Averaging power (multilooking) preserves the mean of speckle, unlike dropping or smoothing pixels. Without given
-    ``looks``, a large image that is speckle throughout, such as terrain, is multilooked to at least 320 blocks along
-    its longer side, at most 8 x 8 pixels each, and its automatic limits are those of the averaged power.
+    ``looks``, a large image that is speckle throughout, such as terrain, is multilooked to at least 200 blocks along
+    its longer side, at most 12 x 12 pixels each, and its automatic limits are those of the averaged power.
 
     Parameters
     ----------

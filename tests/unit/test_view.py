@@ -270,13 +270,13 @@ def test_terrain_is_multilooked_and_scaled_to_its_slopes(seed: int) -> None:
     # Rationale: in one look, speckle of 5.6 dB over a scale of 50 dB hides slopes of 8 dB.
     image = hill(1300, 900, seed)
     display = prepare(image, PictureOptions(), 1600)
-    assert display.averaged == (4, 4) and display.multilooked
+    assert display.averaged == (6, 6) and display.multilooked
     grey = np.clip((display.values - display.limits[0]) / np.ptp(display.limits), 0.0, 1.0)
     columns = grey.mean(axis=0)
     # the slope takes more than half of the scale and three times the deviation of what speckle is left
     assert np.ptp(columns) > 0.5
     assert np.ptp(columns) > 3.0 * (grey - columns).std()
-    assert "multilooked: power of 4 x 4 pixels averaged" in quicklook(image).axes[0].get_title()
+    assert "multilooked: power of 6 x 6 pixels averaged" in quicklook(image).axes[0].get_title()
     one = prepare(image, PictureOptions(looks=(1, 1)), 1600)
     assert one.averaged == (1, 1) and not one.multilooked
     assert prepare(image, PictureOptions(limits=(-40.0, 3.0)), 1600).limits == (-40.0, 3.0)
