@@ -46,7 +46,7 @@ def test_small_image_is_magnified_by_whole_pixels_in_equal_metres() -> None:
 def test_large_image_is_power_averaged() -> None:
     image = make_image(900, 700, (0.5, 0.5))
     power = image.rcs()
-    display = prepare(image, PictureOptions(quantity="rcs"), 300)
+    display = prepare(image, PictureOptions(quantity="rcs", looks=(1, 1)), 300)
     assert display.averaged == (3, 3)
     assert display.values.shape == (300, 233)
     kept = power[:900, :699]
