@@ -153,3 +153,39 @@ def test_near_range_is_left_whichever_way_the_numbers_run(angle: float) -> None:
     moved = dataclasses.replace(grid, offset=np.array([100.0, 200.0, 0.0]))
     x1, y1 = ShownAxes.of(moved).shown(grid.azimuth[3], grid.range[30])
     assert np.hypot(float(x1 - x), float(y1 - y)) == pytest.approx(np.hypot(100.0, 200.0))
+
+
+def test_quality_takes_an_area_as_on_the_axes_of_the_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Heading 180 deg: numbers fall to the right and upwards; the same rectangle in both frames."""
+    import json
+
+    from sarmitsuba import cli
+
+    point = {
+        "look": 40.0,
+        "heading": 180.0,
+        "side": "right",
+        "x": 100.0,
+        "y": 50.0,
+        "px": 95.0,
+        "py": 48.0,
+        "pz": 0.0,
+    }
+    image = point_image(tmp_path, **point, grid="ground")
+    image.save(tmp_path / "image.h5")
+    found = []
+    for area in (["45", "52", "90", "100"], ["--axes", "radar", "-2", "5", "0", "10"]):
+        frame, numbers = (area[:2], area[2:]) if "--axes" in area else ([], area)
+        out = tmp_path / "-".join(numbers).replace("--", "-m")
+        assert (
+            cli.main(["quality", str(tmp_path / "image.h5"), "--area", *numbers, *frame, "-o", str(out)]) == 0
+        )
+        (one,) = json.loads((out / "quality.json").read_text())["areas"]
+        found.append(one)
+    assert found[0] == found[1]
+    half = 0.5 * max(image.grid.azimuth_spacing, image.grid.range_spacing)
+    # tol: the table has the pixels' places
+    assert found[0]["azimuth_m"] == pytest.approx([-2.0, 5.0], abs=half)
+    assert found[0]["range_m"] == pytest.approx([0.0, 10.0], abs=half)
