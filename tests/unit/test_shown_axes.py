@@ -185,7 +185,7 @@ def test_quality_takes_an_area_as_on_the_axes_of_the_picture(
         (one,) = json.loads((out / "quality.json").read_text())["areas"]
         found.append(one)
     assert found[0] == found[1]
-    half = 0.5 * max(image.grid.azimuth_spacing, image.grid.range_spacing)
-    # tol: the table has the pixels' places
-    assert found[0]["azimuth_m"] == pytest.approx([-2.0, 5.0], abs=half)
-    assert found[0]["range_m"] == pytest.approx([0.0, 10.0], abs=half)
+    pixel = max(image.grid.azimuth_spacing, image.grid.range_spacing)
+    # tol: the table has the places of the outermost pixels inside
+    assert found[0]["azimuth_m"] == pytest.approx([-2.0, 5.0], abs=pixel)
+    assert found[0]["range_m"] == pytest.approx([0.0, 10.0], abs=pixel)
