@@ -15,6 +15,28 @@ def add_image_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--channel", metavar="NAME", help="polarisation, such as HV (default: the first)")
 
 
+def add_axes_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the frame of the axes of a picture."""
+    parser.add_argument(
+        "--axes",
+        choices=("scene", "radar"),
+        help="what the axes of the picture count: scene, coordinates of the scene, on ground grids; radar, metres from "
+        "the image's centre, or slant range (default: scene on the ground, else radar)",
+    )
+
+
+def add_scene_picture_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what a picture shows of the scene."""
+    parser.add_argument(
+        "--outlines",
+        action="store_true",
+        help="draw footprints of bodies (solid) and their upper rims where layover shows them (dashed)",
+    )
+    parser.add_argument(
+        "--with-view", action="store_true", help="draw the scene seen from above beside the image"
+    )
+
+
 def image_file(given: Path) -> Path:
     """The image file that ``render`` or ``focus`` wrote into a folder; a file is taken as it is.
 

@@ -4,7 +4,12 @@ import argparse
 from pathlib import Path
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.image_arguments import add_image_arguments, image_file
+from sarmitsuba.commands.image_arguments import (
+    add_axes_argument,
+    add_image_arguments,
+    add_scene_picture_arguments,
+    image_file,
+)
 
 NAME = "picture"
 HELP = "draw the picture of an image again, with other limits, colours, quantity, channel or looks"
@@ -49,9 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--looks",
         nargs=2,
         type=int,
-        default=(1, 1),
         metavar=("AZIMUTH", "RANGE"),
-        help="pixels averaged into one (multi-look)",
+        help="pixels averaged into one (multi-look; default: 1 1, or more in large images of speckle throughout)",
     )
     parser.add_argument(
         "--spectral-looks",
@@ -63,6 +67,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--order", type=int, metavar="N", help="one bounce number only, where the image keeps them apart"
+    )
+    add_axes_argument(parser)
+    add_scene_picture_arguments(parser)
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="let the scene refer to files outside its own folder, as for render",
     )
     parser.add_argument("--title", help="first line above the picture (default: the scene's name)")
 
@@ -84,11 +95,21 @@ def run(args: argparse.Namespace, console: Console) -> int:
         limits=tuple(args.limits) if args.limits else None,
         span_db=args.span,
         colour_map=args.colour_map,
-        looks=tuple(args.looks),
+        looks=tuple(args.looks) if args.looks else None,
         order=args.order,
         spectral_looks=tuple(args.spectral_looks),
+        axes=args.axes,
     )
-    figure = quicklook(image, options, title=args.title)
+    scene = None
+    if args.outlines or args.with_view:
+        from sarmitsuba.backend import ensure_backend
+        from sarmitsuba.page.run_folder import scene_of_run
+
+        ensure_backend()
+        scene = scene_of_run(source.parent, allow_outside=args.allow_outside)
+    figure = quicklook(
+        image, options, title=args.title, scene=scene, outlined=args.outlines, with_plan=args.with_view
+    )
     name = picture_name(image.channels, args.channel)
     with file.writing() if file else OutputFolder(source.parent).writing(name) as target:
         save(figure, target)

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.image_arguments import add_image_arguments, image_file
+from sarmitsuba.commands.image_arguments import add_axes_argument, add_image_arguments, image_file
 
 NAME = "quality"
 HELP = "measure point targets (IRW, PSLR, ISLR, place, phase) and areas (ENL, contrast, entropy) of an image"
@@ -49,9 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         action="append",
         metavar=("AZIMUTH0", "AZIMUTH1", "RANGE0", "RANGE1"),
-        help="rectangle in image coordinates, m; may be given several times (default: the most homogeneous and the "
-        "darkest square of 24 cells)",
+        help="rectangle, m as on the axes of the picture: from below to above, then from left to right; may be given "
+        "several times (default: the most homogeneous and the darkest square of 24 cells)",
     )
+    add_axes_argument(parser)
     parser.add_argument(
         "--looks",
         nargs=2,
@@ -64,9 +65,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Measure."""
+    import numpy as np
+
     from sarmitsuba.analysis.quality import Area, KnownPoint, image_quality
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.errors import DataError
+    from sarmitsuba.image.shown_axes import ShownAxes
     from sarmitsuba.io import parameter_file, read_image
     from sarmitsuba.io.output import OutputFolder, output_folder
     from sarmitsuba.view.response import quality_figure
@@ -81,7 +85,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
             raise DataError("--point: give x y or x y z, m")
         plane = image.grid.height + float(image.grid.offset[2])
         points = [KnownPoint((v[0], v[1], v[2] if len(v) > 2 else plane)) for v in args.point]
-    areas = [Area((a0, a1), (r0, r1)) for a0, a1, r0, r1 in args.area] if args.area else None
+    axes = ShownAxes.of(image.grid, args.axes)
+    areas = None
+    if args.area:
+        given = np.array(args.area)
+        azimuth, range_ = (np.sort(side) for side in axes.grid_coordinates(given[:, 2:], given[:, :2]))
+        areas = [
+            Area((float(a[0]), float(a[1])), (float(r[0]), float(r[1])))
+            for a, r in zip(azimuth, range_, strict=True)
+        ]
     report = image_quality(
         image, points, areas, channel=args.channel, looks=tuple(args.looks), most=args.most
     )
@@ -89,6 +101,6 @@ def run(args: argparse.Namespace, console: Console) -> int:
     with output_folder(target) as folder:
         with folder.writing(TABLE) as path:
             parameter_file.write(path, {"command": "quality", "image": str(source), **report.as_dict()})
-        path = draw_into(folder, PLOT, lambda: quality_figure(image, report), console)
+        path = draw_into(folder, PLOT, lambda: quality_figure(image, report, args.axes), console)
     console.say(str(path))
     return 0

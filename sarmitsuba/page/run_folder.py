@@ -74,12 +74,7 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
         raise DataError(f"{path}: holds no image; give a folder written by `render` or `focus`")
     image = read_image(image_path)
     notes = []
-    origin = path  # folder of the run that simulated
-    scene_record, raw_path = record, _result(path, "raw")
-    if record.get("command") == "focus":
-        raw_path = found_path(str(record.get("raw_file", "")), path)
-        origin = raw_path.parent
-        scene_record = _record(origin) if os.path.isfile(origin / RECORD) else {}
+    scene_record, origin, raw_path = _simulated(record, path)
     raw = None
     if raw_path is None or not os.path.exists(raw_path):
         notes.append(f"{path}: no raw data; the page has no pulses to show and no image to build up")
@@ -100,6 +95,36 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
             _check_same(path, scene, raw)
     account = {name: record.get(name) for name in ("errors", "account")}
     return RunFolder(path, image, raw, scene, scene_record or record, tuple(notes), account)
+
+
+def scene_of_run(path: Path, *, allow_outside: bool = False) -> Scene:
+    """Scene of a run folder, loaded again; see :func:`read_run`.
+
+    Raises
+    ------
+    DataError
+        The folder holds no record, its scene is not known, or has changed since the run.
+    """
+    record, origin, _ = _simulated(_record(path), path)
+    scene = _scene(record, origin, allow_outside)
+    if scene is None:
+        raise DataError(
+            f"{path}: the scene of these results is not known; leave out --outlines and --with-view"
+        )
+    if record.get("scene_hash") not in (None, shapes_hash(scene)):
+        raise DataError(
+            f"{path}: {scene.path} holds other shapes or materials than when these results were made; render it again"
+        )
+    return scene
+
+
+def _simulated(record: dict[str, Json], path: Path) -> tuple[dict[str, Json], Path, Path | None]:
+    """Record and folder of the run that simulated, and its raw data."""
+    if record.get("command") != "focus":
+        return record, path, _result(path, "raw")
+    raw_path = found_path(str(record.get("raw_file", "")), path)
+    origin = raw_path.parent
+    return (_record(origin) if os.path.isfile(origin / RECORD) else {}), origin, raw_path
 
 
 def _record(folder: Path) -> dict[str, Json]:

@@ -14,6 +14,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means
 from sarmitsuba.image.calibration import backscatter
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.units import db_from_power
 
@@ -47,6 +48,12 @@ _MODE_WIDTH_DB = 6
 _MODE_SHARE = 0.5
 # position of that level between black (0) and white (1)
 _CLUTTER_AT = 0.42
+# An image is speckle throughout where the standard deviation of the power in almost all blocks of pixels is below this
+# multiple of its mean: 1 for speckle; edges, shadows and corners have more. Of 12 x 12 pixels a hill has 100 %, a lone
+# tower on a plain 96 to 97 %, a city 75 % of such blocks
+_SPECKLE_BLOCK, _SPECKLE_CONTRAST, _SPECKLE_SHARE = 12, 1.6, 0.985
+# blocks along the longer side of a multilooked picture, most pixels along a side of a block, least span of the scale
+_LEAST_BLOCKS, _MOST_LOOKS, _LEAST_SPAN_DB = 200, 12, 10.0
 # share of the picture that may be white over clutter: facades of a dense city take 2 %, lines of side lobes 13 %
 _MOST_WHITE = 0.15
 
@@ -63,10 +70,13 @@ class PictureOptions:
     limits : values of black and white; None: automatic, see `limits_db`
     span_db : from black to white for automatic limits
     colour_map : name of a Matplotlib colour map; None takes ``gray``, for phase ``twilight``
-    looks : pixels in azimuth and range averaged into one: power, and for ``phase`` the complex values
+    looks : pixels in azimuth and range averaged into one: power, and for ``phase`` the complex values; None: 1 x 1, or
+        in large images that are speckle throughout as many as the picture needs, see `prepare`
     order : single bounce order to show; None: the sum of all
     spectral_looks : parts of the spectrum in azimuth and range whose powers are averaged, see
         :func:`sarmitsuba.analysis.quality.spectral_looks`; they reduce speckle more than ``looks`` of as many pixels
+    axes : frame of the axes' numbers, ``scene`` or ``radar``, see :class:`sarmitsuba.image.shown_axes.ShownAxes`;
+        None: ``scene`` for images on the ground, ``radar`` for those in slant range
     """
 
     channel: str | None = None
@@ -74,9 +84,10 @@ class PictureOptions:
     limits: tuple[float, float] | None = None
     span_db: float = 50.0
     colour_map: str | None = None
-    looks: tuple[int, int] = (1, 1)
+    looks: tuple[int, int] | None = None
     order: int | None = None
     spectral_looks: tuple[int, int] = (1, 1)
+    axes: str | None = None
 
     def check(self) -> None:
         """Raise a DataError for options that are invalid for every image."""
@@ -92,7 +103,7 @@ class PictureOptions:
             )
         if not self.span_db > 0.0:
             raise DataError(f"picture: span = {self.span_db:g} dB is not above 0; give for example 50")
-        if min(self.looks) < 1:
+        if self.looks is not None and min(self.looks) < 1:
             raise DataError(f"picture: looks = {self.looks[0]} x {self.looks[1]} are not at least 1 x 1")
         if self.quantity == "phase" and self.spectral_looks != (1, 1):
             raise DataError("picture: the mean of spectral looks has no phase; show another quantity")
@@ -106,9 +117,11 @@ class Display:
     ----------
     values : (rows, columns) float64 of the quantity; rows are azimuth, columns range; -inf dB where the power is zero
     limits : values of black and white
-    extent : range of the first column's near edge and the last column's far edge, azimuth likewise, m
+    extent : left, right, lower and upper edge, m of ``axes``
     label : quantity and unit of the values
     averaged : (azimuth, range) pixels averaged into one
+    axes : coordinates shown
+    multilooked : True where pixels were averaged because the image is speckle throughout
     """
 
     values: F64
@@ -116,12 +129,16 @@ class Display:
     extent: tuple[float, float, float, float]
     label: str
     averaged: tuple[int, int]
+    axes: ShownAxes
+    multilooked: bool = False
 
 
 def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
     """Displayed values of an image, averaged over blocks of pixels as requested and to the size of the picture.
 
-    Averaging power (multilooking) preserves the mean of speckle, unlike dropping or smoothing pixels.
+    Averaging power (multilooking) preserves the mean of speckle, unlike dropping or smoothing pixels. Without given
+    ``looks``, a large image that is speckle throughout, such as terrain, is multilooked to at least 200 blocks along
+    its longer side, at most 12 x 12 pixels each, and its automatic limits are those of the averaged power.
 
     Parameters
     ----------
@@ -139,19 +156,23 @@ def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
     if options.spectral_looks != (1, 1):
         image = _of_looks(image, options)
     grid = image.grid
-    block = _block(image, options.looks, largest)
-    rows, columns = grid.shape[0] // block[0], grid.shape[1] // block[1]
+    looks = options.looks or _looks_of_speckle(image, options)
+    multilooked = options.looks is None and looks != (1, 1)
+    block = _block(image, looks, largest)
     values = _values(image, options, block)
-    r0 = float(grid.range[0]) - 0.5 * grid.range_spacing
-    a0 = float(grid.azimuth[0]) - 0.5 * grid.azimuth_spacing
-    extent = (
-        r0,
-        r0 + columns * block[1] * grid.range_spacing,
-        a0,
-        a0 + rows * block[0] * grid.azimuth_spacing,
-    )
+    axes = ShownAxes.of(grid, options.axes)
+    if multilooked and options.limits is None and options.quantity != "amplitude":
+        options = dataclasses.replace(options, limits=_limits_of_means(values, options.span_db))
     limits = options.limits or _limits(values, options, has_clutter(image))
-    return Display(values, limits, extent, quantity_label(image, options.quantity), block)
+    return Display(
+        values,
+        limits,
+        axes.extent(grid, block),
+        quantity_label(image, options.quantity),
+        block,
+        axes,
+        multilooked,
+    )
 
 
 def quantity_label(image: SarImage, quantity: Quantity) -> str:
@@ -220,8 +241,8 @@ def screen_size(display: Display, largest: int, smallest: int) -> tuple[int, int
     and narrow pictures are magnified as far as ``largest`` allows.
     """
     rows, columns = display.values.shape
-    width = display.extent[1] - display.extent[0]
-    height = display.extent[3] - display.extent[2]
+    width = abs(display.extent[1] - display.extent[0])
+    height = abs(display.extent[3] - display.extent[2])
     step = min(width / columns, height / rows)
     factor = magnification(width / step, height / step, largest, smallest)
     return max(1, round(width / step * factor)), max(1, round(height / step * factor))
@@ -244,6 +265,33 @@ def _block(image: SarImage, looks: tuple[int, int], largest: int) -> tuple[int, 
         min(max(looks[0], math.ceil(smallest_step / steps[0] - 1e-9)), grid.shape[0]),
         min(max(looks[1], math.ceil(smallest_step / steps[1] - 1e-9)), grid.shape[1]),
     )
+
+
+def _looks_of_speckle(image: SarImage, options: PictureOptions) -> tuple[int, int]:
+    """Looks of a large image in which nothing is finer than speckle: square blocks of the ground; else 1 x 1."""
+    grid = image.grid
+    if options.quantity == "phase" or max(grid.shape) < 2 * _LEAST_BLOCKS or has_clutter(image) is False:
+        return 1, 1
+    power = image.rcs(options.channel)
+    mean, square = block_means(power, (_SPECKLE_BLOCK,) * 2), block_means(power**2, (_SPECKLE_BLOCK,) * 2)
+    lit = mean > 0.0
+    if not lit.any() or np.mean(square[lit] < (1.0 + _SPECKLE_CONTRAST**2) * mean[lit] ** 2) < _SPECKLE_SHARE:
+        return 1, 1
+    spacing = (grid.azimuth_spacing, grid.range_spacing)
+    side = max(n * step for n, step in zip(grid.shape, spacing, strict=True)) / _LEAST_BLOCKS
+    azimuth, range_ = (int(np.clip(side // step, 1, _MOST_LOOKS)) for step in spacing)
+    return azimuth, range_
+
+
+def _limits_of_means(values_db: F64, span_db: float) -> tuple[float, float]:
+    """Limits of multilooked power, dB: its 1st and 99.5th percentile, at least 10 dB and at most ``span_db`` apart."""
+    finite = values_db[np.isfinite(values_db)]
+    if not finite.size:
+        return -span_db, 0.0
+    low, high = (float(value) for value in np.percentile(finite, (1.0, 99.5)))
+    middle = 0.5 * (low + high)
+    low, high = min(low, middle - 0.5 * _LEAST_SPAN_DB), max(high, middle + 0.5 * _LEAST_SPAN_DB)
+    return max(low, high - span_db), high
 
 
 def _values(image: SarImage, options: PictureOptions, block: tuple[int, int]) -> F64:

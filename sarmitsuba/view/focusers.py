@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sarmitsuba.focusing.focuser_comparison import FocuserResult
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.figure import Figure
@@ -29,7 +30,7 @@ def focusers_figure(results: Sequence[FocuserResult]) -> Figure:
     # the difference is shown down to float32 rounding
     peak = float(db_from_power(np.abs(reference.total()).max() ** 2))
     grid = reference.grid
-    extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
+    extent = ShownAxes.of(grid).extent(grid)
     figure = Figure(figsize=(_PANEL * len(results), 2.0 * _PANEL), dpi=100, layout="constrained")
     panels = figure.subplots(2, len(results), squeeze=False)
     difference = None

@@ -11,6 +11,7 @@ from matplotlib.image import AxesImage
 
 from sarmitsuba.analysis.interferometry import HeightMap, Interferogram
 from sarmitsuba.arrays import F64
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.figure import Figure
 
@@ -38,18 +39,19 @@ def interferogram_figure(pair: Interferogram, map_: HeightMap | None = None, *, 
         heights = map_
         panels.append(lambda figure, axes: _heights(figure, axes, pair, heights))
     grid = pair.grid
+    shown = ShownAxes.of(grid)
     shape = grid.shape[0] * grid.azimuth_spacing / (grid.shape[1] * grid.range_spacing)
     width = 5.0
     height = width * float(np.clip(shape, 0.4, 1.6)) + 0.9
     figure = Figure(figsize=(width * len(panels), height), dpi=100, layout="constrained")
     for axes, draw in zip(np.ravel(figure.subplots(1, len(panels), sharey=True)), panels, strict=True):
         draw(figure, axes)
-        axes.set_xlabel("ground range (m)" if grid.kind == "ground" else "slant range (m)")
+        axes.set_xlabel(shown.range_label)
         axes.ticklabel_format(useOffset=False, style="plain")
         axes.tick_params(labelsize=8)
         axes.locator_params(axis="x", nbins=5)
         if axes.get_subplotspec().is_first_col():
-            axes.set_ylabel("azimuth (m)")
+            axes.set_ylabel(shown.azimuth_label)
     b = pair.baseline
     lines = [
         title,
@@ -105,17 +107,10 @@ def _show(
     vmax: float | None = None,
 ) -> AxesImage:
     grid = pair.grid
-    half = (0.5 * grid.range_spacing, 0.5 * grid.azimuth_spacing)
-    extent = (
-        float(grid.range[0]) - half[0],
-        float(grid.range[-1]) + half[0],
-        float(grid.azimuth[0]) - half[1],
-        float(grid.azimuth[-1]) + half[1],
-    )
     return axes.imshow(
         values,
         origin="lower",
-        extent=extent,
+        extent=ShownAxes.of(grid).extent(grid),
         interpolation="none",
         cmap=cmap,
         vmin=vmin,

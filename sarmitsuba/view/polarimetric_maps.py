@@ -9,6 +9,7 @@ from sarmitsuba.analysis.polarimetry.colours import SPAN_DB
 from sarmitsuba.analysis.polarimetry.polarisation_report import PolarimetryReport
 from sarmitsuba.arrays import F64, U8
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.view.figure import Figure
 
 _ZONE_PLACES = {1: (0.95, 72.0), 2: (0.95, 47.0), 4: (0.7, 80.0), 5: (0.7, 45.0), 6: (0.7, 10.0)} | {
@@ -33,7 +34,10 @@ def composite_figure(image: SarImage, colours: U8, looks: tuple[int, int], title
     figure = _figure(image, 1)
     axes = figure.add_subplot()
     axes.imshow(
-        colours, extent=_extent(image, colours.shape[:2], looks), origin="lower", interpolation="nearest"
+        colours,
+        extent=ShownAxes.of(image.grid).extent(image.grid, looks),
+        origin="lower",
+        interpolation="nearest",
     )
     _labels(axes, image)
     first = str(image.metadata.get("scene", ""))
@@ -59,7 +63,7 @@ def maps_figure(image: SarImage, report: PolarimetryReport) -> Figure:
             cmap="turbo",
             vmin=0.0,
             vmax=top,
-            extent=_extent(image, values.shape, report.looks),
+            extent=ShownAxes.of(image.grid).extent(image.grid, report.looks),
             origin="lower",
             interpolation="nearest",
         )
@@ -131,23 +135,10 @@ def _figure(image: SarImage, panels: int) -> Figure:
     return Figure(figsize=size, dpi=110, layout="constrained")
 
 
-def _extent(
-    image: SarImage, shape: tuple[int, ...], looks: tuple[int, int]
-) -> tuple[float, float, float, float]:
-    grid = image.grid
-    r0 = float(grid.range[0]) - 0.5 * grid.range_spacing
-    a0 = float(grid.azimuth[0]) - 0.5 * grid.azimuth_spacing
-    return (
-        r0,
-        r0 + shape[1] * looks[1] * grid.range_spacing,
-        a0,
-        a0 + shape[0] * looks[0] * grid.azimuth_spacing,
-    )
-
-
 def _labels(axes: Axes, image: SarImage) -> None:
-    axes.set_xlabel("slant range (m)" if image.grid.kind == "slant" else "ground range (m)", fontsize=8)
-    axes.set_ylabel("azimuth (m)", fontsize=8)
+    shown = ShownAxes.of(image.grid)
+    axes.set_xlabel(shown.range_label, fontsize=8)
+    axes.set_ylabel(shown.azimuth_label, fontsize=8)
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.tick_params(labelsize=7)
     axes.set_aspect("equal")

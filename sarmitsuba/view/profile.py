@@ -8,6 +8,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.calibration import Quantity, backscatter
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import quantity_label
 from sarmitsuba.view.figure import Figure
@@ -27,7 +28,8 @@ def cut(
     ----------
     image : the image
     axis : direction of the cut
-    at : position on the other axis, m; None: through the brightest pixel
+    at : position on the other axis, m of the grid (for a place of a picture see ``ShownAxes.grid_coordinates``); None:
+        through the brightest pixel
     channel : polarisation; None: the first
     quantity : ``rcs``, ``sigma0``, ``beta0`` or ``gamma0``
     """
@@ -62,7 +64,8 @@ def profile(
     axes.plot(position, np.maximum(values, top - span_db - 100.0), color="black", linewidth=0.8)
     axes.set_ylim(top - span_db, top + 3.0)
     axes.set_xlim(float(position[0]), float(position[-1]))
-    axes.set_xlabel(f"{axis} (m)")
+    labels = ShownAxes.of(image.grid, "radar")
+    axes.set_xlabel(labels.range_label if axis == "range" else labels.azimuth_label)
     axes.set_ylabel(quantity_label(image, quantity))
     axes.set_title(
         f"{channel or image.channels[0]}, {axis} cut at {other} {place:.2f} m", fontsize=9, parse_math=False

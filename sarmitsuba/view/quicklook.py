@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import AxesImage
-from matplotlib.text import Annotation
 
 from sarmitsuba.arrays import U8
 from sarmitsuba.constants import SPEED_OF_LIGHT
@@ -18,8 +17,12 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.parameters import did_you_mean
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.view.bearings import draw_flight_and_look, draw_north_and_east, draw_scale_bar
 from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
 from sarmitsuba.view.figure import PACKED, Figure
+from sarmitsuba.view.outlines import draw_outlines
+from sarmitsuba.view.shaded_plan import draw_plan, plan_width
 
 # function that draws a picture on demand
 Drawing = Callable[[], Figure]
@@ -37,6 +40,9 @@ def quicklook(
     *,
     channel: str | None = None,
     title: str | None = None,
+    scene: Scene | None = None,
+    outlined: bool = False,
+    with_plan: bool = False,
 ) -> Figure:
     """Draw one channel, by default the sum of all bounce orders.
 
@@ -46,6 +52,9 @@ def quicklook(
     options : of the picture; None: the defaults
     channel : overrides that in ``options``
     title : first line above the picture; None: the scene's name
+    scene : of the image, needed for what follows
+    outlined : draw footprints and laid over upper rims of bodies, see :mod:`sarmitsuba.view.outlines`
+    with_plan : draw the scene seen from above, to the same scale, to the right
 
     Returns
     -------
@@ -60,11 +69,20 @@ def quicklook(
     display = prepare(image, options, LARGEST)
     width, height = screen_size(display, LARGEST, SMALLEST)
     left = _LEFT + max(0, (_NARROWEST - width) // 2)
-    figure = _figure(2 * left - _LEFT + width + _RIGHT, height + _BOTTOM + _TOP)
+    scale = width / abs(display.extent[1] - display.extent[0])  # screen pixels per metre
+    whole = 2 * left - _LEFT + width + _RIGHT
+    plan = max(1, round(plan_width(image.grid) * scale)) if with_plan and scene else 0
+    figure = _figure(whole + (_LEFT + plan + 20 if plan else 0), height + _BOTTOM + _TOP)
     axes = _axes(figure, left, _BOTTOM, width, height)
     picture = _draw(axes, display, image, options)
-    _arrows(figure, str(image.metadata.get("look_side", "")))
+    draw_flight_and_look(figure, str(image.metadata.get("look_side", "")))
+    draw_north_and_east(figure, image.grid, left + width + 62.0)
+    draw_scale_bar(figure, scale, left + width)
     _colour_bar(figure, picture, left + width + 18, _BOTTOM, height, display.label)
+    if scene and outlined:
+        draw_outlines(axes, scene, image.grid, display.axes)
+    if scene and plan:
+        draw_plan(_axes(figure, whole + _LEFT - 30, _BOTTOM, plan, height), scene, image.grid, options.axes)
     first = title if title is not None else str(image.metadata.get("scene", ""))
     lines = (first, *_subtitle(image, options, display))
     # a given height: Matplotlib would measure all labels to find that none is in the way
@@ -152,8 +170,9 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
         raise DataError(
             'image: bounce orders were not kept separately; set keep_orders to "true" in the scene\'s integrator'
         )
-    limits = prepare(image, options, _LARGEST_PANEL).limits
-    apart = [dataclasses.replace(options, order=order, limits=limits) for order in orders]
+    whole = prepare(image, options, _LARGEST_PANEL)
+    alike = dataclasses.replace(options, limits=whole.limits, looks=whole.averaged)
+    apart = [dataclasses.replace(alike, order=order) for order in orders]
     displays = [prepare(image, one, _LARGEST_PANEL) for one in apart]
     width, height = screen_size(displays[0], _LARGEST_PANEL, _SMALLEST_PANEL)
     columns = min(columns, len(orders))
@@ -169,7 +188,7 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
         )
         if i % columns:
             axes.set_ylabel("")
-    _arrows(figure, str(image.metadata.get("look_side", "")))
+    draw_flight_and_look(figure, str(image.metadata.get("look_side", "")))
     _colour_bar(figure, picture, columns * step_x + 28, _BOTTOM - 10, height, displays[0].label)
     return figure
 
@@ -224,27 +243,13 @@ def _draw(axes: Axes, display: Display, image: SarImage, options: PictureOptions
         aspect="auto",  # the axes' box already has equal scales in both directions
         interpolation="nearest",  # speckle is not smoothed
     )
-    axes.set_xlabel("slant range (m)" if image.grid.kind == "slant" else "ground range (m)", fontsize=9)
-    axes.set_ylabel("azimuth (m)", fontsize=9)
+    axes.set_xlabel(display.axes.range_label, fontsize=9)
+    axes.set_ylabel(display.axes.azimuth_label, fontsize=9)
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.tick_params(labelsize=8)
     axes.locator_params(axis="x", nbins=int(np.clip(axes.bbox.width / 110, 1, 8)))
     axes.locator_params(axis="y", nbins=int(np.clip(axes.bbox.height / 60, 1, 8)))
     return picture
-
-
-def _arrows(figure: Figure, look_side: str) -> None:
-    """Flight direction (up) and look direction (right), in the corner below the axes' numbers."""
-    style = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
-    x, y, length = 18.0, 14.0, 26.0
-    for tip in ((x, y + length), (x + length, y)):
-        figure.add_artist(Annotation("", xy=tip, xycoords="figure pixels", xytext=(x, y), arrowprops=style))
-    for place, text, align in (
-        ((x + 5, y + length), "flight", "top"),
-        ((x + length + 3, y), f"look {look_side}".rstrip(), "center"),
-    ):
-        label = Annotation(text, xy=place, xycoords="figure pixels", fontsize=7, va=align)
-        figure.add_artist(label)
 
 
 def _colour_bar(
@@ -273,5 +278,6 @@ def _subtitle(image: SarImage, options: PictureOptions, display: Display) -> tup
         )
     if max(display.averaged) > 1:
         what = "complex values" if options.quantity == "phase" else "power"
-        more.append(f"{what} of {display.averaged[0]} x {display.averaged[1]} pixels averaged")
+        text = f"{what} of {display.averaged[0]} x {display.averaged[1]} pixels averaged"
+        more.append(f"multilooked: {text}, scale of the means" if display.multilooked else text)
     return ",  ".join(facts), ",  ".join(more)

@@ -9,6 +9,7 @@ from sarmitsuba.analysis.quality.image_report import QualityReport
 from sarmitsuba.analysis.quality.point_quality import PointQuality
 from sarmitsuba.arrays import F64
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import PictureOptions
 from sarmitsuba.view.figure import Figure
@@ -19,8 +20,11 @@ _FLOOR_DB = -50.0
 _REACH, _STEPS = 8.0, 401  # half the length of a cut, in widths of the response, and its samples
 
 
-def quality_figure(image: SarImage, report: QualityReport) -> Figure:
-    """Draw the image with points and areas marked, and cuts through the first six points."""
+def quality_figure(image: SarImage, report: QualityReport, frame: str | None = None) -> Figure:
+    """Draw the image with points and areas marked, and cuts through the first six points.
+
+    ``frame`` is that of the image's axes, see :class:`sarmitsuba.image.shown_axes.ShownAxes`.
+    """
     shown = report.points[:_MOST]
     figure = Figure(
         figsize=(6.0 + (4.5 if shown else 0.0), max(5.0, 1.7 * len(shown))), dpi=100, layout="constrained"
@@ -29,12 +33,15 @@ def quality_figure(image: SarImage, report: QualityReport) -> Figure:
         max(len(shown), 1), 3 if shown else 1, width_ratios=[2, 1, 1] if shown else [1]
     )
     axes = figure.add_subplot(grid[:, 0])
-    draw(image, axes, PictureOptions(channel=report.channel))
+    draw(image, axes, PictureOptions(channel=report.channel, axes=frame))
+    shown_axes = ShownAxes.of(image.grid, frame)
     for point in report.points:
-        axes.plot(point.range, point.azimuth, "o", markersize=9, markerfacecolor="none", color="tab:red")
+        across, up = shown_axes.shown(point.azimuth, point.range)
+        place = (float(across), float(up))
+        axes.plot(*place, "o", markersize=9, markerfacecolor="none", color="tab:red")
         axes.annotate(
             point.name,
-            (point.range, point.azimuth),
+            place,
             xytext=(6, 6),
             textcoords="offset points",
             color="tab:red",
@@ -42,8 +49,8 @@ def quality_figure(image: SarImage, report: QualityReport) -> Figure:
             parse_math=False,
         )
     for area in report.areas:
-        corner = (area.range[0], area.azimuth[0])
-        size = (area.range[1] - area.range[0], area.azimuth[1] - area.azimuth[0])
+        x, y = shown_axes.shown(np.array(area.azimuth), np.array(area.range))
+        corner, size = (float(x[0]), float(y[0])), (float(np.diff(x)[0]), float(np.diff(y)[0]))
         axes.add_patch(Rectangle(corner, *size, fill=False, color="tab:blue"))
         axes.annotate(
             f"{area.name}: ENL {area.enl:.2f}",

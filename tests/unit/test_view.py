@@ -46,7 +46,7 @@ def test_small_image_is_magnified_by_whole_pixels_in_equal_metres() -> None:
 def test_large_image_is_power_averaged() -> None:
     image = make_image(900, 700, (0.5, 0.5))
     power = image.rcs()
-    display = prepare(image, PictureOptions(quantity="rcs"), 300)
+    display = prepare(image, PictureOptions(quantity="rcs", looks=(1, 1)), 300)
     assert display.averaged == (3, 3)
     assert display.values.shape == (300, 233)
     kept = power[:900, :699]
@@ -253,3 +253,38 @@ def test_a_lone_body_is_not_white_over_its_side_lobes(seed: int) -> None:
     # tol: the 98th percentile; over side lobes a fifth of the pixels would be white
     assert np.mean(values > high) < 0.025
     assert low < np.median(values[40:80, 30:150]) < high
+
+
+def hill(n_azimuth: int, n_range: int, seed: int) -> SarImage:
+    """Speckle whose mean varies by 8 dB over hundreds of pixels."""
+    rng = np.random.default_rng(seed)
+    image = make_image(n_azimuth, n_range, (0.5, 0.5))
+    x = np.linspace(-1.0, 1.0, n_range)
+    slope = 10.0 ** (0.2 * np.sin(np.pi * x))  # amplitude: 4 dB up and 4 dB down
+    image.data[0] *= slope * rng.uniform(0.9, 1.1)
+    return dataclasses.replace(image, metadata={"effects": {"effects": {"diffuse": {"on": True}}}})
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_terrain_is_multilooked_and_scaled_to_its_slopes(seed: int) -> None:
+    # Rationale: in one look, speckle of 5.6 dB over a scale of 50 dB hides slopes of 8 dB.
+    image = hill(1300, 900, seed)
+    display = prepare(image, PictureOptions(), 1600)
+    assert display.averaged == (6, 6) and display.multilooked
+    grey = np.clip((display.values - display.limits[0]) / np.ptp(display.limits), 0.0, 1.0)
+    columns = grey.mean(axis=0)
+    # the slope takes more than half of the scale and three times the deviation of what speckle is left
+    assert np.ptp(columns) > 0.5
+    assert np.ptp(columns) > 3.0 * (grey - columns).std()
+    assert "multilooked: power of 6 x 6 pixels averaged" in quicklook(image).axes[0].get_title()
+    one = prepare(image, PictureOptions(looks=(1, 1)), 1600)
+    assert one.averaged == (1, 1) and not one.multilooked
+    assert prepare(image, PictureOptions(limits=(-40.0, 3.0)), 1600).limits == (-40.0, 3.0)
+    assert prepare(image, PictureOptions(quantity="phase"), 1600).averaged == (1, 1)
+
+
+def test_a_city_and_a_small_image_keep_their_pixels() -> None:
+    image = make_image(1200, 1200, (0.5, 0.5))
+    image.data[0] = np.tile(np.sqrt(town(0.1)), (3, 3)).astype(np.complex64)
+    assert prepare(image, PictureOptions(), 1600).averaged == (1, 1)
+    assert prepare(hill(300, 300, 0), PictureOptions(), 1600).averaged == (1, 1)

@@ -1,0 +1,219 @@
+"""Outlines of bodies in an image: their footprints, and their upper rims where layover shows them."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+
+from sarmitsuba.arrays import F64
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.aperture_weights import pulse_ranges
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.image.shown_axes import ShownAxes
+from sarmitsuba.mesh.connected import connected
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.scene import Scene
+
+_FOOT, _TOP = "tab:orange", "tab:cyan"
+# Newton steps and the step of their differences, m
+_STEPS, _STEP = 8, 0.5
+# largest error of range and of range over the aperture, m, of a solution
+_ENOUGH = 1e-4
+# corners closer than this in the plan are one place, m
+_SAME = 1e-3
+# least distance of corners of a drawn ring, m, and part of the image that a surface without walls may cover
+_DETAIL, _GROUND = 0.05, 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Outline of a body in the plan.
+
+    Parameters
+    ----------
+    foot : (n, 3) float64, m, scene frame: closed ring around its vertical projection, each corner at the lowest height
+        of the body there; without walls, at the lowest height of the body
+    top : (n, 3) float64: the same ring at the greatest heights
+    """
+
+    foot: F64
+    top: F64
+
+
+def outlines(scene: Scene) -> tuple[Outline, ...]:
+    """Outlines of the connected bodies of a scene, at time zero, holes included as rings of their own.
+
+    Surfaces without overhanging or vertical parts that cover more than a quarter of the image are ground and have none.
+
+    Raises
+    ------
+    DataError
+        The package shapely is missing.
+    """
+    try:
+        import shapely
+    except ImportError as error:
+        raise DataError(
+            "picture: outlines need the package shapely; pip install 'sarmitsuba[importing]'"
+        ) from error
+    geometry, request = scene.geometry, scene.image
+    if not geometry.n_faces:
+        return ()
+    # corners at one place are one node, so that meshes that share walls and roofs are one body
+    key = np.round(geometry.vertices / _SAME).astype(np.int64)
+    _, first, node = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    faces = node.reshape(-1)[geometry.faces]
+    part = connected(len(first), faces[:, (0, 1)].reshape(-1), faces[:, (1, 2)].reshape(-1))[faces[:, 0]]
+    corner = geometry.vertices[geometry.faces]
+    sides = corner[:, 1:, :2] - corner[:, :1, :2]
+    area = 0.5 * (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    least = 1e-9 * np.square(np.abs(sides).max(axis=(1, 2)))
+    order = np.argsort(part, kind="stable")
+    found: list[Outline] = []
+    for pick in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        seen = pick[np.abs(area[pick]) > least[pick]]  # walls project to lines
+        if not seen.size:
+            continue
+        plan = shapely.union_all(shapely.polygons(corner[seen][:, :, :2]), grid_size=_SAME)
+        height_field = len(seen) == len(pick) and np.abs(area[seen]).sum() < 1.001 * plan.area
+        if height_field and plan.area > _GROUND * request.extent_azimuth * request.extent_range:
+            continue
+        plan = plan.simplify(_DETAIL)
+        heights = _Heights.of(corner[pick].reshape(-1, 3))
+        for polygon in getattr(plan, "geoms", [plan]):
+            for ring in (polygon.exterior, *polygon.interiors):
+                xy = np.asarray(ring.coords)[:, :2]
+                if len(xy) > 3:
+                    foot, top = heights.at(xy)
+                    if (
+                        top[:, 2] - foot[:, 2]
+                    ).max() < _DETAIL:  # a rim over nothing, as of the crown of a tree
+                        foot[:, 2] = heights.low.min()
+                    found.append(Outline(foot, top))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Heights:
+    """Lowest and greatest heights of a body's corners at each place of the plan."""
+
+    place: F64
+    low: F64
+    high: F64
+
+    @staticmethod
+    def of(corners: F64) -> "_Heights":
+        key, inverse = np.unique(np.round(corners[:, :2] / _SAME), axis=0, return_inverse=True)
+        low, high = np.full(len(key), np.inf), np.full(len(key), -np.inf)
+        np.minimum.at(low, inverse.reshape(-1), corners[:, 2])
+        np.maximum.at(high, inverse.reshape(-1), corners[:, 2])
+        return _Heights(key * _SAME, low, high)
+
+    def at(self, xy: F64) -> tuple[F64, F64]:
+        """Places (n, 2) at the lowest and the greatest height of the nearest corner, (n, 3) each."""
+        from scipy.spatial import cKDTree
+
+        nearest = cKDTree(self.place).query(xy)[1]
+        return np.column_stack([xy, self.low[nearest]]), np.column_stack([xy, self.high[nearest]])
+
+
+def imaged(points: F64, grid: ImageGrid, radar: Radar) -> tuple[F64, F64]:
+    r"""Azimuth and range, m, at which a focused image shows scatterers: the place of its plane of the same history.
+
+    A place Q of the image plane has the ranges of a point P in two pulses, a quarter of the track before and after the
+    middle one, :math:`R_i(Q) = R_i(P)`; solved by Newton's method. Bistatic ranges are half the way there and back.
+
+    Parameters
+    ----------
+    points : (n, 3) float64, m, scene frame of ``radar``
+    grid : the image's, in the same frame
+    radar : of the image
+
+    Returns
+    -------
+    azimuth, range : (n,) float64, m of the grid; NaN where no place has that history (below the track)
+
+    Notes
+    -----
+    Exact for straight tracks. On a curved one a point off the plane has no such place for all pulses: it is blurred,
+    and this is the middle of it.
+    """
+    count = radar.track.n_pulses
+    middle, apart = radar.track.center_index, max(1, count // 4)
+    pulses = np.array([max(0, middle - apart), min(count - 1, middle + apart)])
+    base, along, across = radar.track.center_position, radar.track.along, radar.across
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+
+    def history(place: F64) -> F64:
+        ranges = pulse_ranges(radar, place, pulses)
+        return np.asarray(np.stack([ranges.mean(axis=-1), np.diff(ranges, axis=-1)[:, 0]], axis=-1))
+
+    wanted = history(points)
+    # a straight level track: the same azimuth and the same range of closest approach
+    beside = (points - base) @ across
+    square = beside**2 + (base[2] - points[:, 2]) ** 2 - (base[2] - grid.height) ** 2
+    flat = np.array([base[0], base[1], grid.height])
+    place = (
+        flat + ((points - base) @ along)[:, None] * along + np.sqrt(np.maximum(square, 1.0))[:, None] * across
+    )
+    for _ in range(_STEPS):
+        miss = history(place) - wanted
+        slopes = np.stack(
+            [
+                (history(place + _STEP * axis) - history(place - _STEP * axis)) / (2.0 * _STEP)
+                for axis in (along, across)
+            ],
+            axis=-1,
+        )
+        steep = np.abs(np.linalg.det(slopes)) > 1e-12
+        slopes[~steep] = np.eye(2)
+        step = np.linalg.solve(slopes, miss[..., None])[..., 0]
+        place = place - step[:, :1] * along - step[:, 1:] * across
+    place[np.abs(history(place) - wanted).max(axis=1) > _ENOUGH] = np.nan
+    offset = place - grid.origin
+    offset[:, 2] = grid.height - grid.origin[2]
+    azimuth, ground = offset @ grid.along, offset @ grid.across
+    return azimuth, ground if grid.kind == "ground" else np.hypot(ground, offset[:, 2])
+
+
+def draw_outlines(axes: Axes, scene: Scene, grid: ImageGrid, shown: ShownAxes) -> int:
+    """Draw footprints with solid lines, and upper rims, which layover moves towards the radar, with thin dashed ones.
+
+    Parameters
+    ----------
+    axes : of the picture; its limits are kept
+    scene : of the image
+    grid : the image's, in any frame
+    shown : coordinates of the axes
+
+    Returns
+    -------
+    number of rings drawn
+
+    Notes
+    -----
+    An aperture all around the scene has no layover to one side: footprints alone are drawn, in the image plane.
+    """
+    rings = outlines(scene)
+    own = grid.in_frame(scene.radar.offset)
+    corners = np.cumsum([0, *(len(ring.foot) for ring in rings)])
+    for kind, style, colour, width in (("top", (0, (3, 2)), _TOP, 0.7), ("foot", "solid", _FOOT, 1.0)):
+        if not rings:
+            break
+        points = np.concatenate([getattr(ring, kind) for ring in rings])
+        if scene.radar.all_round:
+            points[:, 2] = own.height
+        places = np.stack(shown.shown(*imaged(points, own, scene.radar)), axis=-1)
+        lines = [places[a:b] for a, b in pairwise(corners)]
+        if kind == "top":
+            raised = [
+                float(np.ptp([ring.foot[:, 2], ring.top[:, 2]], axis=0).max()) > _DETAIL for ring in rings
+            ]
+            lines = [line for line, high in zip(lines, raised, strict=True) if high]
+        lines = [line[np.isfinite(line).all(axis=1)] for line in lines]
+        axes.add_collection(
+            LineCollection(lines, colors=colour, linewidths=width, linestyles=style), autolim=False
+        )
+    return len(rings)

@@ -1,0 +1,170 @@
+"""Outlines in pictures: rims of bodies are where a focused image shows scatterers at their places."""
+
+from pathlib import Path
+
+import matplotlib.collections
+import numpy as np
+import pytest
+from matplotlib.path import Path as Polygon
+
+import sarmitsuba
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.shown_axes import ShownAxes
+from sarmitsuba.view.outlines import imaged, outlines
+from sarmitsuba.view.quicklook import quicklook
+
+pytest.importorskip("shapely")
+
+SCENE = """<scene version="3.0.0">
+    <integrator type="sar_path"/>
+    <sensor type="sar_antenna">
+        <float name="slant_range" value="5000"/><float name="look_angle_deg" value="{look}"/>
+        <float name="heading_deg" value="{heading}"/><string name="look_side" value="{side}"/>
+        <float name="squint_angle_deg" value="{squint}"/><string name="mode" value="{mode}"/>
+        <float name="center_frequency" value="9.65e9"/><float name="bandwidth" value="150e6"/>
+        <float name="azimuth_resolution" value="1"/>
+        <float name="aim_x" value="{x}"/><float name="aim_y" value="{y}"/><float name="aim_z" value="0"/>
+        <film type="range_film">
+            <string name="image_grid" value="{grid}"/>
+            <float name="image_center_x" value="{x}"/><float name="image_center_y" value="{y}"/>
+            <float name="image_extent_azimuth" value="60"/><float name="image_extent_range" value="110"/>
+        </film>
+    </sensor>
+    {shapes}
+</scene>
+"""
+POINT = """<shape type="sphere"><point name="center" x="{0}" y="{1}" z="{2}"/><float name="radius" value="0.05"/>
+        <bsdf type="point_scatterer"><float name="rcs_dbsm" value="20"/></bsdf></shape>"""
+BOX = """<shape type="cube"><transform name="to_world"><scale x="{0}" y="{1}" z="{2}"/><rotate z="1" angle="{3}"/>
+        <translate x="{4}" y="{5}" z="{2}"/></transform>
+        <bsdf type="radar_material"><string name="material" value="concrete"/>
+        <string name="diffuse_law" value="lambert"/><float name="diffuse_level_db" value="0"/></bsdf></shape>"""
+
+
+def drawn(rng: np.random.Generator, **more: object) -> dict[str, object]:
+    x, y = rng.uniform(-300.0, 300.0, 2)
+    given = {
+        "look": rng.uniform(30.0, 50.0),
+        "heading": rng.uniform(0.0, 360.0),
+        "side": ("left", "right")[int(rng.integers(2))],
+        "grid": ("ground", "slant")[int(rng.integers(2))],
+        "squint": 0.0,
+        "mode": "spotlight",
+        "x": x,
+        "y": y,
+    }
+    return given | more
+
+
+@pytest.mark.parametrize(
+    ("seed", "more"),
+    [
+        (0, {"grid": "ground"}),
+        (1, {"grid": "slant"}),
+        (2, {"grid": "ground", "squint": 20.0}),
+        (3, {"grid": "slant", "squint": -15.0}),
+        (4, {"grid": "ground", "mode": "stripmap"}),
+        (5, {"grid": "slant", "heading": 37.0, "side": "left"}),
+    ],
+)
+def test_a_raised_point_is_where_the_image_shows_it(
+    tmp_path: Path, seed: int, more: dict[str, object]
+) -> None:
+    """The place from ranges alone against the peak of the focused echoes of a scatterer above the image plane."""
+    rng = np.random.default_rng(seed)
+    given = drawn(rng, **more)
+    place = np.array([*rng.uniform(-6.0, 6.0, 2), rng.uniform(8.0, 20.0)])
+    place[:2] += (given["x"], given["y"])
+    file = tmp_path / "point.xml"
+    file.write_text(SCENE.format(**given, shapes=POINT.format(*place)))
+    scene = sarmitsuba.load_scene(file)
+    image = sarmitsuba.render(scene)
+    azimuth, range_ = imaged(place[None] - scene.offset, image.grid.in_frame(scene.offset), scene.radar)
+    row, column = np.unravel_index(int(image.rcs().argmax()), image.grid.shape)
+    flat = place * (1.0, 1.0, 0.0)
+    on_ground = imaged(flat[None] - scene.offset, image.grid.in_frame(scene.offset), scene.radar)
+    # tol: a pixel and a half, of half a cell
+    assert azimuth[0] == pytest.approx(image.grid.azimuth[row], abs=1.5 * image.grid.azimuth_spacing)
+    assert range_[0] == pytest.approx(image.grid.range[column], abs=1.5 * image.grid.range_spacing)
+    # layover: towards the radar, by more than the tolerance
+    assert range_[0] < on_ground[1][0] - 4.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_outlines_enclose_the_bright_pixels_of_a_box(tmp_path: Path, seed: int) -> None:
+    """A rough box without ground: its echoes lie between its footprint and its laid over roof."""
+    rng = np.random.default_rng(100 + seed)
+    given = drawn(rng, grid=("ground", "slant", "ground")[seed])
+    size, height = rng.uniform(4.0, 8.0, 2), rng.uniform(3.0, 6.0)
+    box = BOX.format(*size, height, rng.uniform(0.0, 90.0), given["x"] + 3.0, given["y"] - 2.0)
+    file = tmp_path / "box.xml"
+    file.write_text(SCENE.format(**given, shapes=box))
+    scene = sarmitsuba.load_scene(file)
+    (outline,) = outlines(scene)
+    assert len(outline.foot) == 5
+    np.testing.assert_allclose(outline.foot[:, 2] + scene.offset[2], 0.0, atol=1e-6)
+    np.testing.assert_allclose(np.ptp([outline.foot, outline.top], axis=0)[:, 2], 2.0 * height, atol=1e-5)
+    x, y = outline.foot[:, 0], outline.foot[:, 1]
+    area = abs(float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))) / 2.0
+    assert area == pytest.approx(
+        4.0 * size[0] * size[1], rel=1e-3
+    )  # tol: corners are rounded to a millimetre
+    image = sarmitsuba.render(scene)
+    figure = quicklook(image, scene=scene, outlined=True, with_plan=True)
+    axes = figure.axes[0]
+    rings = [
+        path.vertices
+        for collection in axes.collections
+        if isinstance(collection, matplotlib.collections.LineCollection)
+        for path in collection.get_paths()
+    ]
+    assert len(rings) == 2
+    corners = np.concatenate(rings)
+    from scipy.spatial import ConvexHull
+
+    hull = Polygon(corners[ConvexHull(corners).vertices])
+    shown = ShownAxes.of(image.grid)
+    power = image.rcs()
+    rows, columns = np.nonzero(power > 1e-2 * np.percentile(power, 99.5))
+    places = np.stack(shown.shown(image.grid.azimuth[rows], image.grid.range[columns]), axis=-1)
+    pixel = max(image.grid.azimuth_spacing, image.grid.range_spacing)
+    # tol: side lobes beyond a cell are below 20 dB
+    grown = hull.contains_points(places, radius=2.5 * pixel) | hull.contains_points(
+        places, radius=-2.5 * pixel
+    )
+    weight = power[rows, columns]
+    assert weight[grown].sum() > 0.98 * weight.sum()
+    # they fill it, too: a shifted outline would be empty on one side
+    inside = places[grown]
+    for axis in (0, 1):
+        low, high = corners[:, axis].min(), corners[:, axis].max()
+        assert inside[:, axis].max() > high - 0.35 * (high - low)
+        assert inside[:, axis].min() < low + 0.35 * (high - low)
+
+
+def test_ground_and_hidden_faces_have_no_outline(tmp_path: Path) -> None:
+    ground = """<shape type="rectangle"><transform name="to_world"><scale x="100" y="100"/></transform>
+        <bsdf type="radar_material"><string name="material" value="concrete"/></bsdf></shape>"""
+    given = drawn(np.random.default_rng(7), x=0.0, y=0.0)
+    file = tmp_path / "ground.xml"
+    file.write_text(SCENE.format(**given, shapes=ground))
+    assert outlines(sarmitsuba.load_scene(file)) == ()
+
+
+def test_the_command_draws_them_from_the_scene_of_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from sarmitsuba import cli
+    from sarmitsuba.page.run_folder import scene_of_run
+
+    file, out = tmp_path / "box.xml", tmp_path / "out"
+    box = BOX.format(5, 4, 3, 20, 3, 0)
+    file.write_text(SCENE.format(**drawn(np.random.default_rng(8), x=0.0, y=0.0), shapes=box))
+    quiet = ["--quiet", "--no-error-bars", "--no-chart", "--method", "image"]
+    assert cli.main(["render", str(file), "-o", str(out), *quiet]) == 0
+    plain = (out / "quicklook.png").read_bytes()
+    assert cli.main(["picture", str(out), "--outlines", "--with-view"]) == 0
+    assert (out / "quicklook.png").read_bytes() != plain
+    file.write_text(file.read_text().replace('scale x="5"', 'scale x="6"'))
+    with pytest.raises(DataError, match="other shapes or materials"):
+        scene_of_run(out)
