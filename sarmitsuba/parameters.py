@@ -47,6 +47,7 @@ class Param:
     auto : whether the default 0 means automatic
     python : whether errors give an example in Python instead of XML
     option : whether it is an option of the command line; errors give its bounds
+    synonym : the allowed string meant by another one, empty where none is
     """
 
     name: str
@@ -61,6 +62,7 @@ class Param:
     auto: bool = False
     python: bool = False
     option: bool = False
+    synonym: Callable[[str], str] | None = None
 
     @property
     def tag(self) -> str:
@@ -127,6 +129,9 @@ class Param:
         if not isinstance(value, str):
             raise self._wrong_type(value, where, error)
         if self.choices and value not in self.allowed:
+            meant = self.synonym(value) if self.synonym else ""
+            if meant:
+                return meant
             raise error(
                 f'{where}: {self.name} = "{one_line(value)}" is not one of {", ".join(self.allowed)}'
                 f"{did_you_mean(value, self.allowed)}"

@@ -40,7 +40,9 @@ CAR = """<scene version="3.0.0">
         <string name="diffuse_law" value="constant_gamma"/>
         <float name="diffuse_level_db" value="-12"/>
     </bsdf>
-    <bsdf type="radar_material" id="bodywork"><string name="material" value="metal"/></bsdf>
+    <bsdf type="radar_material" id="bodywork">
+        <string name="material" value="metal"/><boolean name="smooth" value="true"/>
+    </bsdf>
     <shape type="rectangle" id="ground">
         <transform name="to_world"><scale x="20" y="20" z="1"/></transform>
         <ref id="soil"/>

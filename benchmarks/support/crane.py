@@ -27,7 +27,7 @@ def crane(folder: Path) -> Path:
     shapes += [bar(corner[k] + 20 * up, corner[(k + 1) % 4] + 20 * up, 0.02) for k in range(4)]
     materials = "".join(
         f'<bsdf type="radar_material" id="{name}"><string name="material" value="{of}"/>'
-        '<float name="rms_height" value="0.001"/></bsdf>'
+        '<float name="rms_height" value="0.001"/><string name="diffuse_law" value="none"/></bsdf>'
         for name, of in (("asphalt", "asphalt_concrete"), ("steel", "metal"))
     )
     plate = '<shape type="rectangle"><transform name="to_world"><scale value="30"/></transform>'

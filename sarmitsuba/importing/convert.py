@@ -15,6 +15,7 @@ from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.source_format import find_source
 from sarmitsuba.io.atomic import atomic_path, process_of_part
 from sarmitsuba.io.output import OutputFile, OutputFolder, output_folder
+from sarmitsuba.materials.typical import typical_of
 from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.parameters import one_line, printable
 from sarmitsuba.regular_files import is_inside
@@ -46,22 +47,8 @@ _SCENE = """<!--
 _PLACE = """    <default name="look_angle_deg" value="40"/>
     <default name="heading_deg" value="0"/>
 """
-# rms height (m), law and level (dB) of X-band surfaces as in the shipped scenes, to be edited
-_SURFACES: dict[str, tuple[float, str, float]] = {
-    "concrete": (0.003, "lambert", -13.0),
-    "brick": (0.008, "lambert", -8.0),
-    "metal": (0.004, "lambert", -4.0),
-    "glass": (0.0005, "lambert", -30.0),
-    "wood": (0.005, "lambert", -12.0),
-    "marble": (0.002, "lambert", -15.0),
-    "asphalt_concrete": (0.003, "constant_gamma", -23.0),
-    "medium_dry_ground": (0.02, "constant_gamma", -11.0),
-    "very_dry_ground": (0.02, "constant_gamma", -13.0),
-    "wet_ground": (0.02, "constant_gamma", -9.0),
-}
 # names of meshes
 _MESHES = re.compile(r"\d{2,}_[A-Za-z0-9_]+\.ply")
-_OTHER = (0.003, "lambert", -13.0)
 
 
 def import_scene(
@@ -212,11 +199,15 @@ def _text(model: Model, folder: str, files: list[tuple[str, str, str]]) -> str:
 
 
 def _bsdf(material: str) -> str:
-    rms_height, law, level = _SURFACES.get(material, _OTHER)
+    """Element of a named material with its typical surface at 10 GHz, written out to be edited."""
+    surface = typical_of(material)
+    lines = (
+        f'        <float name="rms_height" value="{surface.rms_height:g}"/>\n'
+        f'        <string name="diffuse_law" value="{surface.law}"/>\n'
+        f'        <float name="diffuse_level_db" value="{surface.level_db:g}"/>\n'
+    )
     return (
         f'    <bsdf type="radar_material" id="{material}">\n'
         f'        <string name="material" value="{material}"/>\n'
-        f'        <float name="rms_height" value="{rms_height:g}"/>\n'
-        f'        <string name="diffuse_law" value="{law}"/>\n'
-        f'        <float name="diffuse_level_db" value="{level:g}"/>\n    </bsdf>\n\n'
+        f"{'' if surface.smooth else lines}    </bsdf>\n\n"
     )

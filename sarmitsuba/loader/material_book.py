@@ -16,7 +16,6 @@ from sarmitsuba.materials.bsdfs import (
     named_material,
     ordinary_material,
     radar_material,
-    rough,
     rough_note,
     sionna_itu_name,
     sionna_material,
@@ -24,7 +23,8 @@ from sarmitsuba.materials.bsdfs import (
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.parameters import did_you_mean
+from sarmitsuba.materials.typical import typical_surface
+from sarmitsuba.parameters import did_you_mean, one_line
 
 _SIONNA = ("itu-radio-material", "radio-material", "absorber-radio-material")
 _MAX_NESTING = 16
@@ -83,7 +83,7 @@ class MaterialBook:
         return len(self.materials) - 1
 
     def named(self, name: str, kind: str, label: str) -> int:
-        """Index of the material of a name in a mesh file, with the default roughness.
+        """Index of the material of a name in a mesh file, with its typical surface.
 
         Parameters
         ----------
@@ -93,7 +93,8 @@ class MaterialBook:
         """
         if name not in self._named:
             free = name if name not in self._taken else f"{name}_{len(self._taken) + 1}"
-            material, note = named_material(free, kind, self.frequency, rough(self.rms_height))
+            surface = typical_surface(kind, self.frequency, self.rms_height)
+            material, note = named_material(free, kind, self.frequency, surface)
             if note:
                 warn_once(self.notes, f"{label}: {note}")
             self._named[name] = self.add(material, label)
@@ -118,11 +119,10 @@ class MaterialBook:
             raise SceneError(f"{where}: BSDFs are nested more than {_MAX_NESTING} deep; flatten them")
         itu = sionna_itu_name(bsdf.id) if plugin not in tables.TABLES else ""
         if itu:
-            material, note = named_material(name, itu, self.frequency, rough(self.rms_height))
+            surface = typical_surface(itu, self.frequency, self.rms_height)
+            material, note = named_material(name, itu, self.frequency, surface)
         elif plugin == tables.RADAR_MATERIAL.plugin:
-            values, given = self.overrides.read(bsdf, tables.RADAR_MATERIAL, MATERIAL_MAPS)
-            material, note = radar_material(name, values, given, self.frequency, where)
-            material = with_maps(material, bsdf, values)
+            material, note = self._radar_material(bsdf, name)
         elif plugin == tables.LAND_COVER.plugin:
             return self._land_cover(bsdf, name, depth)
         elif plugin in _SIONNA:
@@ -150,6 +150,18 @@ class MaterialBook:
         if note:
             warn_once(self.notes, f"{where.partition(':')[0]}: {note}")
         return material
+
+    def _radar_material(self, bsdf: Element, name: str) -> tuple[Material, str]:
+        """Material of a ``radar_material`` and its warning; notes what is understood and assumed."""
+        where = bsdf.where
+        values, given = self.overrides.read(bsdf, tables.RADAR_MATERIAL, MATERIAL_MAPS)
+        material, note, assumed = radar_material(name, values, given, self.frequency, where, self.rms_height)
+        written, read = self.overrides.given(bsdf, tables.RADAR_MATERIAL).get("material"), values["material"]
+        if isinstance(written, str) and written != read:
+            self._say(f'{where}: material "{one_line(written)}" is read as {read}')
+        if assumed:
+            self._say(f"{where}: {assumed}")
+        return with_maps(material, bsdf, values), note
 
     def _land_cover(self, bsdf: Element, name: str, depth: int) -> Material:
         classes = tuple(key for key, child in bsdf.children if child.kind == "bsdf")

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from sarmitsuba.loader.names_of_materials import kind_of
 from sarmitsuba.materials.change import CHANGE
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
@@ -29,7 +30,14 @@ _EXTENT = Param(
 )
 
 _PERMITTIVITY = (
-    Param("material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))),
+    Param(
+        "material",
+        "string",
+        "",
+        "permittivity by name",
+        choices=lambda: tuple(sorted(MATERIALS.names)),
+        synonym=lambda name: kind_of(name, {}),
+    ),
     Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
     Param(
         "permittivity_imag",
@@ -84,7 +92,23 @@ RADAR_MATERIAL = ParamTable(
             0.0,
             1.0,
         ),
-        Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
+        Param(
+            "smooth",
+            "boolean",
+            False,
+            "a mirror, without roughness and diffuse return; else a named material without rms_height, diffuse_law and "
+            "diffuse_level_db has its typical ones",
+        ),
+        Param(
+            "rms_height",
+            "float",
+            0.0,
+            "standard deviation of the surface height; without a diffuse_law: small_slope, or iem where the surface is "
+            "rough against the wave, with a correlation length of 10 times that unless given",
+            "m",
+            0.0,
+            1e3,
+        ),
         Param(
             "diffuse_law",
             "string",

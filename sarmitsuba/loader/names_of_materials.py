@@ -1,22 +1,97 @@
 """Radar materials of mesh files from words in their names, such as `brick` or `window`."""
 
 import re
+import unicodedata
 from collections.abc import Mapping
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.parameters import did_you_mean, one_line
 
-# material of the library: beginnings of words in a name, tested in this order
+# material of the library: beginnings of words in a name, whole words after "=", tested in this order; English, German
+# and French, without accents
 WORDS: dict[str, tuple[str, ...]] = {
-    "metal": ("metal", "steel", "iron", "alumin", "copper", "zinc", "chrome", "rail"),
-    "glass": ("glass", "window", "glazing", "pane"),
-    "brick": ("brick", "clay", "roof", "tile", "shingle"),
-    "wood": ("wood", "timber", "tree", "trunk", "bark"),
-    "marble": ("marble", "stone", "granite", "limestone", "sandstone"),
-    "asphalt_concrete": ("asphalt", "road", "street", "tarmac", "bitumen", "pavement", "paving"),
-    "concrete": ("concrete", "cement", "wall", "facade", "building", "plaster", "stucco"),
-    "medium_dry_ground": ("ground", "grass", "soil", "earth", "terrain", "lawn", "garden", "gravel", "dirt"),
+    "metal": (
+        *("metal", "steel", "iron", "alumin", "copper", "zinc", "chrome", "=rail", "=rails", "railing"),
+        *("stahl", "eisen", "blech", "kupfer", "acier", "=fer", "=tole", "cuivre"),
+    ),
+    "car_paint": (
+        *("carpaint", "=car", "=cars", "bodywork", "=auto", "autolack", "=lack", "karosserie"),
+        *("carrosserie", "=voiture"),
+    ),
+    "glass": (
+        "glas",
+        "window",
+        "glazing",
+        "pane",
+        "fenster",
+        "scheibe",
+        "=verre",
+        "vitre",
+        "vitrage",
+        "fenetre",
+    ),
+    "tile": ("tile", "fliese", "tuile", "carrelage"),
+    "brick": (
+        *("brick", "clay", "roof", "shingle", "ziegel", "backstein", "klinker", "=dach", "dachziegel"),
+        *("brique", "toit", "toiture"),
+    ),
+    "leaf": ("leaf", "leaves", "foliage", "=laub", "blatt", "blaetter", "feuille"),
+    "wood": (
+        *("wood", "timber", "tree", "trunk", "bark", "holz", "baum", "=stamm", "rinde"),
+        *("=bois", "arbre", "=tronc", "ecorce"),
+    ),
+    "marble": (
+        *("marble", "stone", "granit", "limestone", "sandstone", "marmor", "=stein", "naturstein"),
+        *("marbre", "pierre"),
+    ),
+    "asphalt": (
+        *(
+            "asphalt",
+            "road",
+            "street",
+            "tarmac",
+            "bitum",
+            "pavement",
+            "paving",
+            "strasse",
+            "gehweg",
+            "pflaster",
+        ),
+        *("=route", "=rue", "chaussee", "trottoir"),
+    ),
+    "concrete": (
+        *(
+            "concrete",
+            "cement",
+            "wall",
+            "facade",
+            "building",
+            "plaster",
+            "stucco",
+            "beton",
+            "zement",
+            "=wand",
+        ),
+        *("mauer", "fassade", "=putz", "gebaeude", "ciment", "=mur", "=murs", "batiment", "platre"),
+    ),
+    "grass": ("grass", "lawn", "meadow", "=gras", "rasen", "wiese", "herbe", "pelouse", "gazon", "prairie"),
+    "gravel": ("gravel", "=kies", "schotter", "gravier"),
+    "snow": ("snow", "schnee", "neige"),
+    "water": ("water", "wasser", "=eau", "=eaux"),
+    "soil": (
+        "soil",
+        "earth",
+        "dirt",
+        "=boden",
+        "erdboden",
+        "=erde",
+        "=acker",
+        "ackerboden",
+        "=terre",
+        "=sol",
+    ),
+    "medium_dry_ground": ("ground", "terrain", "garden", "jardin", "gelaende"),
 }
 # for unknown names, and for meshes without any
 DEFAULT = "concrete"
@@ -31,15 +106,16 @@ def kind_of(name: str, chosen: Mapping[str, str]) -> str:
     chosen : materials of the library by name, which come first
     """
     if name in chosen:
-        return chosen[name]
+        return chosen[name] if chosen[name] in MATERIALS.names else kind_of(chosen[name], {})
     plain = re.sub(r"[.\d]+$", "", name).lower().removeprefix("mat-")
     plain = re.sub(r"^itu[_-]", "", plain).replace("-", "_").replace(" ", "_").strip("_")
     if plain in MATERIALS.names:
         return plain
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)  # StoneWall
-    words = re.findall(r"[a-z]+", spaced.lower())
+    bare = unicodedata.normalize("NFKD", name.replace("ß", "ss"))
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", "".join(c for c in bare if not unicodedata.combining(c)))
+    words = re.findall(r"[a-z]+", spaced.lower())  # of StoneWall: stone, wall
     for kind, starts in WORDS.items():
-        if any(word.startswith(starts) for word in words):
+        if any(w == s[1:] if s[0] == "=" else w.startswith(s) for w in words for s in starts):
             return kind
     return ""
 
@@ -52,7 +128,7 @@ def check_chosen(chosen: Mapping[str, str], names: set[str], where: str) -> None
             raise SceneError(
                 f'{where}: no material "{one_line(name)}" in this file{did_you_mean(name, names)}; it has {listed}'
             )
-        if kind not in MATERIALS.names:
+        if kind not in MATERIALS.names and not kind_of(kind, {}):
             known = ", ".join(sorted(MATERIALS.names))
             raise SceneError(
                 f'{where}: "{one_line(kind)}" is no known material{did_you_mean(kind, MATERIALS.names)}; known: {known}'

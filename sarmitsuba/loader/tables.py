@@ -12,7 +12,7 @@ from sarmitsuba.loader.material_tables import (
     RADIO_MATERIAL,
 )
 from sarmitsuba.loader.volume_book import RADAR_VOLUME
-from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
+from sarmitsuba.materials.typical import ORDINARY_RMS_HEIGHT
 from sarmitsuba.parameters import Param, ParamTable
 from sarmitsuba.radar.description import SENSOR
 from sarmitsuba.radar.film import FILM

@@ -19,14 +19,18 @@ from sarmitsuba.materials.named_materials import (
     permittivity_from_conductivity,
 )
 from sarmitsuba.materials.texture import check_texture
+from sarmitsuba.materials.typical import (
+    ORDINARY_CORRELATION,
+    ORDINARY_RMS_HEIGHT,
+    assumed_law,
+    rough,
+    smooth,
+    surface_words,
+    typical_surface,
+)
 from sarmitsuba.parameters import Value, float_value, string_value
 
 _NO_LEVEL_DB = -300.0  # written in XML for "none"
-# rms height of Mitsuba's rough BSDFs, m: plastered and concrete walls have 0.3 to 3 mm
-ORDINARY_RMS_HEIGHT = 1e-3
-# Correlation length over rms height of the same: bare soils measure 8 to 31 (s = 3.2 to 11 mm, l = 84 to 99 mm; Oh,
-# Sarabandi and Ulaby, IEEE TGRS 30 (2) 1992), 3 where they are freshly ploughed; a ratio is the same in every band
-ORDINARY_CORRELATION = 10.0
 
 
 def named_material(
@@ -58,9 +62,17 @@ def named_material(
 
 
 def radar_material(
-    name: str, values: Mapping[str, Value | None], given: frozenset[str], frequency: float, where: str
-) -> tuple[Material, str]:
+    name: str,
+    values: Mapping[str, Value | None],
+    given: frozenset[str],
+    frequency: float,
+    where: str,
+    rms_height: float = ORDINARY_RMS_HEIGHT,
+) -> tuple[Material, str, str]:
     """Material of a validated ``radar_material`` element.
+
+    Without roughness, diffuse law and level a named material has its typical surface; an rms height without a law has
+    that of `assumed_law`.
 
     Parameters
     ----------
@@ -69,12 +81,14 @@ def radar_material(
     given : names that the file sets
     frequency : Hz
     where : start of every error message
+    rms_height : m, ``default_rms_height`` of the scene; 0: no typical surfaces, every one is as the file says
 
     Returns
     -------
-    material, and a note (may be empty)
+    material, a warning and a note about the surface assumed (both may be empty)
     """
     _exclusive(given, where)
+    values, assumed = _with_assumed(values, given, frequency, where, rms_height)
     law = LAWS[string_value(values, "diffuse_law")]
     _check_law(law, values, given, where)
     _check_texture(values, law, where)
@@ -100,11 +114,53 @@ def radar_material(
     kind = string_value(values, "material")
     own = _own_values(kind, values, given, where)
     if kind:
-        return named_material(name, kind, frequency, surface, own)
+        return (*named_material(name, kind, frequency, surface, own), assumed)
     if "conductivity" in given:
         real, conductivity = (float_value(values, key) for key in ("permittivity_real", "conductivity"))
         surface = replace(surface, dispersion=Dispersion(real=real, conductivity=conductivity))
-    return _material(name, _permittivity(values, given, frequency), surface), ""
+    return _material(name, _permittivity(values, given, frequency), surface), "", assumed
+
+
+def _with_assumed(
+    values: Mapping[str, Value | None], given: frozenset[str], frequency: float, where: str, rms_height: float
+) -> tuple[Mapping[str, Value | None], str]:
+    """Values with the surface assumed where the file gives none or half of one, and the note about it."""
+    kind, height = string_value(values, "material"), float_value(values, "rms_height")
+    law_given = bool(given & {"diffuse_law", "diffuse_level_db"})
+    if values["smooth"]:
+        law = string_value(values, "diffuse_law")
+        other = (
+            f"rms_height = {height:g} m" if height > 0.0 else f"diffuse_law = {law}" if law != "none" else ""
+        )
+        if other:
+            raise SceneError(f"{where}: smooth and {other} exclude each other; leave one out")
+        return values, ""
+    if height > 0.0 and not law_given:
+        surface = assumed_law(kind, height, float_value(values, "correlation_length"), frequency)
+        return {**values, **_values_of(surface)}, (
+            f"an rms height without diffuse_law has {surface_words(surface)}; none leaves the coherent loss alone"
+        )
+    if law_given or "rms_height" in given:
+        return values, ""
+    if not kind:
+        eps = _permittivity(values, given, frequency)
+        return values, "" if eps == 1.0 else "a smooth mirror: give rms_height for a rough surface, or smooth"
+    surface = typical_surface(kind, frequency, rms_height)
+    if not surface.scatters:
+        return values, ""
+    note = f"{kind} has its typical surface, {surface_words(surface)}; smooth makes it a mirror"
+    return {**values, **_values_of(surface)}, note
+
+
+def _values_of(surface: Material) -> dict[str, Value]:
+    """Parameters of ``radar_material`` of an assumed surface."""
+    level = surface.diffuse_level_db if LAWS[surface.diffuse_law].level else -20.0
+    return {
+        "rms_height": surface.rms_height,
+        "correlation_length": surface.correlation_length,
+        "diffuse_law": surface.diffuse_law,
+        "diffuse_level_db": level,
+    }
 
 
 def _own_values(
@@ -204,23 +260,6 @@ def sionna_itu_name(identifier: str) -> str:
     if not name.startswith(("itu_", "itu-")):
         return ""
     return name[4:] if name[4:] in ITU_BANDS else ""
-
-
-def smooth() -> Material:
-    """Smooth surface without diffuse law, its permittivity to be filled in."""
-    return Material("smooth")
-
-
-def rough(rms_height: float) -> Material:
-    """Rough surface from the rms height alone, m; 0 is a smooth one.
-
-    The small-slope law with a correlation length of ``ORDINARY_CORRELATION`` rms heights: the power lost in specular
-    direction is scattered into a lobe about it and, by Bragg scattering, to the radar, vv above hh.
-    """
-    if rms_height == 0.0:
-        return smooth()
-    length = ORDINARY_CORRELATION * rms_height
-    return replace(smooth(), rms_height=rms_height, correlation_length=length, diffuse_law="small_slope")
 
 
 def _length_words(rms_height: float) -> str:

@@ -10,6 +10,27 @@ from sarmitsuba.parameters import Param
 from sarmitsuba.registry import Registry
 
 
+@dataclass(frozen=True)
+class Typical:
+    """Typical surface of a named material, see :func:`sarmitsuba.materials.typical.typical_surface`.
+
+    Parameters
+    ----------
+    rms_height : m
+    law : diffuse law; ``none``: a mirror
+    level_db : of the law; at 10 GHz for ``constant_gamma``
+    """
+
+    rms_height: float
+    law: str
+    level_db: float
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it is a mirror."""
+        return self.law == "none"
+
+
 class NamedMaterial(ABC):
     """Material selected in a scene file by name: ``<string name="material" value="NAME"/>``.
 
@@ -20,6 +41,7 @@ class NamedMaterial(ABC):
     pec : perfect electric conductor, without permittivity
     thickness : m, of a slab; 0: a half space
     sheet_resistance : ohm per square, of a slab's coating; 0: none
+    typical : surface where a scene gives none; None: that of the name in ``TYPICAL``
     """
 
     name: str
@@ -27,6 +49,7 @@ class NamedMaterial(ABC):
     pec: bool = False
     thickness: float = 0.0
     sheet_resistance: float = 0.0
+    typical: Typical | None = None
 
     @property
     def parameters(self) -> tuple[Param, ...]:

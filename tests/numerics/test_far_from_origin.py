@@ -29,7 +29,9 @@ SCENE = """<scene version="3.0.0">
       <float name="image_extent_azimuth" value="8"/><float name="image_extent_range" value="8"/>
     </film>
   </sensor>
-  <bsdf type="radar_material" id="concrete"><string name="material" value="concrete"/></bsdf>
+  <bsdf type="radar_material" id="concrete">
+    <string name="material" value="concrete"/><boolean name="smooth" value="true"/>
+  </bsdf>
   {3}
 </scene>
 """

@@ -237,7 +237,7 @@ def test_ground_lit_for_a_mover_beside_the_image_is_said_to_fold(seed: int) -> N
     radar = replace(radar, squint_angle_deg=0.0)
     square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])
-    ground = SceneMesh(300.0 * square, faces, "concrete", "ground")
+    ground = SceneMesh(300.0 * square, faces, {"material": "concrete", "smooth": True}, "ground")
     look = np.radians(radar.look_angle_deg)
     for shift, said in ((90.0, True), (0.0, False)):
         speed = shift * radar.speed / (radar.slant_range * np.sin(look))
@@ -422,8 +422,14 @@ def at_the_edge(seed: int, height: float, gap: float, behind: float = 24.0, look
         image_height=0.0,
         image_grid="ground",
     )
-    ground = SceneMesh(level, np.array([[0, 1, 2], [0, 2, 3]]), "concrete", "ground")
-    scene = build_scene([ground, SceneMesh(tower, faces, "metal", "tower")], radar=radar, film=film)
+    ground = SceneMesh(
+        level, np.array([[0, 1, 2], [0, 2, 3]]), {"material": "concrete", "smooth": True}, "ground"
+    )
+    scene = build_scene(
+        [ground, SceneMesh(tower, faces, {"material": "metal", "smooth": True}, "tower")],
+        radar=radar,
+        film=film,
+    )
     return scene.replace(max_depth=2, ray_spacing=0.15)
 
 

@@ -35,11 +35,15 @@ def random_scene(seed: int, more: Sequence[SceneMesh] = ()) -> Scene:
         box = trimesh.creation.box(extents=rng.uniform(1.0, 4.0, 3))
         move = trimesh.transformations.rotation_matrix(rng.uniform(0.0, 6.0), [0, 0, 1])
         move[:3, 3] = [*rng.uniform(-4.0, 4.0, 2), rng.uniform(0.5, 2.0)]
-        kind = ["metal", {"material": "brick", "rms_height": 0.002, "diffuse_law": "lambert"}, rough][i]
+        kind = [
+            {"material": "metal", "smooth": True},
+            {"material": "brick", "rms_height": 0.002, "diffuse_law": "lambert"},
+            rough,
+        ][i]
         meshes.append(SceneMesh.of(box, kind, f"box{i}", to_world=move))
     ball = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
     ball.apply_translation([*rng.uniform(-4.0, 4.0, 2), 3.0])
-    meshes.append(SceneMesh.of(ball, "metal", "ball", smooth=True))
+    meshes.append(SceneMesh.of(ball, {"material": "metal", "smooth": True}, "ball", smooth=True))
     points = [
         PointTarget(
             "p", rng.uniform([-8, -8, 0.5], [8, 8, 6.0]), rng.uniform(1.0, 5.0), rng.uniform(0.0, 6.0)
@@ -126,7 +130,7 @@ def test_paths_of_random_scenes(seed: int) -> None:
 def test_paths_through_panes(seed: int) -> None:
     """A room of glass among boxes: every path of a ray that branches has its own hits."""
     plain, rng = random_scene(seed), np.random.default_rng(seed)
-    glass = {"material": "glass", "thickness": 0.006}
+    glass = {"material": "glass", "smooth": True, "thickness": 0.006}
     panes = []
     for i in range(3):
         quad = np.array([[0.0, -4.0, 0.2], [0.0, 4.0, 0.2], [0.0, 4.0, 5.0], [0.0, -4.0, 5.0]])

@@ -254,7 +254,7 @@ RADAR = RadarDescription(
 FILM = FilmDescription(image_extent_azimuth=14.0, image_extent_range=14.0)
 GROUND = np.array([[-12.0, -12.0, 0.0], [12.0, -12.0, 0.0], [12.0, 12.0, 0.0], [-12.0, 12.0, 0.0]])
 ROUGH = {"material": "concrete", "rms_height": 0.005, "diffuse_law": "lambert", "diffuse_level_db": -15.0}
-GLAZED = {"material": "glass", "thickness": 0.006}
+GLAZED = {"material": "glass", "smooth": True, "thickness": 0.006}
 
 
 def scene_of(*shapes: SceneMesh, ground: bool = True) -> Scene:
@@ -290,7 +290,7 @@ def test_off_is_off() -> None:
     """A thickness that the plan or the user leaves out makes the kernel and the bits of a half space."""
     ensure_backend()
     place = wall(2.0, -3.0, 6.0, 0.0, 4.0)
-    plain = scene_of(SceneMesh(place, FACES, "glass", "pane"))
+    plain = scene_of(SceneMesh(place, FACES, {"material": "glass", "smooth": True}, "pane"))
     off = scene_of(SceneMesh(place, FACES, GLAZED, "pane")).replace(slabs="off", transmission="off")
     data, kernel = kernels(plain)
     other, same = kernels(off)
@@ -310,10 +310,12 @@ def test_the_plan_says_why() -> None:
     alone = decided(SceneMesh(pane, FACES, GLAZED, "pane"), ground=False)
     assert alone["slabs"][0] and not alone["transmission"][0]
     assert "nothing lies behind" in alone["transmission"][1]
-    thick = decided(SceneMesh(pane, FACES, {"material": "concrete", "thickness": 0.4}, "wall"))
+    thick = decided(
+        SceneMesh(pane, FACES, {"material": "concrete", "smooth": True, "thickness": 0.4}, "wall")
+    )
     assert not thick["slabs"][0] and not thick["transmission"][0]
     assert "half space" in thick["slabs"][1] and "two-way transmission at most" in thick["transmission"][1]
-    none = decided(SceneMesh(pane, FACES, "glass", "wall"))
+    none = decided(SceneMesh(pane, FACES, {"material": "glass", "smooth": True}, "wall"))
     assert none["slabs"] == (False, "no material has a thickness")
 
 

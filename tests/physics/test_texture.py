@@ -211,7 +211,10 @@ def test_a_map_aside_changes_nothing_behind_a_pane() -> None:
         shapes = [
             SceneMesh(np.add(square(2.0), [-9.0, 8.0, 0.0]), FACES, soil, "patch"),
             SceneMesh(
-                upright(-2.0, 0.0, 4.0, 0.0, 6.0), FACES, {"material": "glass", "thickness": 0.006}, "pane"
+                upright(-2.0, 0.0, 4.0, 0.0, 6.0),
+                FACES,
+                {"material": "glass", "smooth": True, "thickness": 0.006},
+                "pane",
             ),
             SceneMesh(upright(0.0, np.tan(np.radians(10.0)), 0.15, 0.5, 0.8), FACES, "pec", "plate"),
             SceneMesh(square(height=-0.01), FACES, replace(SOIL, name="ground", rms_height=0.03), "ground"),

@@ -246,7 +246,10 @@ def test_water_has_the_permittivity_of_its_temperature_and_salinity() -> None:
 def test_wind_is_refused_where_no_law_takes_it() -> None:
     square = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 9.0, 0.0]])
     for given, words in (
-        ({"material": "sea_water", "wind_speed": 5.0}, "wind_speed has no effect with diffuse_law = none"),
+        (
+            {"material": "sea_water", "wind_speed": 5.0},
+            "wind_speed has no effect with diffuse_law = constant_gamma",
+        ),
         ({"material": "sea_water", "diffuse_law": "sea", "wind_speed": 80.0}, "wind_speed"),
         ({"material": "concrete", "salinity": 5.0}, 'salinity has no effect with material = "concrete"'),
         ({"material": "fresh_water", "salinity": 5.0}, "take sea_water or leave it out"),

@@ -195,7 +195,9 @@ def test_posts_of_a_railing_are_dots_at_their_feet() -> None:
     ensure_backend()
     places = np.array([[0.0, y, 0.0] for y in (-4.0, 0.0, 4.0)])
     posts = [WireTarget("post", p, p + np.array([0.0, 0.0, 1.2]), 0.03) for p in places]
-    scene = wire_scene(*posts, meshes=(SceneMesh(GROUND, FACES, "concrete", "ground"),))
+    scene = wire_scene(
+        *posts, meshes=(SceneMesh(GROUND, FACES, {"material": "concrete", "smooth": True}, "ground"),)
+    )
     image = render(scene, seed=1)
     look = scene.radar.track.center_position
     incidence = float(np.arccos(look[2] / np.linalg.norm(look)))
@@ -274,7 +276,7 @@ def test_heaps_of_drawn_wires_are_the_same_from_shared_and_from_every_pulse(seed
     beam = {"pattern": "gaussian", "antenna_length": 1.0, "elevation_beamwidth_deg": 15.0} if seed % 2 else {}
     scene = wire_scene(
         *lines,
-        meshes=(SceneMesh(GROUND, FACES, "concrete", "ground"),),
+        meshes=(SceneMesh(GROUND, FACES, {"material": "concrete", "smooth": True}, "ground"),),
         slant_range=rng.uniform(300.0, 5e3),
         look_angle_deg=rng.uniform(20.0, 60.0),
         heading_deg=rng.uniform(0.0, 360.0),

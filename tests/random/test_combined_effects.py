@@ -64,7 +64,7 @@ def rods(x: float, y: float, folder: Path) -> str:
 def pane(x: float, y: float, folder: Path) -> str:
     upright = place(x - 1.0, y, 1.5, 1.5, 2.0, 1.0, '<rotate y="1" angle="-90"/>')
     return (
-        bsdf("radar_material", "glass", material="glass", thickness=0.006)
+        bsdf("radar_material", "glass", material="glass", thickness=0.006, diffuse_law="none")
         + bsdf("radar_material", "metal", material="pec")
         + shape("rectangle", "glass", upright, "pane")
         + shape("cube", "metal", place(x + 1.0, y, 0.8, 0.5, 0.6, 0.5), "box")
@@ -209,7 +209,7 @@ BESIDE = {
     + shape("cube", "leaves", place(4.0, 0.0, 2.0), "hedge"),
     "point": bsdf("point_scatterer", "ideal") + shape("sphere", "ideal", place(4.0, 0.0, 1.0), "ideal_point"),
 }
-GLASS = bsdf("radar_material", "glass", material="glass", thickness=0.006)
+GLASS = bsdf("radar_material", "glass", material="glass", thickness=0.006, diffuse_law="none")
 FRONT = GLASS + shape(
     "rectangle", "glass", place(0.0, 0.0, 1.5, 3.0, 3.0, 1.0, '<rotate y="1" angle="-90"/>'), "pane"
 )

@@ -93,7 +93,7 @@ def test_the_good_one_loads(tmp_path: Path) -> None:
         (
             'value="pec"',
             'value="peck"',
-            'bsdf "metal": material = "peck" is not one of asphalt_concrete, brick',
+            'bsdf "metal": material = "peck" is not one of asphalt, asphalt_concrete, brick',
         ),
         ('id="metal"/>', 'id="mettle"/>', 'unresolved reference to "mettle"; did you mean "metal"?'),
         (

@@ -35,6 +35,9 @@ def bitmap(name: str, file: str = "grey.png", more: str = "") -> str:
     return f'<texture type="bitmap" name="{name}"><string name="filename" value="{file}"/>{more}</texture>'
 
 
+SMOOTH = '<boolean name="smooth" value="true"/>'
+
+
 def material(*inside: str, law: str = LAW) -> str:
     ground = '<string name="material" value="wet_ground"/>'
     return f'<bsdf type="radar_material" id="soil">{ground}{law}{"".join(inside)}</bsdf>'
@@ -269,7 +272,7 @@ VACUUM = '<bsdf type="radar_material" name="class_255"><float name="permittivity
         (material(text("map_extent", "0 0 1 1")), "map_extent has no effect without a map"),
         (material(text("sigma0_map_range", "0 1")), "sigma0_map_range has no effect without sigma0_map"),
         (material('<float name="sigma0_map" value="1"/>'), "sigma0_map is no texture"),
-        (material(bitmap("sigma0_map"), law=""), "sigma0_map has no effect without a diffuse return"),
+        (material(bitmap("sigma0_map"), law=SMOOTH), "sigma0_map has no effect without a diffuse return"),
         (
             material(bitmap("sigma0_map"), text("map_extent", "0 0 1")),
             'map_extent = "0 0 1" is not 4 numbers',
@@ -301,7 +304,7 @@ VACUUM = '<bsdf type="radar_material" name="class_255"><float name="permittivity
         ),
         (
             material(
-                '<float name="texture_shape" value="2"/><float name="texture_length" value="2"/>', law=""
+                '<float name="texture_shape" value="2"/><float name="texture_length" value="2"/>', law=SMOOTH
             ),
             "texture_shape has no effect without a diffuse return",
         ),

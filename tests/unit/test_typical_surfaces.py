@@ -1,0 +1,187 @@
+"""Surfaces that a scene does not state: typical ones by name, and the law of a stated rms height."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sarmitsuba import load_scene
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader.names_of_materials import WORDS, kind_of
+from sarmitsuba.loader.tables import RADAR_MATERIAL
+from sarmitsuba.materials.bsdfs import radar_material
+from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.named_materials import MATERIALS
+from sarmitsuba.scene.scene import Scene
+
+X_BAND = 9.65e9
+FILE = (
+    '<scene version="3.0.0"><sensor type="sar_antenna"/><integrator type="sar_path"/>'
+    '<shape type="rectangle">{}</shape></scene>'
+)
+
+
+def made(frequency: float = X_BAND, rms_default: float = 1e-3, **given: object) -> tuple[Material, str]:
+    values = RADAR_MATERIAL.read(given, "m")
+    material, _, note = radar_material("m", values, frozenset(given), frequency, "m", rms_default)
+    return material, note
+
+
+def sigma0(material: Material, incidence_deg: float, frequency: float = X_BAND) -> float:
+    """Backscatter for hh, dB."""
+    theta = np.linspace(0.0, 0.5 * np.pi, 181)
+    table = LAWS[material.diffuse_law].sigma0(material, SPEED_OF_LIGHT / frequency, theta)
+    return float(10.0 * np.log10(np.interp(np.radians(incidence_deg), theta, table.h)))
+
+
+# bounds of sigma0 at 40 degrees in the X band, dB, rounded outwards: docs/clutter.md
+SPREAD = {
+    "soil": (-20.0, -5.0),
+    "grass": (-18.0, -7.0),
+    "asphalt": (-28.0, -17.0),
+    "leaf": (-15.0, -5.0),
+    "snow": (-20.0, -5.0),
+}
+
+
+@pytest.mark.parametrize("name", SPREAD)
+def test_levels_lie_within_the_published_spread(name: str) -> None:
+    low, high = SPREAD[name]
+    assert low <= sigma0(made(material=name)[0], 40.0) <= high
+
+
+def test_order_of_the_ground() -> None:
+    levels = [
+        sigma0(made(material=n)[0], 40.0) for n in ("water", "asphalt", "gravel", "soil", "grass", "leaf")
+    ]
+    assert levels == sorted(levels) and min(np.diff(levels)) > 0.5
+
+
+@pytest.mark.parametrize("name", sorted(set(MATERIALS.names) - {"vacuum", "pec"}))
+def test_every_named_material_scatters_and_says_so(name: str) -> None:
+    material, note = made(material=name)
+    assert material.scatters and material.rms_height > 0.0
+    assert f"{name} has its typical surface" in note
+
+
+def test_gamma_falls_with_the_wavelength_by_5_db_a_decade() -> None:
+    low, high = (sigma0(made(f, material="soil")[0], 30.0, f) for f in (1e9, 1e10))
+    assert high - low == pytest.approx(5.0, abs=1e-9)  # tol: rounding
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"material": "concrete", "smooth": True},
+        {"material": "concrete", "diffuse_law": "none"},
+        {"material": "concrete", "rms_height": 0.0},
+        {"material": "pec"},
+        {"permittivity_real": 4.0, "smooth": True},
+    ],
+)
+def test_a_mirror_where_asked_for(given: dict[str, object]) -> None:
+    material, note = made(**given)
+    assert not material.scatters and material.rms_height == 0.0 and note == ""
+
+
+def test_a_scene_without_roughness_is_smooth() -> None:
+    assert not made(rms_default=0.0, material="soil")[0].scatters
+
+
+def test_a_permittivity_alone_stays_a_mirror_and_is_said() -> None:
+    material, note = made(permittivity_real=4.0)
+    assert not material.scatters and "a smooth mirror" in note
+
+
+def test_what_is_given_is_kept() -> None:
+    material, note = made(material="soil", rms_height=0.03, diffuse_law="constant", diffuse_level_db=-7.0)
+    assert (material.rms_height, material.diffuse_law, material.diffuse_level_db, note) == (
+        0.03,
+        "constant",
+        -7.0,
+        "",
+    )
+
+
+@pytest.mark.parametrize(
+    ("rms_height", "law"), [(0.0005, "small_slope"), (0.01, "iem"), (0.05, "constant_gamma")]
+)
+def test_an_rms_height_alone_scatters_without_a_warning(rms_height: float, law: str) -> None:
+    material, note = made(material="soil", rms_height=rms_height)
+    assert material.diffuse_law == law and material.rms_height == rms_height and law in note
+    theta = np.linspace(0.0, 0.5 * np.pi, 181)
+    assert LAWS[law].sigma0(material, SPEED_OF_LIGHT / X_BAND, theta).notes == ()
+
+
+def test_a_given_correlation_length_is_kept() -> None:
+    assert made(material="concrete", rms_height=0.001, correlation_length=0.02)[0].correlation_length == 0.02
+
+
+def test_smooth_and_rough_exclude_each_other() -> None:
+    with pytest.raises(SceneError, match=r"smooth and rms_height = 0\.01 m exclude each other"):
+        made(material="soil", smooth=True, rms_height=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("Car Paint", "car_paint"),
+        ("Leaves_Mat", "leaf"),
+        ("Concrete_Wall.001", "concrete"),
+        ("steel", "metal"),
+        ("Stahlträger", "metal"),
+        ("Tôle", "metal"),
+        ("béton", "concrete"),
+        ("BÉTON armé", "concrete"),
+        ("Straße", "asphalt"),
+        ("Dachziegel", "brick"),
+        ("eau", "water"),
+        ("Schnee.002", "snow"),
+        ("pelouse", "grass"),
+        ("Kies", "gravel"),
+        ("carpet", ""),
+        ("terrasse", ""),
+        ("mural", ""),
+        ("plateau", ""),
+        ("Feral", ""),
+    ],
+)
+def test_names_as_people_write_them(name: str, kind: str) -> None:
+    assert kind_of(name, {}) == kind
+
+
+def test_every_word_names_a_material_of_the_library() -> None:
+    assert set(WORDS) <= set(MATERIALS.names)
+    for kind, words in WORDS.items():
+        for word in words:
+            assert kind_of(word.removeprefix("="), {}) == kind
+
+
+def loaded(tmp_path: Path, bsdf: str) -> Scene:
+    (tmp_path / "scene.xml").write_text(FILE.format(bsdf), encoding="utf-8")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # notes, no warnings
+        return load_scene(tmp_path / "scene.xml", radar="airborne_x")
+
+
+def test_a_scene_file_understands_names_and_says_it(tmp_path: Path) -> None:
+    scene = loaded(
+        tmp_path, '<bsdf type="radar_material" id="m"><string name="material" value="Stahl"/></bsdf>'
+    )
+    (material,) = scene.materials
+    assert material.permittivity == MATERIALS["metal"].permittivity(scene.radar.waveform.center_frequency)
+    assert material.scatters
+    assert any('material "Stahl" is read as metal' in note for note in scene.notes)
+    assert any("metal has its typical surface" in note for note in scene.notes)
+
+
+def test_default_rms_height_0_makes_named_materials_mirrors(tmp_path: Path) -> None:
+    text = '<bsdf type="radar_material" id="m"><string name="material" value="soil"/></bsdf>'
+    (tmp_path / "scene.xml").write_text(FILE.format(text))
+    scene = load_scene(
+        tmp_path / "scene.xml", radar="airborne_x", parameters={"sar_path.default_rms_height": "0"}
+    )
+    assert not scene.materials[0].scatters
