@@ -194,14 +194,17 @@ class Blocks:
         while True:
             middle = self._middle
             stats = self.block(middle)
+            decided = self.finished is not None and self.finished.settled
             if len(self.blocks) > 1:
                 stats = stats.plus(self.block(middle + 1))
-                self._measure_growth()
-            decided = self.finished is not None and self.finished.settled
+                if self.finished is not None and decided:
+                    self.growth = dict(self.finished.growth)
+                else:
+                    self._measure_growth()
             open_ = self.automatic and len(self.blocks) > 1 and not decided
             shorter = self._shorter() if open_ else self.interval
             if self.finished is not None and not decided:
-                self.finished.note(shorter, settled=shorter == self.interval)
+                self.finished.note(shorter, settled=shorter == self.interval, growth=self.growth)
             if shorter == self.interval:
                 return stats
             self.interval = shorter

@@ -5,6 +5,7 @@ interrupted.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ class FinishedBlocks:
     stale : whether the file held blocks of another run hash
     interval : pulses per block; None where not yet determined
     settled : whether the interval is final
+    growth : exponent with which each channel's change grows with time, measured for that interval
     grid_bytes : of the largest accumulator grid of the stored blocks
 
     Raises
@@ -46,6 +48,7 @@ class FinishedBlocks:
         self.path = self._journal.path
         self.interval: int | None = None
         self.settled = False
+        self.growth: dict[str, float] = {}
         self._first = {
             "kind": "run",
             "mark": run_hash,
@@ -65,6 +68,7 @@ class FinishedBlocks:
         for label in self._journal.labels:
             if label["kind"] == "interval":
                 self.interval, self.settled = int(label["pulses"]), bool(label["settled"])
+                self.growth = {str(c): float(x) for c, x in label["growth"].items()}
         self.found = len(self._rows)
         self.grid_bytes = max((label.get("grid_bytes", 0) for label in self._journal.labels), default=0)
 
@@ -77,15 +81,13 @@ class FinishedBlocks:
     def _key(label: Label) -> tuple[int, int, int]:
         return label["subset"], label["start"], label["stop"]
 
-    def note(self, interval: int, *, settled: bool) -> None:
-        """Store the number of pulses per block; blocks of another number are discarded."""
+    def note(self, interval: int, *, settled: bool, growth: Mapping[str, float]) -> None:
+        """Store the number of pulses per block and ``growth``; blocks of another number are discarded."""
         if not settled:
             self._begin()
-        self.interval, self.settled = interval, settled
-        self._journal.append(
-            {"kind": "interval", "pulses": interval, "settled": settled, "grid_bytes": self.grid_bytes},
-            np.empty(0, np.uint8),
-        )
+        self.interval, self.settled, self.growth = interval, settled, dict(growth)
+        label = {"kind": "interval", "pulses": interval, "settled": settled, "growth": self.growth}
+        self._journal.append(label | {"grid_bytes": self.grid_bytes}, np.empty(0, np.uint8))
 
     def take(self, subset: int, start: int, stop: int) -> tuple[C64, TraceStatistics] | None:
         """Profiles (flat complex64) and statistics of the stored block of pulses ``start:stop``; None if not stored."""

@@ -20,7 +20,7 @@ def groove(opening_deg: float, heading_deg: float, look_deg: float) -> Scene:
         SceneMesh(
             np.array([[0.0, -y, 0.0], [0.0, y, 0.0], [side * x, y, z], [side * x, -y, z]]),
             [[0, 1, 2], [0, 2, 3]],
-            "concrete",
+            {"material": "concrete", "smooth": True},
             name,
         )
         for side, name in ((1.0, "right"), (-1.0, "left"))

@@ -67,7 +67,9 @@ def test_a_crane_of_thin_cylinders(benchmark_script: Callable[[str], ModuleType]
 @pytest.fixture
 def faulty() -> Scene:
     """A trihedral whose roughness is no number, as no file can have it."""
-    scene = load_scene("trihedral", parameters={"radar_material.rms_height": "0.0001"})
+    scene = load_scene(
+        "trihedral", parameters={"radar_material.rms_height": "0.0001", "radar_material.diffuse_law": "none"}
+    )
     material = copy(scene.materials[0])
     object.__setattr__(material, "rms_height", np.nan)
     return replace(scene, materials=(material,))

@@ -32,7 +32,8 @@ NOTHING = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def scene_of(radar: RadarDescription = RADAR, motion: Motion | None = None, **settings: str) -> Scene:
     """Ground and a wall before it, and an ideal point; the wall and the point may move."""
     more = {} if motion is None else {"motion": motion}
-    shapes = [SceneMesh(GROUND, FACES, "concrete", "ground"), SceneMesh(WALL, FACES, "pec", "wall", **more)]
+    mirror = {"material": "concrete", "smooth": True}
+    shapes = [SceneMesh(GROUND, FACES, mirror, "ground"), SceneMesh(WALL, FACES, "pec", "wall", **more)]
     points = [PointTarget("point", np.array([2.0, -3.0, 0.5]), 1.0, **more)]
     scene = build_scene(shapes, points, radar=radar, film=FILM)
     return scene.replace(**settings) if settings else scene

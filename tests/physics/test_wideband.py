@@ -260,11 +260,7 @@ def test_permittivity_is_that_of_every_frequency(kind: str, frequency: float, ba
     spectra = {}
     for material in (kind, "pec"):
         scene = scene_of(
-            [
-                SceneMesh(
-                    corners, SQUARE, Material(material, pec=True) if material == "pec" else material, "plate"
-                )
-            ],
+            [SceneMesh(corners, SQUARE, {"material": material, "smooth": True}, "plate")],
             frequency=frequency,
             bandwidth=bandwidth,
             method="raw",

@@ -263,8 +263,8 @@ def trunks(quick: bool = False) -> Case:
         dark = water_cloud("dark", (1e-12, 1e-12), (kappa[0], kappa[1]), 0.0)
         scene = build_scene(
             [
-                SceneMesh(*_square(12.0), "medium_dry_ground", "ground"),
-                SceneMesh(vertices, faces, "fresh_wood", "trunk", smooth=True),
+                SceneMesh(*_square(12.0), {"material": "medium_dry_ground", "smooth": True}, "ground"),
+                SceneMesh(vertices, faces, {"material": "fresh_wood", "smooth": True}, "trunk", smooth=True),
             ],
             # so high that only legs along the lines of sight cross it
             volumes=[SceneVolume(ball * [9.0, 9.0, 2.0] + [0.0, 0.0, 8.0], ball_faces, dark)],
