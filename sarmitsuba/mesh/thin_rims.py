@@ -7,7 +7,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
-from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges
+from sarmitsuba.mesh.sharp_edges import DIRECTIONS, WIDEST_GAP, SharpEdges, sharp_edges
 
 # thickness, wavelengths, up to which a rim stands for both wedges, and from which on the wedges stand for themselves:
 # electric field along the edge, magnetic field along it
@@ -63,6 +63,19 @@ class _Pairs:
         return _Pairs(
             self.edge[:, rows], self.low[:, rows], self.high[:, rows], self.between[rows], self.broad[rows]
         )
+
+
+def metal_edges(corners: F64, metal: NDArray[np.bool_], wavelength: float, shape: I64) -> SharpEdges:
+    """Sharp edges of and between metal triangles as waves of a length meet them: gaps closed, thin plates with one rim.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float64, m, of all triangles
+    metal : (n,) perfect conductors
+    wavelength : m
+    shape : (n,) number of the shape of each triangle
+    """
+    return with_thin_rims(sharp_edges(corners, metal, WIDEST_GAP * wavelength, shape), wavelength)
 
 
 def with_thin_rims(edges: SharpEdges, wavelength: float) -> SharpEdges:

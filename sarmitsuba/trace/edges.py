@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import F64
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.sharp_edges import DIRECTIONS, WIDEST_GAP, SharpEdges, sharp_edges
-from sarmitsuba.mesh.thin_rims import with_thin_rims
+from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
+from sarmitsuba.mesh.thin_rims import metal_edges
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace import field
 from sarmitsuba.trace.intersector import intersector
@@ -65,9 +65,7 @@ def edges_of(
     metal &= ~moving[visible]
     if not metal.any():
         return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
-    edges = with_thin_rims(
-        sharp_edges(corners, metal, WIDEST_GAP * wavelength, geometry.face_mesh[visible]), wavelength
-    )
+    edges = metal_edges(corners, metal, wavelength, geometry.face_mesh[visible])
     longest = min(max(LONGEST * wavelength, spacing), cell)
     scene = intersector(corners.astype(np.float32))
     edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))

@@ -17,8 +17,8 @@ from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
-from sarmitsuba.mesh.thin_rims import with_thin_rims
+from sarmitsuba.mesh.sharp_edges import SharpEdges
+from sarmitsuba.mesh.thin_rims import metal_edges
 
 # antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed
 POSITIONS, EDGES = 9, 2000
@@ -73,10 +73,7 @@ class EdgeDiffraction(Effect):
             )
         if context.draft:
             return Assessment(True, "sharp edges of metal are possible", float("nan"))
-        wavelength = scene.radar.waveform.wavelength
-        edges = with_thin_rims(
-            sharp_edges(found.corners, found.metal, WIDEST_GAP * wavelength, found.shape), wavelength
-        )
+        edges = metal_edges(found.corners, found.metal, scene.radar.waveform.wavelength, found.shape)
         if not edges.n:
             return Assessment(False, "no sharp metal edge", -np.inf)
         bounces = decided["max_depth"].on and decided["max_depth"].value != 1
