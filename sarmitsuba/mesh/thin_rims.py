@@ -19,7 +19,7 @@ SQUARE = 0.1
 # parts of edges shorter than this share of a thickness, and overlaps of this share, are none
 LEFT = 1e-3
 # samples on an edge by which its neighbours are found, at most
-SAMPLES = 256
+SAMPLES = 16
 
 
 def wedge_shares(thickness: F64) -> F64:
@@ -145,22 +145,7 @@ def _part(edges: SharpEdges, rows: I64, low: F64, high: F64, parts: F64) -> Shar
 
 def _pairs(edges: SharpEdges, thickest: float) -> _Pairs:
     """Pairs of wedges with a common face at most ``thickest``, m, wide."""
-    square = np.flatnonzero(np.abs(edges.angle - 1.5) < SQUARE)
-    count = np.clip(np.ceil(edges.length[square] / (0.5 * thickest)), 1, SAMPLES).astype(np.int64)
-    rows = np.repeat(square, count)
-    number = np.arange(rows.size) - np.repeat(np.cumsum(count) - count, count)
-    step = edges.length[rows] / np.repeat(count, count)
-    place = (
-        edges.middle[rows] + ((number + 0.5) * step - 0.5 * edges.length[rows])[:, None] * edges.along[rows]
-    )
-    reach = thickest + 0.5 * float(step.max(initial=0.0))
-    near = (
-        scipy.spatial.cKDTree(place).query_pairs(reach, output_type="ndarray")
-        if rows.size
-        else np.zeros((0, 2), int)
-    )
-    couple = np.unique(np.sort(rows[near], axis=1), axis=0)
-    i, j = couple[couple[:, 0] != couple[:, 1]].T
+    i, j = _near(edges, np.flatnonzero(np.abs(edges.angle - 1.5) < SQUARE), thickest)
     one, other = edges.of(i), edges.of(j)
     apart = other.middle - one.middle
     shift, turn = _dot(apart, one.along), np.sign(_dot(one.along, other.along))
@@ -181,6 +166,36 @@ def _pairs(edges: SharpEdges, thickest: float) -> _Pairs:
         np.stack([i, j]), np.stack([low, ends[0]]), np.stack([high, ends[1]]), between, broad.sum(axis=1)
     ).of(found)
     return pairs.of(_alone(pairs))
+
+
+def _near(edges: SharpEdges, rows: I64, distance: float) -> I64:
+    """Pairs (2, n) of selected edges that may lie within a distance, m, from one another; with all that do.
+
+    By samples at steps of powers of two: long edges are compared with each other and with all shorter ones at their own
+    step, so that the number of samples does not depend on the size of the scene.
+    """
+    step = np.maximum(edges.length[rows] / SAMPLES, distance)
+    level = np.ceil(np.log2(step / distance)).astype(np.int64)
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    for rung in np.unique(level):
+        step_here = distance * 2.0**rung
+        long, all_long = _samples(edges, rows[level == rung], step_here)
+        short, all_short = _samples(edges, rows[level <= rung], step_here)
+        near = scipy.spatial.cKDTree(all_long).sparse_distance_matrix(
+            scipy.spatial.cKDTree(all_short), distance + step_here, output_type="ndarray"
+        )
+        couple = np.stack([long[near["i"]], short[near["j"]]], axis=1)
+        found.append(np.unique(np.sort(couple[couple[:, 0] != couple[:, 1]], axis=1), axis=0))
+    return np.asarray(np.unique(np.concatenate(found), axis=0).T)
+
+
+def _samples(edges: SharpEdges, rows: I64, step: float) -> tuple[I64, F64]:
+    """Numbers (n,) of edges and places (n, 3), m, in the middles of equal parts of at most ``step``, m."""
+    count = np.ceil(edges.length[rows] / step).astype(np.int64)
+    number = np.repeat(rows, count)
+    place = np.arange(number.size) - np.repeat(np.cumsum(count) - count, count)
+    shift = (place + 0.5) * np.repeat(edges.length[rows] / count, count) - 0.5 * edges.length[number]
+    return number, edges.middle[number] + shift[:, None] * edges.along[number]
 
 
 def _alone(pairs: _Pairs) -> NDArray[np.bool_]:

@@ -5,7 +5,8 @@ import pytest
 import trimesh
 
 from sarmitsuba import theory
-from sarmitsuba.arrays import C128, F64
+from sarmitsuba.arrays import C128, F64, I64
+from sarmitsuba.mesh import thin_rims
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
 from sarmitsuba.mesh.thin_rims import ELECTRIC, MAGNETIC, wedge_shares, with_thin_rims
 from sarmitsuba.theory.moments import strips_by_moments
@@ -22,6 +23,34 @@ def edges_of_box(size: F64, *, divided: int = 0, turn: F64 | None = None) -> Sha
         box.apply_transform(turn)
     corners = np.asarray(box.vertices)[box.faces]
     return sharp_edges(corners, np.ones(len(corners), dtype=bool))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_neighbours_of_edges_of_all_lengths_are_those_of_brute_force(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Edges from millimetres to 30 m, half of them of thin boxes."""
+    rng = np.random.default_rng(seed)
+    corners = []
+    for i in range(80):
+        size = 10.0 ** rng.uniform(-1.5, 1.5, 3)
+        if i % 2:
+            size[rng.integers(3)] = 10.0 ** rng.uniform(-4.0, -2.3)
+        box = trimesh.creation.box(extents=size)
+        box.apply_transform(trimesh.transformations.random_rotation_matrix(rng.uniform(size=3)))
+        box.apply_translation(rng.uniform(-30.0, 30.0, 3))
+        corners.append(np.asarray(box.vertices)[box.faces])
+    triangles = np.concatenate(corners)
+    edges = sharp_edges(triangles, np.ones(len(triangles), dtype=bool))
+
+    def everyone(_: SharpEdges, rows: I64, __: float) -> I64:
+        return rows[np.stack(np.triu_indices(rows.size, 1))]
+
+    found = with_thin_rims(edges, 0.03)
+    monkeypatch.setattr(thin_rims, "_near", everyone)
+    expected = with_thin_rims(edges, 0.03)
+    assert (found.thickness > 0.0).sum() > 100
+    assert np.array_equal(found.middle, expected.middle)
 
 
 @pytest.mark.parametrize("seed", range(6))
