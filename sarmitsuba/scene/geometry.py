@@ -85,17 +85,38 @@ class Geometry:
     def ground_height(self) -> float:
         """Height of the ground, m: lower quartile, by area, of the heights of faces inclined by less than 45 degrees.
 
-        This is the street level where there is ground, else the floors of the buildings.
+        This is the street level where there is ground, else the floors of the buildings. Undersides of closed bodies,
+        such as that of a quay sunk into the water, do not count where open surfaces are a quarter or more of what
+        faces the sky: then these are ground.
         """
         corner = self.vertices[self.faces]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         level = np.abs(normal[:, 2]) > np.hypot(normal[:, 0], normal[:, 1])
         if not level.any():
             return float(self.bounds[0, 2])
-        height, area = corner[level, :, 2].mean(axis=1), np.abs(normal[level, 2])
+        outward = self._outward(corner, normal)[self.face_mesh]
+        under, area = outward * normal[:, 2] < 0.0, np.abs(normal[:, 2])
+        sheets = float(area[level & (outward == 0.0)].sum())
+        if sheets >= 0.25 * float(area[level & ~under].sum()):
+            level &= ~under
+        height, area = corner[level, :, 2].mean(axis=1), area[level]
         order = np.argsort(height)
         share = np.cumsum(area[order])
         return float(height[order][np.searchsorted(share, 0.25 * share[-1])])
+
+    def _outward(self, corner: F64, normal: F64) -> F64:
+        """For each mesh 1 where normals of a closed body point outwards, -1 where inwards, 0 for open meshes.
+
+        The area vectors of a closed body, from ``corner`` (n_faces, 3, 3) and ``normal`` (n_faces, 3), add up to zero.
+        """
+        n, mesh = len(self.mesh_names), self.face_mesh
+        first = corner[np.minimum(self.mesh_face_offset[:-1], self.n_faces - 1), 0]
+        sums = np.stack([np.bincount(mesh, normal[:, k], n) for k in range(3)])
+        area = np.bincount(mesh, np.linalg.norm(normal, axis=1), n)
+        volume = np.bincount(mesh, np.einsum("ni,ni->n", corner[:, 0] - first[mesh], normal), n)
+        closed = np.abs(sums).max(axis=0) <= 1e-6 * area  # float32 corners
+        solid = np.abs(volume) > 1e-6 * area**1.5  # no sheet with two sides
+        return np.where(closed & solid, np.sign(volume), 0.0)
 
     @staticmethod
     def empty() -> "Geometry":
