@@ -4,8 +4,8 @@
     python tools/release.py --cut       the same, and once all has passed the changelog and CITATION.cff say so
 
 Takes the last commit, not the files of the checkout. In a copy of it the changelog's section of what is unreleased
-becomes that of the version in ``sarmitsuba/version.py``, the only place of the version; the wheel and the source package
-are built from that copy into ``dist/``. Each is installed into an environment of its own, whose packages are then
+becomes that of the version in ``sarmitsuba/version.py``, the only place of the version; wheel and source package are
+built from that copy into ``dist/``. Each is installed into an environment of its own, whose packages are then
 read-only, and tried in an empty folder without a network: ``doctor``, three shipped scenes, the Python block of the
 README. Started by root, the trial runs as the user ``nobody`` where that user can start the interpreter.
 """
@@ -121,12 +121,11 @@ def python_blocks(readme: str) -> list[str]:
 
 def build(copy: Path, target: Path) -> list[Path]:
     """Wheel and source package of a copy of the repository, checked for what must be in them."""
-    subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-t", "sdist", "-d", str(target)],
-        cwd=copy,
-        check=True,
-        stdout=subprocess.DEVNULL,
-    )
+    wanted = {str(path.relative_to(copy)) for path in copy.rglob("*") if path.is_file()}
+    words = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-t", "sdist", "-d", str(target)]
+    run = subprocess.run(words, cwd=copy, capture_output=True, text=True)
+    if run.returncode != 0:
+        raise ReleaseError(f"the build ended with {run.returncode}:\n{run.stdout}{run.stderr}")
     version = version_of(copy)
     wheel, source = (
         target / f"sarmitsuba-{version}-py3-none-any.whl",
@@ -134,7 +133,6 @@ def build(copy: Path, target: Path) -> list[Path]:
     )
     with tarfile.open(source) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    wanted = {str(path.relative_to(copy)) for path in copy.rglob("*") if path.is_file()}
     missing = sorted(name for name in wanted - names if not name.startswith("."))
     if missing:
         raise ReleaseError(f"{source.name} lacks {', '.join(missing[:5])}")
