@@ -311,7 +311,7 @@ def _preload_libcxx(llvm: Path) -> None:
             full = folder / f"{name}.0"
             if os.path.exists(full) and not os.path.exists(folder / name):
                 try:
-                    ctypes.CDLL(str(full), mode=ctypes.RTLD_GLOBAL)
+                    ctypes.CDLL(str(full))  # local: a global libunwind would catch Mitsuba's exceptions
                 except OSError:
                     return  # Dr.Jit's own attempt then fails and is reported
 

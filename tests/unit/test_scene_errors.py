@@ -313,5 +313,5 @@ def test_lines_of_an_included_file_name_it(tmp_path: Path) -> None:
     )
     text = '<scene version="3.0.0"><include filename="radar.xml"/><shape type="rectangle"/></scene>'
     (tmp_path / "scene.xml").write_text(text)
-    with pytest.raises(SceneError, match=r"^scene\.xml: sensor sar_antenna \(line 2 of radar\.xml\)"):
+    with pytest.raises(RadarError, match=r"^scene\.xml: sensor sar_antenna \(line 2 of radar\.xml\)"):
         load_scene(tmp_path / "scene.xml")
