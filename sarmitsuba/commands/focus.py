@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.radar import Radar
 
 # a window against side lobes: those of a city's corners would cross the whole picture without one
-_FOCUSER, _WINDOW = "auto", "taylor"
+_WINDOW = "taylor"
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
 
@@ -39,7 +39,7 @@ class _Listing(argparse.Action):
         option_strings: Sequence[str],
         dest: str,
         *,
-        default: str,
+        default: str | None,
         metavar: str,
         help: str,
     ) -> None:
@@ -146,9 +146,9 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--focuser",
         action=_Listing,
         entries=_focusers,
-        default=_FOCUSER,
+        default=None,
         metavar="NAME[,OPTION=VALUE...]",
-        help="how to focus (default: auto). all: every one of them, side by side in focusers.png. ",
+        help="how to focus (default: the first of the list). all: every one of them, side by side in focusers.png. ",
     )
     parser.add_argument(
         "--motion-compensation",
@@ -186,13 +186,13 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_focus_arguments(args: argparse.Namespace) -> None:
-    """Raise a SarmitsubaError for an unknown focuser, window or format, before any other work."""
+    """Raise a SarmitsubaError for an unknown focuser, window or format, before any other work; fill in defaults."""
     from sarmitsuba.commands.results import Formats
+    from sarmitsuba.focusing.focuser import DEFAULT, parse_focuser
 
     Formats.parse(args.format)
-    if args.focuser not in (_FOCUSER, _ALL):
-        from sarmitsuba.focusing.focuser import parse_focuser
-
+    args.focuser = DEFAULT if args.focuser is None else args.focuser
+    if args.focuser not in (DEFAULT, _ALL):
         parse_focuser(args.focuser)
     if args.autofocus != "none":
         from sarmitsuba.focusing.autofocus import parse_autofocus

@@ -12,29 +12,10 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.view.outlines import imaged, outlines
 from sarmitsuba.view.quicklook import quicklook
+from tests.support.scenes import POINT, small_scene
 
 pytest.importorskip("shapely")
 
-SCENE = """<scene version="3.0.0">
-    <integrator type="sar_path"/>
-    <sensor type="sar_antenna">
-        <float name="slant_range" value="5000"/><float name="look_angle_deg" value="{look}"/>
-        <float name="heading_deg" value="{heading}"/><string name="look_side" value="{side}"/>
-        <float name="squint_angle_deg" value="{squint}"/><string name="mode" value="{mode}"/>
-        <float name="center_frequency" value="9.65e9"/><float name="bandwidth" value="150e6"/>
-        <float name="azimuth_resolution" value="1"/>
-        <float name="aim_x" value="{x}"/><float name="aim_y" value="{y}"/><float name="aim_z" value="0"/>
-        <film type="range_film">
-            <string name="image_grid" value="{grid}"/>
-            <float name="image_center_x" value="{x}"/><float name="image_center_y" value="{y}"/>
-            <float name="image_extent_azimuth" value="60"/><float name="image_extent_range" value="110"/>
-        </film>
-    </sensor>
-    {shapes}
-</scene>
-"""
-POINT = """<shape type="sphere"><point name="center" x="{0}" y="{1}" z="{2}"/><float name="radius" value="0.05"/>
-        <bsdf type="point_scatterer"><float name="rcs_dbsm" value="20"/></bsdf></shape>"""
 BOX = """<shape type="cube"><transform name="to_world"><scale x="{0}" y="{1}" z="{2}"/><rotate z="1" angle="{3}"/>
         <translate x="{4}" y="{5}" z="{2}"/></transform>
         <bsdf type="radar_material"><string name="material" value="concrete"/>
@@ -76,7 +57,7 @@ def test_a_raised_point_is_where_the_image_shows_it(
     place = np.array([*rng.uniform(-6.0, 6.0, 2), rng.uniform(8.0, 20.0)])
     place[:2] += (given["x"], given["y"])
     file = tmp_path / "point.xml"
-    file.write_text(SCENE.format(**given, shapes=POINT.format(*place)))
+    file.write_text(small_scene(POINT.format(*place), **given))
     scene = sarmitsuba.load_scene(file)
     image = sarmitsuba.render(scene)
     azimuth, range_ = imaged(place[None] - scene.offset, image.grid.in_frame(scene.offset), scene.radar)
@@ -98,7 +79,7 @@ def test_outlines_enclose_the_bright_pixels_of_a_box(tmp_path: Path, seed: int) 
     size, height = rng.uniform(4.0, 8.0, 2), rng.uniform(3.0, 6.0)
     box = BOX.format(*size, height, rng.uniform(0.0, 90.0), given["x"] + 3.0, given["y"] - 2.0)
     file = tmp_path / "box.xml"
-    file.write_text(SCENE.format(**given, shapes=box))
+    file.write_text(small_scene(box, **given))
     scene = sarmitsuba.load_scene(file)
     (outline,) = outlines(scene)
     assert len(outline.foot) == 5
@@ -147,7 +128,7 @@ def test_ground_and_hidden_faces_have_no_outline(tmp_path: Path) -> None:
         <bsdf type="radar_material"><string name="material" value="concrete"/></bsdf></shape>"""
     given = drawn(np.random.default_rng(7), x=0.0, y=0.0)
     file = tmp_path / "ground.xml"
-    file.write_text(SCENE.format(**given, shapes=ground))
+    file.write_text(small_scene(ground, **given))
     assert outlines(sarmitsuba.load_scene(file)) == ()
 
 
@@ -159,7 +140,7 @@ def test_the_command_draws_them_from_the_scene_of_the_run(
 
     file, out = tmp_path / "box.xml", tmp_path / "out"
     box = BOX.format(5, 4, 3, 20, 3, 0)
-    file.write_text(SCENE.format(**drawn(np.random.default_rng(8), x=0.0, y=0.0), shapes=box))
+    file.write_text(small_scene(box, **drawn(np.random.default_rng(8), x=0.0, y=0.0)))
     quiet = ["--quiet", "--no-error-bars", "--no-chart", "--method", "image"]
     assert cli.main(["render", str(file), "-o", str(out), *quiet]) == 0
     plain = (out / "quicklook.png").read_bytes()

@@ -13,30 +13,11 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.quicklook import quicklook
+from tests.support.scenes import POINT, small_scene
 
-SCENE = """<scene version="3.0.0">
-    <integrator type="sar_path"/>
-    <sensor type="sar_antenna">
-        <float name="slant_range" value="5000"/><float name="look_angle_deg" value="{look}"/>
-        <float name="heading_deg" value="{heading}"/><string name="look_side" value="{side}"/>
-        <float name="center_frequency" value="9.65e9"/><float name="bandwidth" value="150e6"/>
-        <float name="azimuth_resolution" value="1"/>
-        <float name="aim_x" value="{x}"/><float name="aim_y" value="{y}"/><float name="aim_z" value="0"/>
-        <film type="range_film">
-            <string name="image_grid" value="{grid}"/>
-            <float name="image_center_x" value="{x}"/><float name="image_center_y" value="{y}"/>
-            <float name="image_extent_azimuth" value="60"/><float name="image_extent_range" value="80"/>
-        </film>
-    </sensor>
-    <shape type="sphere"><point name="center" x="{px}" y="{py}" z="{pz}"/><float name="radius" value="0.05"/>
-        <bsdf type="point_scatterer"><float name="rcs_dbsm" value="20"/></bsdf></shape>
-</scene>
-"""
-
-
-def point_image(folder: Path, **values: object) -> SarImage:
+def point_image(folder: Path, px: object, py: object, pz: object, **values: object) -> SarImage:
     file = folder / "point.xml"
-    file.write_text(SCENE.format(**values))
+    file.write_text(small_scene(POINT.format(px, py, pz), **values))
     return sarmitsuba.render(sarmitsuba.load_scene(file))
 
 
