@@ -1,5 +1,6 @@
 """Outlines of bodies in an image: their footprints, and their upper rims where layover shows them."""
 
+import importlib.util
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -42,6 +43,12 @@ class Outline:
     top: F64
 
 
+def check_installed() -> None:
+    """Raise a DataError where the package shapely is missing."""
+    if importlib.util.find_spec("shapely") is None:
+        raise DataError("picture: outlines need the package shapely; pip install 'sarmitsuba[importing]'")
+
+
 def outlines(scene: Scene) -> tuple[Outline, ...]:
     """Outlines of the connected bodies of a scene, at time zero, holes included as rings of their own.
 
@@ -52,12 +59,9 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
     DataError
         The package shapely is missing.
     """
-    try:
-        import shapely
-    except ImportError as error:
-        raise DataError(
-            "picture: outlines need the package shapely; pip install 'sarmitsuba[importing]'"
-        ) from error
+    check_installed()
+    import shapely
+
     geometry, request = scene.geometry, scene.image
     if not geometry.n_faces:
         return ()

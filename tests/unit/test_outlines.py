@@ -149,3 +149,50 @@ def test_the_command_draws_them_from_the_scene_of_the_run(
     file.write_text(file.read_text().replace('scale x="5"', 'scale x="6"'))
     with pytest.raises(DataError, match="other shapes or materials"):
         scene_of_run(out)
+
+
+@pytest.mark.parametrize("method", ["image", "hybrid"])
+def test_render_and_focus_draw_the_picture_that_picture_draws(tmp_path: Path, method: str) -> None:
+    """The same options give the same pixels; and others than without them."""
+    from sarmitsuba import cli
+
+    file = tmp_path / "box.xml"
+    shapes = BOX.format(5, 4, 3, 20, 53, -80)
+    file.write_text(small_scene(shapes, **drawn(np.random.default_rng(9), x=50.0, y=-80.0, grid="ground")))
+    quiet, shown = ["--quiet", "--no-chart"], ["--axes", "radar", "--outlines", "--with-view"]
+
+    def picture(name: str, *command: str) -> bytes:
+        out = tmp_path / name
+        assert (
+            cli.main(
+                [command[0], *command[1:], *([] if command[0] == "picture" else ["-o", str(out), *quiet])]
+            )
+            == 0
+        )
+        return (out / "quicklook.png").read_bytes()
+
+    made = ["render", str(file), "--no-error-bars", "--method", method]
+    plain = picture("plain", *made)
+    styled = picture("styled", *made, *shown)
+    assert styled != plain
+    assert picture("plain", "picture", str(tmp_path / "plain"), *shown) == styled
+    if method == "hybrid":
+        raw = str(tmp_path / "plain" / "raw.h5")
+        assert picture("focused", "focus", raw, *shown) == styled
+
+
+def test_what_a_run_cannot_draw_is_refused_before_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from sarmitsuba import cli
+
+    file, out = tmp_path / "box.xml", tmp_path / "out"
+    file.write_text(small_scene(BOX.format(5, 4, 3, 20, 3, 0), grid="slant"))
+    for more, words in (
+        (["--axes", "scene"], "slant range has no axes of the scene"),
+        (["--no-focus", "--method", "hybrid", "--outlines"], "--no-focus makes none"),
+    ):
+        assert cli.main(["render", str(file), "-o", str(out), *more]) == 2
+        error = capsys.readouterr().err
+        assert words in error and error.count("\n") == 1
+        assert not list(out.glob("*.h5"))

@@ -15,6 +15,7 @@ from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.quicklook import quicklook
 from tests.support.scenes import POINT, small_scene
 
+
 def point_image(folder: Path, px: object, py: object, pz: object, **values: object) -> SarImage:
     file = folder / "point.xml"
     file.write_text(small_scene(POINT.format(px, py, pz), **values))
@@ -77,6 +78,19 @@ def test_a_point_of_the_scene_is_at_its_coordinates_of_the_picture(tmp_path: Pat
     peak = np.unravel_index(int(image.rcs().argmax()), image.grid.shape)
     assert image.grid.azimuth[peak[0]] == pytest.approx(float(a), abs=1e-6)  # tol: rounding
     assert image.grid.range[peak[1]] == pytest.approx(float(r), abs=1e-6)
+    # multi-looked, too
+    drawn = image.multilook(2, 2).plot().axes[0]
+    assert drawn.get_xlabel() == figure.axes[0].get_xlabel()
+    assert drawn.get_ylabel() == figure.axes[0].get_ylabel()
+    (mesh,) = drawn.collections
+    values = np.asarray(mesh.get_array()).reshape(mesh.get_coordinates().shape[0] - 1, -1)
+    i, j = np.unravel_index(int(values.argmax()), values.shape)
+    corners = mesh.get_coordinates()[i : i + 2, j : j + 2].reshape(-1, 2)
+    # tol: the brightest block may be the neighbour of the point's, by half a block
+    assert np.abs(corners.mean(axis=0) - expected).max() <= 2.0 * half + 1e-6
+    # near range is left, early azimuth below
+    first, last = drawn.transData.transform([mesh.get_coordinates()[0, 0], mesh.get_coordinates()[-1, -1]])
+    assert (first < last).all()
     # in the other frame the centre of the image is zero
     radar = brightest(image, "radar")[:2]
     offset = np.array([px - x, py - y])
