@@ -196,3 +196,25 @@ def test_what_a_run_cannot_draw_is_refused_before_it(
         error = capsys.readouterr().err
         assert words in error and error.count("\n") == 1
         assert not list(out.glob("*.h5"))
+
+
+def test_houses_of_a_map_have_one_outline_each(tmp_path: Path) -> None:
+    """Not their balconies, nor the pavement on which they stand."""
+    import json
+
+    from sarmitsuba.importing.convert import import_scene
+    from sarmitsuba.importing.import_options import ImportOptions
+
+    boxes = [[[x, 0], [x + 12, 0], [x + 12, 15], [x, 15], [x, 0]] for x in (0, 40)]
+    house = {"type": "Feature", "properties": {"building": "yes", "height": 18}}
+    features = [house | {"geometry": {"type": "Polygon", "coordinates": [box]}} for box in boxes]
+    (tmp_path / "a.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    model = import_scene(tmp_path / "a.geojson", tmp_path / "a.xml", ImportOptions(crs="local"))
+    assert {"balconies", "pavement"} <= {part for part, *_ in model.parts}
+    scene = sarmitsuba.load_scene(tmp_path / "a.xml")
+    found = [outline.foot[:, :2] + scene.offset[:2] for outline in outlines(scene)]
+    assert len(found) == 2
+    # tol: rings are simplified to 5 cm
+    low = sorted(foot.min(axis=0).tolist() for foot in found)
+    np.testing.assert_allclose(low, [[0.0, 0.0], [40.0, 0.0]], atol=0.06)
+    np.testing.assert_allclose([np.ptp(foot, axis=0) for foot in found], [[12.0, 15.0]] * 2, atol=0.06)
