@@ -355,6 +355,16 @@ def test_values_of_templates_are_text(in_node: Node) -> None:
     assert got["keys"] == ["a", "Escape"]
 
 
+def test_a_sweeps_page_has_the_statement_of_its_error(in_node: Node) -> None:
+    script = """
+    const { statementView } = await import("sarmitsuba/account.js");
+    return [statementView({ text, warning: "" }).text, statementView({ text, warning }).text];
+    """
+    plain, warned = in_node(script, text="expected error: sampling <0.1 dB, theory 2 dB", warning="levels are off")
+    assert plain == "Expected error: sampling &lt;0.1 dB, theory 2 dB."
+    assert warned == plain + " <b>Levels are off.</b>"
+
+
 def test_listeners_hear_of_changes_once(in_node: Node) -> None:
     script = """
     const { Store } = await import("sarmitsuba/store.js");
