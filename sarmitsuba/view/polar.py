@@ -36,7 +36,13 @@ class AspectCurves:
 
 
 def aspect_figure(
-    angle_deg: F64, curves: Sequence[AspectCurves], *, swept: str, title: str, note: str = "", span_db: float = SPAN_DB
+    angle_deg: F64,
+    curves: Sequence[AspectCurves],
+    *,
+    swept: str,
+    title: str,
+    note: str = "",
+    span_db: float = SPAN_DB,
 ) -> Figure:
     """Draw one panel per channel, its bounce orders in colour below the black sum.
 
