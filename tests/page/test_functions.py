@@ -359,6 +359,68 @@ def test_values_of_templates_are_text(in_node: Node) -> None:
     assert got["keys"] == ["a", "Escape"]
 
 
+def test_the_ground_is_under_every_footprint_of_the_pass(in_node: Node) -> None:
+    rng = np.random.default_rng(13)
+    for _ in range(5):
+        n, height = 31, float(rng.normal(scale=5.0))
+        turn = rng.uniform(0.0, 2.0 * np.pi)
+        along = np.array([np.sin(turn), np.cos(turn), 0.0])
+        across = np.array([along[1], -along[0], 0.0])
+        down = np.array([0.0, 0.0, -1.0])
+        look = rng.uniform(0.4, 0.9)
+        boresight = np.sin(look) * across + np.cos(look) * down
+        axes = [boresight, along, np.cross(boresight, along)]
+        track = np.linspace(-300.0, 300.0, n)[:, None] * along - 1e3 * np.tan(look) * across
+        track[:, 2] = 1e3 + height
+        names = ("boresight", "azimuth_axis", "elevation_axis")
+        radar = {name: np.tile(axis, n).tolist() for name, axis in zip(names, axes, strict=True)}
+        radar |= {"time": list(range(n)), "position": track.ravel().tolist(), "beam_widths": [0.05, 0.2]}
+        grid = {"kind": "ground", "shape": [20, 30], "azimuth": [-10.0, 1.0], "range": [-15.0, 1.0]}
+        grid |= {
+            "origin": [0.0, 0.0, height],
+            "along": along.tolist(),
+            "across": across.tolist(),
+            "height": height,
+        }
+        script = """
+        const { footprint, passGround, row } = await import("sarmitsuba/localise.js");
+        const prints = radar.time.flatMap((_, t) => footprint(row(radar.position, t),
+          [radar.boresight, radar.azimuth_axis, radar.elevation_axis].map((axis) => row(axis, t)), radar.beam_widths,
+          grid.height, 1e5));
+        return { corners: passGround({ radar, grid }, 1), prints, bare: passGround({ radar: null, grid }, 1) };
+        """
+        got = in_node(script, radar=radar, grid=grid)
+        frame = np.stack([along, across], axis=1)
+        corners, prints = np.array(got["corners"]) @ frame, np.array(got["prints"]) @ frame
+        assert np.ptp(prints[:, 0]) > 600.0  # the pass goes far beyond the image of 20 m
+        assert (prints >= corners.min(axis=0)).all() and (prints <= corners.max(axis=0)).all()
+        # tol: margins, and footprints of 31 pulses by nine of them
+        assert (np.ptp(corners, axis=0) < np.ptp(prints, axis=0) + 60.0).all()
+        assert np.allclose(np.array(got["corners"])[:, 2], height)
+        np.testing.assert_allclose(np.ptp(np.array(got["bare"]) @ frame, axis=0), [21.0, 31.0], rtol=1e-9)
+
+
+def test_lit_faces_have_no_shadow_of_their_own_and_others_do(in_node: Node) -> None:
+    """Planes of any incidence up to 80 degrees against a shadow map drawn here, each sample and its neighbours."""
+    script = """
+    const { MAP_SIZE, shadowCamera } = await import("sarmitsuba/lamp.js");
+    return { size: MAP_SIZE, ...shadowCamera(2) };
+    """
+    got = in_node(script)
+    texel, depth = 2.0 * got["half"] / got["size"], got["far"] - got["near"]
+    rng = np.random.default_rng(14)
+    for _ in range(200):
+        incidence, turn = rng.uniform(0.0, np.radians(80.0)), rng.uniform(0.0, 2.0 * np.pi)
+        slope = np.tan(incidence) * np.array([np.cos(turn), np.sin(turn)])  # depth over the map's axes
+        place = rng.uniform(-1.0, 1.0, 2)
+        taps = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
+        stored = ((np.floor(place / texel) + 0.5 + taps) * texel) @ slope / depth
+        own = place @ slope / depth
+        assert (own + got["bias"] <= stored + 1e-12).all()
+    # what is 2 % of the scene's radius before a face shades it
+    assert 0.02 * 2.0 / depth + got["bias"] > 0.0
+
+
 def test_a_spot_beside_a_bright_line_is_its_side_lobe(in_node: Node) -> None:
     """A line and a point on clutter through the windows' response: side lobes are named, other echoes are not."""
     rng = np.random.default_rng(12)
