@@ -83,7 +83,7 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
     area = 0.5 * (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
     least = 1e-9 * np.square(np.abs(sides).max(axis=(1, 2)))
     order = np.argsort(part, kind="stable")
-    bodies: list[_Body] = []
+    bodies: list[_PlanBody] = []
     for pick in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
         seen = pick[np.abs(area[pick]) > least[pick]]  # walls project to lines
         if not seen.size:
@@ -92,7 +92,7 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
         height_field = len(seen) == len(pick) and np.abs(area[seen]).sum() < 1.001 * plan.area
         if height_field and plan.area > _GROUND * request.extent_azimuth * request.extent_range:
             continue
-        bodies.append(_Body(plan, _Heights.of(corner[pick].reshape(-1, 3))))
+        bodies.append(_PlanBody(plan, _Heights.of(corner[pick].reshape(-1, 3))))
     found: list[Outline] = []
     for body in _standing(bodies):
         plan, heights = body.plan.simplify(_DETAIL), body.heights
@@ -109,7 +109,7 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
     return tuple(found)
 
 
-def _standing(bodies: "list[_Body]") -> "list[_Body]":
+def _standing(bodies: "list[_PlanBody]") -> "list[_PlanBody]":
     """Bodies without those hung on another one, such as balconies, and without flat ones on which others stand."""
     import shapely
 
@@ -124,7 +124,7 @@ def _standing(bodies: "list[_Body]") -> "list[_Body]":
 
 
 @dataclass(frozen=True, eq=False)
-class _Body:
+class _PlanBody:
     """Connected faces: their plan and heights."""
 
     plan: "shapely.Geometry"
