@@ -286,7 +286,10 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
         curves.append(AspectCurves(channel, total, parts if len(parts) > 1 else {}))
     console.say(sweep.statement.text)
     title = f"{scene.name},  {sweep.frequency / 1e9:.4g} GHz,  {fixed}"
-    draw_into(folder, PLOT, lambda: aspect_figure(angle, curves, swept=swept, title=title), console)
+    note = sweep.statement.text
+    draw_into(
+        folder, PLOT, lambda: aspect_figure(angle, curves, swept=swept, title=title, note=note), console
+    )
 
 
 def table_of(sweep: "RcsSweep") -> dict[str, "F64"]:
