@@ -55,6 +55,19 @@ class Geometry:
         """True where some mesh moves."""
         return any(not motion.still for motion in self.mesh_motion)
 
+    def equals(self, other: "Geometry") -> bool:
+        """Whether another geometry has the same triangles, materials, groups and motions."""
+        if self is other:
+            return True
+        arrays = ("vertices", "faces", "face_material", "face_group", "mesh_face_offset")
+        same = self.mesh_names == other.mesh_names and self.mesh_motion == other.mesh_motion
+        same &= self.mesh_convex == other.mesh_convex and self.corner_values.keys() == other.corner_values.keys()
+        return (
+            same
+            and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in arrays)
+            and all(np.array_equal(rows, other.corner_values[k], equal_nan=True) for k, rows in self.corner_values.items())
+        )
+
     def moving_meshes(self) -> tuple[tuple[Motion, slice], ...]:
         """Motion and rows of ``faces`` of every mesh that moves."""
         offset = self.mesh_face_offset
