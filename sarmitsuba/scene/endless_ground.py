@@ -44,7 +44,7 @@ def with_endless_ground(scene: Scene) -> Scene:
     switch, geometry = scene.settings.endless_ground, scene.geometry
     if switch == "off" or scene.settings.method == "raster" or geometry.n_faces == 0:
         return scene
-    rim = _rim(geometry)
+    rim = level_rim(geometry)
     if rim is None or _encloses(rim, geometry, scene):
         return scene
     of = geometry.face_material[rim.face]
@@ -107,7 +107,7 @@ def reach_of(image: ImageRequest, radar: Radar, geometry: Geometry) -> float:
     return 2.0 * (lit + fade)
 
 
-def _rim(geometry: Geometry) -> Rim | None:
+def level_rim(geometry: Geometry) -> Rim | None:
     """Closed level outline around all shapes at their lowest level; None where there is none."""
     still = np.ones(geometry.n_faces, dtype=bool)
     for _, rows in geometry.moving_meshes():
@@ -136,7 +136,7 @@ def _rim(geometry: Geometry) -> Rim | None:
     faces = np.where((flat & (across < 0.0))[:, None], faces[:, ::-1], faces)
     label = np.full(len(v), -1, dtype=np.int64)
     named = np.unique(faces)
-    label[named] = weld(v[named])
+    label[named] = weld(np.round(v[named] / slack))
     start, end = label[faces].reshape(-1), label[np.roll(faces, -1, axis=1)].reshape(-1)
     here = at[faces].reshape(-1) & at[np.roll(faces, -1, axis=1)].reshape(-1)
     n = int(label.max()) + 1
@@ -239,6 +239,7 @@ def _continued(scene: Scene, rim: Rim, of: I32) -> Scene:
         mesh_names=names,
         mesh_face_offset=np.append(geometry.mesh_face_offset, geometry.n_faces + 2 * n),
         mesh_convex=(*geometry.mesh_convex, False) if geometry.mesh_convex else (),
+        mesh_endless=(*geometry.mesh_endless, True) if geometry.mesh_endless else (),
         mesh_motion=(*geometry.mesh_motion, STILL) if geometry.mesh_motion else (),
         corner_values=values,
     )

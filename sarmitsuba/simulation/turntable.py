@@ -136,7 +136,7 @@ def rcs_sweep(
     Raises
     ------
     RadarError
-        The direction is vertical: an azimuth sweep only rotates the polarisation.
+        The direction is vertical: an azimuth sweep only rotates the polarisation; or the scene has ground without end.
 
     Notes
     -----
@@ -146,6 +146,8 @@ def rcs_sweep(
     warned of above -15 dB. A total error above 3 dB, that of the theory included, is warned of where directions are
     checked.
     """
+    if any(scene.geometry.mesh_endless):
+        raise RadarError("rcs: ground without end has no radar cross section; leave radar_ground, or --ground, out")
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
         raise RadarError(
