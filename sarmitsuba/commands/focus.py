@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import pixels
+from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
@@ -21,8 +22,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.radar import Radar
 
-# a window against side lobes: those of a city's corners would cross the whole picture without one
-_FOCUSER, _WINDOW = "auto", "taylor"
+_FOCUSER = "auto"
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
 
@@ -169,7 +169,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--window",
         action=_Listing,
         entries=_windows,
-        default=_WINDOW,
+        default=DEFAULT_WINDOW,
         metavar="WINDOW",
         help="window against sidelobes in range and azimuth (default: taylor), with parameters if wanted, e.g. "
         "taylor:4:-35; rectangular is the sharpest. ",
@@ -198,7 +198,7 @@ def check_focus_arguments(args: argparse.Namespace) -> None:
         from sarmitsuba.focusing.autofocus import parse_autofocus
 
         parse_autofocus(args.autofocus)
-    if args.window != _WINDOW:
+    if args.window != DEFAULT_WINDOW:
         from sarmitsuba.focusing.windows import parse_window
 
         parse_window(args.window)

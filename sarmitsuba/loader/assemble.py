@@ -335,7 +335,9 @@ def _extent(geometry: Geometry, places: F64) -> Extent:
     if len(endless):
         height = float(endless[0, 2])
     middle = np.array([*(0.5 * (low + high)[:2]), height])
-    return Extent(np.concatenate([bounded.vertices, places]), middle, bounded.faces, endless if len(endless) else None)
+    return Extent(
+        np.concatenate([bounded.vertices, places]), middle, bounded.faces, endless if len(endless) else None
+    )
 
 
 def _offset(geometry: Geometry, places: F64) -> F64:

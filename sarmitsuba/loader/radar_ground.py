@@ -83,7 +83,9 @@ class LevelGround:
 
 def ground_element(material: str, label: str) -> Element:
     """BSDF element of ground by the name of a material."""
-    return Element("bsdf", RADAR_MATERIAL.plugin, "ground", f"{label}: ground", Path(), {"material": material})
+    return Element(
+        "bsdf", RADAR_MATERIAL.plugin, "ground", f"{label}: ground", Path(), {"material": material}
+    )
 
 
 def read_ground(placed: Placed, bsdf: Element | None) -> tuple[Element, float | None, float | None]:
@@ -104,7 +106,9 @@ def read_ground(placed: Placed, bsdf: Element | None) -> tuple[Element, float | 
     if bsdf is None:
         if not isinstance(name, str):
             raise SceneError(f"{element.where}: material = {one_line(name)} is not a name, such as soil")
-        bsdf = Element("bsdf", RADAR_MATERIAL.plugin, element.id, element.where, element.folder, {MATERIAL: name})
+        bsdf = Element(
+            "bsdf", RADAR_MATERIAL.plugin, element.id, element.where, element.folder, {MATERIAL: name}
+        )
     return bsdf, _number(element, "level", -_MOST), _number(element, "extent", 0.0)
 
 

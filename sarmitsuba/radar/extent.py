@@ -18,7 +18,7 @@ class Extent:
     middle : (3,) float64, m; default aim point: the middle of the outline, on the ground
     faces : (n_faces, 3) triangles of the first points of the outline; None: the outline is a hull, filled with
         scatterers. Points of no triangle are scatterers too
-    endless : (n, 3) float64, m; corners of ground without end: lit, but without influence on automatic sizes; None: none
+    endless : (n, 3) float64, m; corners of ground without end, which automatic sizes do not count; None: none
     """
 
     outline: F64

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.materials.material import Material
@@ -37,9 +36,9 @@ def with_endless_ground(scene: Scene) -> Scene:
     Notes
     -----
     Ground with maps of its properties, slabs, moving meshes, rims in several parts and outlines that are not seen whole
-    from their centroid end where they end. So does ground in method ``raster``, which has no coherent return, and ground
-    too rough for one: less than ``tolerance_db`` of a smooth one's. ``endless_ground`` of the settings is ``off``, or
-    ``on`` for lone and small level sheets and those of metal.
+    from their centroid end where they end. So does ground in method ``raster``, which has no coherent return, and
+    ground too rough for one: less than ``tolerance_db`` of a smooth one's. ``endless_ground`` of the settings is
+    ``off``, or ``on`` for lone metal and small level sheets.
     """
     switch, geometry = scene.settings.endless_ground, scene.geometry
     if switch == "off" or scene.settings.method == "raster" or geometry.n_faces == 0:
@@ -90,9 +89,7 @@ class Rim:
         a = self.points[:, :2]
         along = np.roll(a, -1, axis=0) - a
         to = center - a
-        return np.asarray(
-            (along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0]) / np.linalg.norm(along, axis=1)
-        )
+        return np.asarray((along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0]) / np.linalg.norm(along, axis=1))
 
 
 def reach_of(image: ImageRequest, radar: Radar, geometry: Geometry) -> float:
@@ -150,7 +147,9 @@ def level_rim(geometry: Geometry) -> Rim | None:
     sides = alone[loop]
     vertex = faces.reshape(-1)[sides]
     rim = Rim(vertex, number[sides // 3], v[vertex])
-    outer = np.concatenate([rim.points[:, :2].min(axis=0) - low[:2], high[:2] - rim.points[:, :2].max(axis=0)])
+    outer = np.concatenate(
+        [rim.points[:, :2].min(axis=0) - low[:2], high[:2] - rim.points[:, :2].max(axis=0)]
+    )
     if rim.area <= 0.0 or (np.abs(outer) > slack).any() or (rim.distances(rim.centroid) <= 0.0).any():
         return None
     return rim

@@ -85,11 +85,16 @@ class Geometry:
             return True
         arrays = ("vertices", "faces", "face_material", "face_group", "mesh_face_offset")
         same = self.mesh_names == other.mesh_names and self.mesh_motion == other.mesh_motion
-        same &= self.mesh_convex == other.mesh_convex and self.corner_values.keys() == other.corner_values.keys()
+        same &= (
+            self.mesh_convex == other.mesh_convex and self.corner_values.keys() == other.corner_values.keys()
+        )
         return (
             same
             and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in arrays)
-            and all(np.array_equal(rows, other.corner_values[k], equal_nan=True) for k, rows in self.corner_values.items())
+            and all(
+                np.array_equal(rows, other.corner_values[k], equal_nan=True)
+                for k, rows in self.corner_values.items()
+            )
         )
 
     def moving_meshes(self) -> tuple[tuple[Motion, slice], ...]:

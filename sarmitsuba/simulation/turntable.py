@@ -147,7 +147,9 @@ def rcs_sweep(
     checked.
     """
     if any(scene.geometry.mesh_endless):
-        raise RadarError("rcs: ground without end has no radar cross section; leave radar_ground, or --ground, out")
+        raise RadarError(
+            "rcs: ground without end has no radar cross section; leave radar_ground, or --ground, out"
+        )
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
         raise RadarError(

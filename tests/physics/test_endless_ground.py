@@ -184,8 +184,8 @@ def test_what_is_no_ground_ends_where_it_ends() -> None:
     moving = replace(ground, motion=Motion(velocity=(0.0, 1.0, 0.0)))
     for meshes in (
         [ground, SceneMesh(v, f, "concrete")],
-        [ground, SceneMesh(v + [0.0, -9.0, 1.0], f, "concrete")],
-        [ground, SceneMesh(v + [0.0, 9.0, -4.0], f, "concrete")],
+        [ground, SceneMesh(v + np.array([0.0, -9.0, 1.0]), f, "concrete")],
+        [ground, SceneMesh(v + np.array([0.0, 9.0, -4.0]), f, "concrete")],
         [moving],
     ):
         assert not grows(build_scene(meshes, radar=RadarDescription(center_frequency=L_BAND)))
@@ -195,7 +195,8 @@ GROUND = """<scene version="3.0.0"><integrator type="sar_path"/>
 <sensor type="sar_antenna"><float name="slant_range" value="5000"/><float name="heading_deg" value="17"/>
 <float name="bandwidth" value="150e6"/><float name="azimuth_resolution" value="1"/>
 <float name="aim_x" value="0"/><float name="aim_y" value="0"/><float name="aim_z" value="0"/>
-<film type="range_film"><float name="image_extent_azimuth" value="60"/><float name="image_extent_range" value="60"/></film>
+<film type="range_film"><float name="image_extent_azimuth" value="60"/>
+<float name="image_extent_range" value="60"/></film>
 </sensor>
 <shape type="cube" id="block"><transform name="to_world"><scale x="3" y="4" z="2"/><translate z="2"/></transform>
 <bsdf type="radar_material"><string name="material" value="concrete"/></bsdf></shape>
@@ -226,8 +227,9 @@ def test_ground_asked_for_is_that_of_a_wide_rectangle(tmp_path: Path) -> None:
 
 
 def test_ground_at_a_level_of_an_extent(tmp_path: Path) -> None:
-    text = '<shape type="radar_ground" id="lawn"><float name="level" value="-1.5"/><float name="extent" value="40"/>%s</shape>'
-    scene = load_scene(written(tmp_path, text % '<bsdf type="radar_material"><string name="material" value="grass"/></bsdf>'))
+    numbers = '<float name="level" value="-1.5"/><float name="extent" value="40"/>'
+    bsdf = '<bsdf type="radar_material"><string name="material" value="grass"/></bsdf>'
+    scene = load_scene(written(tmp_path, f'<shape type="radar_ground" id="lawn">{numbers}{bsdf}</shape>'))
     low, high = scene.geometry.bounds
     assert low.tolist() == [-20.0, -20.0, -1.5] and high[:2].tolist() == [20.0, 20.0]
 

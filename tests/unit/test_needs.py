@@ -10,13 +10,12 @@ import pytest
 
 from sarmitsuba import memory
 from sarmitsuba.errors import ResourceError
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.prediction.counting import lattice_rays
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.refinement.passes import refine
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
+from tests.support.unweighted import focus, refine, render
 
 # a town of 36 m x 36 m in millimetres
 MILLIMETRES = """<scene version="3.0.0">

@@ -13,6 +13,7 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.quicklook import quicklook
+from tests.support.unweighted import render
 
 SCENE = """<scene version="3.0.0">
     <integrator type="sar_path"/>
@@ -37,7 +38,7 @@ SCENE = """<scene version="3.0.0">
 def point_image(folder: Path, **values: object) -> SarImage:
     file = folder / "point.xml"
     file.write_text(SCENE.format(**values))
-    return sarmitsuba.render(sarmitsuba.load_scene(file))
+    return render(sarmitsuba.load_scene(file))
 
 
 def brightest(image: SarImage, axes: str | None = None) -> tuple[float, float, float]:
