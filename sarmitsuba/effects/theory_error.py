@@ -24,6 +24,7 @@ from sarmitsuba.effects.omitted_waves import (
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.thin_rims import ONE_EDGE
 from sarmitsuba.scene.geometry import Geometry
 
 # dB below the peak down to which the error is stated

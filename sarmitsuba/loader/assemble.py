@@ -105,7 +105,9 @@ def assemble(
     RadarError : the radar does not see the scene
     """
     label = printable(path.name if path else name)
-    visible = any(not materials[s.material].invisible for s in (*surfaces, *grounds))
+    visible = any(
+        not materials[i].invisible for i in [*(s.material for s in surfaces), *(g.material for g in grounds)]
+    )
     if volumes and not visible:
         raise SceneError(
             f'{label}: no surface below the volume "{volumes[0].name}"; add ground, a shape with a radar_material'

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import next_fast_len
+import scipy
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.radar.antenna import Antenna
@@ -128,5 +128,5 @@ def receive_window(
     start = max(start, sample_spacing - float(follow.min()))
     n = int(np.ceil((stop - start) / sample_spacing)) + 1
     if not far_range:
-        n = int(next_fast_len(max(n, 2)))
+        n = int(scipy.fft.next_fast_len(max(n, 2)))
     return ReceiveWindow(start + follow, sample_spacing, n)

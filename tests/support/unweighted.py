@@ -5,9 +5,7 @@ from functools import partial
 import sarmitsuba
 from sarmitsuba.focusing.focuser_comparison import compare_focusers as compare
 
-PLAIN = {"range_window": "rectangular", "azimuth_window": "rectangular"}
-
-focus = partial(sarmitsuba.focus, **PLAIN)
-render = partial(sarmitsuba.render, **PLAIN)
-refine = partial(sarmitsuba.refine, **PLAIN)
+focus = partial(sarmitsuba.focus, range_window="rectangular", azimuth_window="rectangular")
+render = partial(sarmitsuba.render, range_window="rectangular", azimuth_window="rectangular")
+refine = partial(sarmitsuba.refine, range_window="rectangular", azimuth_window="rectangular")
 compare_focusers = partial(compare, window="rectangular")
