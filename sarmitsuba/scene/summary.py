@@ -70,14 +70,14 @@ class SceneSummary:
             ("materials", ", ".join(names) or "none"),
             (
                 "radar",
-                f"{radar.mode}, {radar.waveform.center_frequency / 1e9:.4g} GHz, {radar.waveform.bandwidth / 1e6:.4g} MHz,"
-                f" {'/'.join(radar.channels)}, {radar.track.n_pulses} pulses from {facts['slant_range']:.5g} m at an"
+                f"{radar.mode}, {radar.waveform.center_frequency / 1e9:.4g} GHz, {radar.waveform.bandwidth / 1e6:.4g} "
+                f"MHz, {'/'.join(radar.channels)}, {radar.track.n_pulses} pulses from {facts['slant_range']:.5g} m at an"
                 f" incidence angle of {facts['incidence_deg']:.3g} deg",
             ),
             (
                 "image",
-                f"{image.grid}, {image.extent_azimuth:.4g} m (azimuth) x {image.extent_range:.4g} m (ground range), range"
-                f" cell {radar.waveform.range_cell:.3g} m",
+                f"{image.grid}, {image.extent_azimuth:.4g} m (azimuth) x {image.extent_range:.4g} m (ground range), "
+                f"range cell {radar.waveform.range_cell:.3g} m",
             ),
             ("method", scene.settings.method),
         ]
