@@ -71,8 +71,8 @@ class SceneSummary:
             (
                 "radar",
                 f"{radar.mode}, {radar.waveform.center_frequency / 1e9:.4g} GHz, {radar.waveform.bandwidth / 1e6:.4g} "
-                f"MHz, {'/'.join(radar.channels)}, {radar.track.n_pulses} pulses from {facts['slant_range']:.5g} m at an"
-                f" incidence angle of {facts['incidence_deg']:.3g} deg",
+                f"MHz, {'/'.join(radar.channels)}, {radar.track.n_pulses} pulses from {facts['slant_range']:.5g} m at "
+                f"an incidence angle of {facts['incidence_deg']:.3g} deg",
             ),
             (
                 "image",
