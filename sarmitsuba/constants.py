@@ -18,3 +18,6 @@ SUBSET_SHARES: dict[int, float] = {0: 1.0, 1: 0.75, 2: 0.25}
 # error energy of ray sampling falls with this power of the number of rays: 2.5 dB per doubling
 # (benchmarks/suite/error_bars.py)
 RAY_ERROR_ORDER = 0.83
+
+# window of images in Python and on the command line: without one the side lobes of a city's corners cross its picture
+DEFAULT_WINDOW = "taylor"

@@ -149,8 +149,8 @@ def _refined(seed: int, folder: Path) -> dict[str, Any] | None:
         PIXELS_TOGETHER,
         estimate_error,
     )
-    from sarmitsuba.simulation.refinement.passes import refine
     from sarmitsuba.simulation.run import Run
+    from tests.support.unweighted import refine
 
     # bounces and blocks of pulses as in all of the passes: their error is not the rays'
     scene = drawn_scene(seed, folder)

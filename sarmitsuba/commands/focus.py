@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import PictureStyle, add_axes_argument, add_scene_picture_arguments
 from sarmitsuba.commands.scene_arguments import pixels
+from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.radar import Radar
 
-# a window against side lobes: those of a city's corners would cross the whole picture without one
-_WINDOW = "taylor"
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
 
@@ -172,7 +171,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--window",
         action=_Listing,
         entries=_windows,
-        default=_WINDOW,
+        default=DEFAULT_WINDOW,
         metavar="WINDOW",
         help="window against sidelobes in range and azimuth (default: taylor), with parameters if wanted, e.g. "
         "taylor:4:-35; rectangular is the sharpest. ",
@@ -205,7 +204,7 @@ def check_focus_arguments(args: argparse.Namespace) -> None:
         from sarmitsuba.view.outlines import check_installed
 
         check_installed()
-    if args.window != _WINDOW:
+    if args.window != DEFAULT_WINDOW:
         from sarmitsuba.focusing.windows import parse_window
 
         parse_window(args.window)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of, scene_record
+from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
@@ -85,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="bandwidth of the image (default: 48 range cells over the target, at most 0.4 of the carrier)",
     )
     parser.add_argument(
-        "--window", default="taylor", metavar="NAME", help="window of the image (default: taylor)"
+        "--window", default=DEFAULT_WINDOW, metavar="NAME", help="window of the image (default: taylor)"
     )
     parser.add_argument(
         "--page",

@@ -22,6 +22,7 @@ class Geometry:
     mesh_names : n_meshes names
     mesh_face_offset : (n_meshes + 1,) int64; mesh i has the faces ``offset[i]:offset[i + 1]``
     mesh_convex : n_meshes, True where the mesh is known to be one closed convex body; empty: none is
+    mesh_endless : n_meshes, True for ground without end, which does not count in the scene's extent; empty: none is
     mesh_motion : n_meshes, translation of each from ``vertices``, its place at time zero; empty: none moves
     corner_values : mesh attributes used by maps of its materials, at the corners of every face:
         (n_faces, 3, 2) float64 texture coordinates ``uv``, (n_faces, 3, 1) others; NaN where a mesh has none
@@ -35,6 +36,7 @@ class Geometry:
     mesh_face_offset: I64
     mesh_convex: tuple[bool, ...] = ()
     mesh_motion: tuple[Motion, ...] = ()
+    mesh_endless: tuple[bool, ...] = ()
     corner_values: Mapping[str, F64] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -54,6 +56,46 @@ class Geometry:
     def moves(self) -> bool:
         """True where some mesh moves."""
         return any(not motion.still for motion in self.mesh_motion)
+
+    def without_endless(self) -> "Geometry":
+        """The geometry without ground without end, which lies behind all other meshes."""
+        if not any(self.mesh_endless):
+            return self
+        n = self.mesh_endless.index(True)
+        faces = self.faces[: self.mesh_face_offset[n]]
+        used, kept = np.unique(faces, return_inverse=True)
+        rows = slice(0, len(faces))
+        return replace(
+            self,
+            vertices=self.vertices[used],
+            faces=kept.reshape(-1, 3).astype(np.int32),
+            face_material=self.face_material[rows],
+            face_group=self.face_group[rows],
+            mesh_names=self.mesh_names[:n],
+            mesh_face_offset=self.mesh_face_offset[: n + 1],
+            mesh_convex=self.mesh_convex[:n],
+            mesh_motion=self.mesh_motion[:n],
+            mesh_endless=(),
+            corner_values={name: values[rows] for name, values in self.corner_values.items()},
+        )
+
+    def equals(self, other: "Geometry") -> bool:
+        """Whether another geometry has the same triangles, materials, groups and motions."""
+        if self is other:
+            return True
+        arrays = ("vertices", "faces", "face_material", "face_group", "mesh_face_offset")
+        same = self.mesh_names == other.mesh_names and self.mesh_motion == other.mesh_motion
+        same &= (
+            self.mesh_convex == other.mesh_convex and self.corner_values.keys() == other.corner_values.keys()
+        )
+        return (
+            same
+            and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in arrays)
+            and all(
+                np.array_equal(rows, other.corner_values[k], equal_nan=True)
+                for k, rows in self.corner_values.items()
+            )
+        )
 
     def moving_meshes(self) -> tuple[tuple[Motion, slice], ...]:
         """Motion and rows of ``faces`` of every mesh that moves."""

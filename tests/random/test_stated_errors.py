@@ -6,9 +6,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import FOCUSERS, focus
+from sarmitsuba.focusing import FOCUSERS
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.image.metrics import image_error_db
+from tests.support.unweighted import focus
 
 # forms that are quick to run; slow tests take all
 QUICK = ("omega_k", "range_doppler", "polar_format")

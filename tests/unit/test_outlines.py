@@ -13,6 +13,7 @@ from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.view.outlines import imaged, outlines
 from sarmitsuba.view.quicklook import quicklook
 from tests.support.scenes import POINT, small_scene
+from tests.support.unweighted import render
 
 pytest.importorskip("shapely")
 
@@ -59,7 +60,7 @@ def test_a_raised_point_is_where_the_image_shows_it(
     file = tmp_path / "point.xml"
     file.write_text(small_scene(POINT.format(*place), **given))
     scene = sarmitsuba.load_scene(file)
-    image = sarmitsuba.render(scene)
+    image = render(scene)
     azimuth, range_ = imaged(place[None] - scene.offset, image.grid.in_frame(scene.offset), scene.radar)
     row, column = np.unravel_index(int(image.rcs().argmax()), image.grid.shape)
     flat = place * (1.0, 1.0, 0.0)
@@ -90,7 +91,7 @@ def test_outlines_enclose_the_bright_pixels_of_a_box(tmp_path: Path, seed: int) 
     assert area == pytest.approx(
         4.0 * size[0] * size[1], rel=1e-3
     )  # tol: corners are rounded to a millimetre
-    image = sarmitsuba.render(scene)
+    image = render(scene)
     figure = quicklook(image, scene=scene, outlined=True, with_plan=True)
     axes = figure.axes[0]
     rings = [

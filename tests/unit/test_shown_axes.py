@@ -14,12 +14,13 @@ from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.quicklook import quicklook
 from tests.support.scenes import POINT, small_scene
+from tests.support.unweighted import render
 
 
 def point_image(folder: Path, px: object, py: object, pz: object, **values: object) -> SarImage:
     file = folder / "point.xml"
     file.write_text(small_scene(POINT.format(px, py, pz), **values))
-    return sarmitsuba.render(sarmitsuba.load_scene(file))
+    return render(sarmitsuba.load_scene(file))
 
 
 def brightest(image: SarImage, axes: str | None = None) -> tuple[float, float, float]:
