@@ -25,9 +25,8 @@ on two scenes, error of the image against a converged one, and seconds of the si
 
 Figures of one setting differ from section to section: references differ (here a converged image of other rays; below
 often the same rays with one thing changed), and so does the state of the machine: Munich's automatic blocks have 256
-pulses, so that its two times with them are of one setting. When these figures were taken, coarser rays were slower on
-urban_block: automatic blocks then are shorter (33 pulses, not 129), so that the key pulses grow in number more than the
-rays of each fall; the phase over wider tubes is the likely cause.
+pulses, so that its two times with them are of one setting. With coarser rays, blocks are shorter only where the
+measured error of blocks asks for it; in figures of older kernels they always are, and coarser rays can be slower.
 
 """
 

@@ -369,7 +369,10 @@ class Blocks:
             return self.interval
         growth = max(1.0, min(self.growth.values(), default=1.0))
         length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess / growth)))
-        return self._fitting(length)
+        # the change by wide tubes falls faster, and ends where they keep their amplitudes
+        sampling = self.tracer.sampling
+        steady = sampling.steady_pulses(sampling.spacings.coherent)
+        return self._fitting(max(length, int(steady)) if steady < self.interval else length)
 
     def _fitting(self, length: int) -> int:
         """The longest block length up to ``length`` that the track allows; the present one where none is."""

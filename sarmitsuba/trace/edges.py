@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -199,9 +200,12 @@ class FringeCurrents(Scatterers):
             np.column_stack([edges.normal[:, 1], edges.weight * edges.parts[:, 1]]),
         ]
         self._table = device_array(mi.Float, np.stack(rows, axis=1).astype(np.float32))
-        self._span = device_array(mi.Float, np.minimum(edges.span, FAR).astype(np.float32))
-        self._thickness = self._gap = None
-        if edges.thickness.any():
+        span = np.minimum(edges.span, FAR).astype(np.float32)
+        self._span = self._thickness = self._gap = None
+        plates = bool(edges.thickness.any())
+        if plates or (span < 0.5 * FAR).any():  # else no wave runs along a sheet, and the kernel has none
+            self._span = device_array(mi.Float, span)
+        if plates:
             self._thickness = device_array(mi.Float, edges.thickness.astype(np.float32))
         if (edges.gap > 0.0).any():
             self._gap = device_array(mi.Float, edges.gap.clip(0.0).astype(np.float32))
@@ -246,26 +250,26 @@ class FringeCurrents(Scatterers):
                 thickness = None
                 if self._thickness is not None:
                     thickness = dr.gather(mi.Float, self._thickness, index)
-                self._wedge = _Wedge.of(
-                    kernel, rows, incident, scattered, lambda turn: self._width(index, turn), thickness
-                )
+                width = None if self._span is None else partial(_width, self._span, index)
+                self._wedge = _Wedge.of(kernel, rows, incident, scattered, width, thickness)
         return self._wedge.amplitude(e, q)
-
-    def _width(self, index: mi.UInt32, turn: mi.Float) -> mi.Float:
-        """Width of the sheet behind a rim, m, in a direction ``turn`` off its inward normal.
-
-        Between two tabulated directions the other rim is straight.
-        """
-        place = dr.clip((turn / dr.pi + 0.5) * DIRECTIONS - 0.5, 0.0, DIRECTIONS - 1.0)
-        low = dr.minimum(mi.UInt32(place), DIRECTIONS - 2)
-        step = np.pi / DIRECTIONS
-        share = (place - mi.Float(low)) * step
-        near, far = (dr.gather(mi.Float, self._span, index * DIRECTIONS + low + i) for i in (0, 1))
-        inverse = dr.sin(step - share) / near + dr.sin(share) / far
-        return dr.select(dr.maximum(near, far) < 0.5 * FAR, float(np.sin(step)) / inverse, FAR)
 
     def _row(self, index: mi.UInt32, i: int) -> mi.Vector4f:
         return dr.gather(mi.Vector4f, self._table, index * 4 + i)
+
+
+def _width(span: mi.Float, index: mi.UInt32, turn: mi.Float) -> mi.Float:
+    """Width of the sheet behind a rim, m, in a direction ``turn`` off its inward normal.
+
+    Between two tabulated directions the other rim is straight.
+    """
+    place = dr.clip((turn / dr.pi + 0.5) * DIRECTIONS - 0.5, 0.0, DIRECTIONS - 1.0)
+    low = dr.minimum(mi.UInt32(place), DIRECTIONS - 2)
+    step = np.pi / DIRECTIONS
+    share = (place - mi.Float(low)) * step
+    near, far = (dr.gather(mi.Float, span, index * DIRECTIONS + low + i) for i in (0, 1))
+    inverse = dr.sin(step - share) / near + dr.sin(share) / far
+    return dr.select(dr.maximum(near, far) < 0.5 * FAR, float(np.sin(step)) / inverse, FAR)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +283,7 @@ class _Wedge:
     gain : m, length of the piece times its normalised phase integral over twice the root of pi; 0 where either
         direction lies inside the metal
     electric, magnetic : shares of the parts with the electric and the magnetic field along the edge
-    along : factor of the magnetic part by waves along the sheet
+    along : factor of the magnetic part by waves along the sheet; None where no edge is the rim of one
     plate : what the thickness of a plate adds to its rim
     """
 
@@ -288,7 +292,7 @@ class _Wedge:
     gain: mi.Float
     electric: mi.Float
     magnetic: mi.Float
-    along: mi.Complex2f
+    along: mi.Complex2f | None
     plate: PlateRim | None = None
 
     @staticmethod
@@ -297,10 +301,10 @@ class _Wedge:
         rows: list[mi.Vector4f],
         incident: Leg,
         scattered: Leg,
-        width: Callable[[mi.Float], mi.Float],
+        width: Callable[[mi.Float], mi.Float] | None,
         thickness: mi.Float | None,
     ) -> _Wedge:
-        """Wedge from the rows of the edge table, the sheet's width by direction, and its thickness."""
+        """Wedge from the rows of the edge table; width by direction and thickness of a sheet, where there is one."""
         n, length = rows[0].w, rows[1].w
         faces = [
             WedgeFace.of(mi.Vector3f(x.x, x.y, x.z), mi.Vector3f(y.x, y.y, y.z))
@@ -316,9 +320,11 @@ class _Wedge:
         k = kernel.constants.wavenumber
         turn = dr.dot(source + observer, faces[0].along) * (0.5 * k) * length
         gain = (0.5 / float(np.sqrt(np.pi))) * length * sinc(turn) * outside
+        shares = rows[2].w, rows[3].w
+        if width is None:
+            return _Wedge((incident, scattered), tuple(strips), gain, *shares, None)
         there = SheetWave.of(faces[0], n, source, k, width)
         back = there if incident is scattered else SheetWave.of(faces[0], n, observer, k, width)
-        shares = rows[2].w, rows[3].w
         plate = None
         if thickness is not None:
             plate = PlateRim.of(faces[0], thickness, k, (source, observer), (there.sine, back.sine))
@@ -338,7 +344,8 @@ class _Wedge:
 
     def amplitude(self, e: field.ComplexVector, q: field.ComplexVector) -> mi.Complex2f:
         """Square root of the RCS with its phase, m: mean of the path and of the reversed one."""
-        total, magnetic = mi.Complex2f(0.0), self.along * self.magnetic
+        total = mi.Complex2f(0.0)
+        magnetic = self.magnetic if self.along is None else self.along * self.magnetic
         for out, into in self.strips:
             total += out.current(e, q, self.electric, magnetic) + into.current(q, e, self.electric, magnetic)
         if self.plate is not None:

@@ -82,7 +82,11 @@ class FringeStrip:
         return FringeStrip(face, outside, to_source, cosine, sine, soft, hard, charge, grazing, lifted)
 
     def current(
-        self, e: field.ComplexVector, q: field.ComplexVector, electric: mi.Float, magnetic: mi.Complex2f
+        self,
+        e: field.ComplexVector,
+        q: field.ComplexVector,
+        electric: mi.Float,
+        magnetic: mi.Complex2f | mi.Float,
     ) -> mi.Complex2f:
         """Fringe current along q for an incident field e, with factors of its components along the edge."""
         at = dr.squared_norm(self.lifted) > 0.0

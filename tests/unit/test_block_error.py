@@ -48,6 +48,32 @@ def _blocks(scene: Scene) -> tuple[Blocks, Rays]:
     return Blocks(tracer, rays, layers, data, run.layers.max_order), rays
 
 
+def test_coarser_rays_do_not_shorten_blocks_but_where_their_measured_error_asks_for_it() -> None:
+    """Blocks as short as wide tubes keep their amplitudes had urban_block's coarser rays trace more, not fewer."""
+    scene = load_scene(resolve("urban_block"))
+    automatic = Run(scene).sampling
+    assert automatic is not None
+    coarser = Run(scene.replace(ray_spacing=2.83 * automatic.spacings.coherent)).sampling
+    assert coarser is not None
+    assert coarser.key_pulse_interval == automatic.key_pulse_interval
+    # denser rays: the width of the tubes counts
+    widths = 0.5 * automatic.half_cell, automatic.half_cell
+    assert automatic.steady_pulses(widths[0]) == pytest.approx(2.0 * automatic.steady_pulses(widths[1]))
+
+
+def test_wide_tubes_on_smooth_walls_shorten_blocks_to_where_they_keep_their_amplitudes() -> None:
+    """The tower's rays are exact to -36 dB in the middle of the track also when they are four times as far apart."""
+    tower = load_scene(resolve("tower"))
+    wide = 4.0 * Run(tower).sampling.spacings.coherent  # type: ignore[union-attr]
+    made, _ = _blocks(tower.replace(ray_spacing=wide))
+    sampling = made.tracer.sampling
+    steady = sampling.steady_pulses(wide)
+    assert made.interval > 2.0 * steady
+    made.settle()
+    assert 0.5 * steady < made.interval <= steady * (1.0 + 1.0 / 16.0)  # lengths come in steps of 1.5
+    assert max(made._errors([made._middle]).values()) < -30.0
+
+
 def test_where_every_pulse_is_traced_no_block_is_looked_at() -> None:
     """Blocks of two pulses far apart would need grids of any size."""
     made, _ = _blocks(load_scene(resolve("sphere"), parameters={"sar_path.key_pulse_interval": "1"}))

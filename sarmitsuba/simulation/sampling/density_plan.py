@@ -159,7 +159,7 @@ class SamplingPlan:
 
     @property
     def half_cell(self) -> float:
-        """Half of the finer resolution, m: the largest spacing of coherent rays."""
+        """Half of the finer resolution, m: the largest automatic spacing of coherent rays."""
         return 0.5 * min(self.azimuth_cell, self.range_cell)
 
     @property
@@ -192,8 +192,13 @@ class SamplingPlan:
         return settings.key_pulse_interval or self.block_length(LONGEST_BLOCK)
 
     def block_length(self, longest: int) -> int:
-        """Largest block length up to ``longest`` that the geometry of the track allows; 1 where none does."""
+        """Largest block length up to ``longest`` that the geometry of the track allows; 1 where none does.
+
+        Tubes wider than automatic ones, half a resolution cell, count as these: whether their changing amplitudes
+        matter beside the error of so few rays is measured while blocks are traced.
+        """
         settings = self.scene.settings
+        steady = self.steady_pulses(min(self.spacings.coherent, self.half_cell))
         length = choose_block_length(
             self.scene.radar,
             self.window.center,
@@ -201,7 +206,7 @@ class SamplingPlan:
             settings.gridding_width,
             settings.tolerance_db,
             extra_slant_range=self.extra_slant_range,
-            max_length=max(1, int(min(longest, self._steady_pulses))),
+            max_length=max(1, int(min(longest, steady))),
         )
         length = movers.block_length(
             self.scene, self.window.center, self.phase_box, length, self.extra_slant_range
@@ -217,9 +222,8 @@ class SamplingPlan:
             return False
         return not self.flags.water_motion or water.beam_tells(self.scene, self.window.center)
 
-    @property
-    def _steady_pulses(self) -> float:
-        r"""Number of pulses over which coherent tubes keep their amplitudes.
+    def steady_pulses(self, width: float) -> float:
+        r"""Number of pulses over which coherent tubes of a width, m, keep their amplitudes.
 
         The line of sight rotates by :math:`\lambda / 2 \delta_a` over the pulses of the azimuth resolution
         :math:`\delta_a`, and the phase over a tube of width d by :math:`4 \pi d / \lambda` times that.
@@ -232,7 +236,7 @@ class SamplingPlan:
             return float("inf")
         reach = np.linalg.norm(self.window.center - track.center_position)
         turn = radar.waveform.wavelength / (2.0 * self.azimuth_cell)
-        per_pulse = np.pi * self.spacings.coherent / self.azimuth_cell * float(step.mean() / (reach * turn))
+        per_pulse = np.pi * width / self.azimuth_cell * float(step.mean() / (reach * turn))
         return TUBE_PHASE_CHANGE / per_pulse
 
     @cached_property
