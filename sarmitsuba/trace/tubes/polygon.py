@@ -23,6 +23,7 @@ INNER_UP_TO = 2.0
 # phase over a tube (rad) beyond which float32 cannot represent it (and sines of its sums leave -1 ... 1): such tubes
 # graze a facet or were spread by curved mirrors, and their return is set to zero
 MOST_PHASE = 1e6
+END_SHIFT = 1.0 / 24.0
 # least chance of a ray to hit a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
@@ -416,13 +417,18 @@ def part_integral(
     normal = dr.cross(u, v)
     flat = dr.norm(dr.cross(q, normal)) * dr.rcp(dr.maximum(dr.norm(normal), 1e-30))  # q along the facet
     uncut = kept(flat * longest)
-    total, twice_area, moment = mi.Complex2f(0.0, 0.0), mi.Float(0.0), mi.Float(0.0)
+    total, twice_area = mi.Complex2f(0.0, 0.0), mi.Float(0.0)
+    moment_u, moment_v, outwards_u, outwards_v = (mi.Float(0.0) for _ in range(4))
     place_u, place_v, sum_of_moduli = mi.Float(0.0), mi.Float(0.0), mi.Float(1e-20)
     for n, (ax, ay, bx, by) in enumerate(piece.sides):
         start, end = qu * ax + qv * ay, qu * bx + qv * by
         twice = ax * by - bx * ay
         twice_area += twice
-        moment += twice * (start + end)
+        moment_u += twice * (ax + bx)
+        moment_v += twice * (ay + by)
+        if n >= 4:
+            outwards_u += by - ay
+            outwards_v += ax - bx
         half = 0.5 * (end - start)
         short = dr.abs(half) < 0.05
         filled = dr.select(
@@ -454,13 +460,18 @@ def part_integral(
             sum_of_moduli += modulus
     total = mi.Complex2f(total.imag, -total.real) * dr.rcp(dr.select(small, 1.0, squared))
     area = 0.5 * twice_area
-    x = moment * (1.0 / 6.0) * dr.rcp(dr.maximum(area, 1e-9))
+    inverse = dr.rcp(dr.maximum(area, 1e-9))
+    middle = [moment * (1.0 / 6.0) * inverse for moment in (moment_u, moment_v)]
+    x = qu * middle[0] + qv * middle[1]
     filled = dr.select(small, mi.Complex2f(1.0 - 0.5 * x * x, x) * area, total) * piece.weight
     filled = dr.select(told, filled, 0.0)
     scale = dr.rcp(sum_of_moduli)
+    in_phase = _kept(dr.sqrt(squared), None)
     place = tuple(
-        dr.select(piece.exact, mean * scale, rim)
-        for mean, rim in zip((place_u, place_v), piece.rim, strict=True)
+        dr.select(piece.exact, mean * scale, rim + in_phase * (centre + END_SHIFT * inverse * step - rim))
+        for mean, rim, centre, step in zip(
+            (place_u, place_v), piece.rim, middle, (outwards_u, outwards_v), strict=True
+        )
     )
     s, c = dr.sincos(-(qu * place[0] + qv * place[1]))
     return filled * mi.Complex2f(c, s), place[0], place[1]
