@@ -365,6 +365,12 @@ def _read_planes(file: h5py.File, kind: _Kind, planes_too: bool) -> tuple[C64, t
             raise DataError(f"/layers: {path!r} is no plane")
         subset, channel, channel_of_order, order = match.groups()
         layers.append(Layer(channel or channel_of_order, int(order or 0), int(subset or 0)))
+        if subset:
+            share = groups.group_of(groups.group_of(file, "subsets"), subset).attrs.get("share")
+            if share is not None and share != SUBSET_SHARES[int(subset)]:
+                raise DataError(
+                    f"ray subset {subset} has another share than {SUBSET_SHARES[int(subset)]:g}; simulate again"
+                )
         group = file
         *folders, last = path.strip("/").split("/")
         for folder in folders:
