@@ -103,13 +103,14 @@ class Drawn:
             ),
             track=Track(self.time, position, velocity),
             settings=TraceSettings(
+                endless_ground="off",
                 **{
                     "max_depth": 3,
                     "scatterer_cell": 0.25,
                     "ray_spacing": 0.06,
                     "effects": {"edge_diffraction": "off"},  # of what moves there is none
                     **settings,
-                }
+                },
             ),  # type: ignore[arg-type]
         )
 

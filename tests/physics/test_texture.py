@@ -52,7 +52,9 @@ def scene_of(material: Material, vertices: Any = None, radar: RadarDescription =
         SceneMesh(square() if vertices is None else vertices, FACES, material, "ground", **mesh),
         SceneMesh(wall, FACES, "pec", "wall"),
     ]
-    return build_scene(shapes, radar=radar, film=FILM)
+    # maps end at their rim, single materials would go on
+    settings = TraceSettings(endless_ground="off")
+    return build_scene(shapes, radar=radar, film=FILM, settings=settings)
 
 
 def chessboard(*materials: Material, placement: Any = None) -> Material:

@@ -19,7 +19,7 @@ from sarmitsuba.importing.triangulated import network
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.simulation.render import render
+from tests.support.unweighted import render
 
 shapely = pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")
 rasterio = pytest.importorskip("rasterio", reason="in the importing extra")

@@ -120,7 +120,7 @@ def test_one_dataset_per_channel_is_the_image(tmp_path: Path) -> None:
                 parts = [file[f"subsets/{s}/orders/{channel}/{k}"][()] for s in (1, 2) for k in (1, 3)]
                 np.testing.assert_allclose(sum(parts), whole, rtol=1e-5, atol=1e-5)  # tol: the same
             assert "add up to" in file["subsets"].attrs["note"]
-            assert [file[f"subsets/{s}"].attrs["share"] for s in (1, 2)] == [0.75, 0.25]
+            assert [file[f"subsets/{s}"].attrs["share"] for s in (1, 2)] == [0.5, 0.5]
     assert_same(read_image(tmp_path / "image.h5"), image)
     assert_same(read_raw(tmp_path / "raw.h5"), raw)
 
