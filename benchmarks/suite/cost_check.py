@@ -22,7 +22,7 @@ def _drawn(report: harness.Report, count: int) -> None:
 
     Seconds are those of the processor, so that other programs on the machine matter little.
     """
-    from sarmitsuba.cost.clock import WallClock
+    from sarmitsuba.cost.clock import MeasuredClock
     from sarmitsuba.cost.study import study_cost
     from sarmitsuba.loader.load import load_scene
 
@@ -30,7 +30,7 @@ def _drawn(report: harness.Report, count: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(FIRST, FIRST + count):
             scene = load_scene(random_scenes.draw_boxes(seed).write(Path(folder) / str(seed)))
-            found = study_cost(scene, clock=WallClock(time.process_time))
+            found = study_cost(scene, clock=MeasuredClock(time.process_time))
             share = found.seconds / found.budget
             rng = np.random.default_rng(seed)
             near = [c for c in found.candidates if not c.measured and c.error_db < -10.0]
