@@ -11,7 +11,7 @@ PIP = $(BIN)/pip --disable-pip-version-check --quiet
 # the modules that a process has compiled serve the next one: tests start many
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow test-lowest benchmarks validation docs clean
+.PHONY: demo test test-slow test-lowest benchmarks validation docs release clean
 
 demo: $(VENV)/.run
 	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --force
@@ -50,6 +50,11 @@ validation: $(VENV)/.run
 docs: $(VENV)/.test
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs $(OUT)/site
 	@echo "The site is $(OUT)/site/index.html"
+
+# wheel and source package of the last commit in dist/, each installed and tried as a plain user without a network;
+# CUT=1 then writes the release into CHANGELOG.md and CITATION.cff
+release: $(VENV)/.test
+	$(BIN)/python tools/release.py --python $(PYTHON) $(if $(CUT),--cut)
 
 clean:
 	rm -rf $(VENV) .venv-lowest $(OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist

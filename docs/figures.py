@@ -320,8 +320,8 @@ def facades() -> Figure:
         folder = Path(name)
         (folder / "city.geojson").write_text(json.dumps(_footprints()))
         for title, relief in {
-            "plain walls": [],
-            "windows and balconies": ["--facades", "windows,balconies"],
+            "plain walls": ["--facades", "none"],
+            "windows, balconies and kerbs": [],
         }.items():
             scene = str(folder / "city.xml")
             given = ["import", str(folder / "city.geojson"), "-o", scene, "--force", "--quiet"]

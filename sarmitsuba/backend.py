@@ -301,17 +301,17 @@ def _packaged_llvm() -> LlvmChoice | None:
 
 
 def _preload_libcxx(llvm: Path) -> None:
-    """Load the package's libc++ by its full name where the links to it are missing.
+    """Load the package's libc++, and what it needs, by their full names where the links to them are missing.
 
     The links are made by ``wheel-axle-runtime`` at the first start of the interpreter, which fails when that
     start may not write to the environment (installed by root, run by a user).
     """
     for folder in llvm.parent.glob("*-linux-gnu"):
-        for name in ("libc++abi.so.1", "libc++.so.1"):
+        for name in ("libunwind.so.1", "libc++abi.so.1", "libc++.so.1"):  # each needs those before it
             full = folder / f"{name}.0"
             if os.path.exists(full) and not os.path.exists(folder / name):
                 try:
-                    ctypes.CDLL(str(full), mode=ctypes.RTLD_GLOBAL)
+                    ctypes.CDLL(str(full))  # local: a global libunwind would catch Mitsuba's exceptions
                 except OSError:
                     return  # Dr.Jit's own attempt then fails and is reported
 

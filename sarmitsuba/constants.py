@@ -13,8 +13,11 @@ EARTH_GRAVITY = 3.986004418e14  # m^3/s^2, gravitational constant times mass, wi
 EARTH_ROTATION = 7.292115e-5  # rad/s
 
 # share of the coherent rays, and weight in the image, of each ray subset of the error bars; 0: all rays together.
-# Three to one: subsets of different density also show errors that depend on density, which equal subsets share
-SUBSET_SHARES: dict[int, float] = {0: 1.0, 1: 0.75, 2: 0.25}
+# Equal: their error is lowest, and their difference has a fixed ratio to it at the edges of shadows (error_bars.py)
+SUBSET_SHARES: dict[int, float] = {0: 1.0, 1: 0.5, 2: 0.5}
 # error energy of ray sampling falls with this power of the number of rays: 2.5 dB per doubling
 # (benchmarks/suite/error_bars.py)
 RAY_ERROR_ORDER = 0.83
+
+# window of images in Python and on the command line: without one the side lobes of a city's corners cross its picture
+DEFAULT_WINDOW = "taylor"

@@ -15,6 +15,7 @@ import trimesh
 from city import city_mesh
 from land_cover import class_map, houses
 from PIL import Image
+from places import places
 from solids import box, check_closed, merged
 from urban_block import urban_block
 
@@ -99,7 +100,7 @@ def joined(solids: list[trimesh.Trimesh]) -> trimesh.Trimesh:
 def build() -> Parts:
     """Build all meshes by file name."""
     parts: Parts = {}
-    for make in (trihedral, sphere_ka60, tower, bridge, buildings16, urban_block, houses):
+    for make in (trihedral, sphere_ka60, tower, bridge, buildings16, urban_block, houses, places):
         parts |= make()
     return parts
 

@@ -1,4 +1,4 @@
-"""Make the polylines of the shipped scene ``railing`` again: rows ``x y z radius``, a blank row between curves.
+"""Make the polylines of ``railing`` and ``crane`` again: rows ``x y z radius``, a blank row between curves.
 
 python scenes/wires.py            write scenes/meshes/*.txt
 python scenes/wires.py --check    compare with the files that are there, write nothing
@@ -52,11 +52,38 @@ def power_line(span: float = 60.0, sag: float = 1.2, height: float = 18.0, piece
     return [[(x, float(b), float(c), 0.012) for b, c in zip(y, z, strict=True)] for x in (-3.8, 0.0, 3.8)]
 
 
+def tower_crane(height: float = 36.0, jib: float = 33.0, counter: float = 11.0) -> list[Curve]:
+    """Mast of 2 m x 2 m, jibs of triangular section along +x and, short, -x, tie bars from the apex, a hook's rope."""
+    curves: list[Curve] = [
+        [(x, y, 0.0, 0.09), (x, y, height, 0.09)] for x in (-1.0, 1.0) for y in (-1.0, 1.0)
+    ]
+    ring = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+    for storey in range(round(height / 3.0)):
+        for side in range(4):
+            (ax, ay), (bx, by) = ring[side], ring[(side + 1) % 4]
+            low, high = (3.0 * storey, 3.0 * storey + 3.0)[:: 1 if storey % 2 else -1]
+            curves.append([(ax, ay, low, 0.04), (bx, by, high, 0.04)])
+            curves.append([(ax, ay, 3.0 * storey + 3.0, 0.04), (bx, by, 3.0 * storey + 3.0, 0.04)])
+    curves += [[(-counter, y, height, 0.06), (jib, y, height, 0.06)] for y in (-0.7, 0.7)]
+    curves.append([(-1.0, 0.0, height + 1.5, 0.06), (jib, 0.0, height + 1.5, 0.06)])
+    for x in np.arange(1.0, jib, 2.0).tolist():  # from the chords below to the one above and back
+        for y in (-0.7, 0.7):
+            curves.append([(x, y, height, 0.03), (x + 1.0, 0.0, height + 1.5, 0.03)])
+            curves.append([(x + 1.0, 0.0, height + 1.5, 0.03), (x + 2.0, y, height, 0.03)])
+    curves += [[(x, 0.0, height, 0.09), (0.0, 0.0, height + 7.0, 0.09)] for x in (-1.0, 1.0)]
+    curves += [
+        [(0.0, 0.0, height + 7.0, 0.03), (x, 0.0, z, 0.03)]
+        for x, z in ((-10.0, height), (24.0, height + 1.5))
+    ]
+    return [*curves, [(20.0, 0.0, height, 0.015), (20.0, 0.0, height - 16.0, 0.015)]]
+
+
 FILES = {
     "railing": railing,
     "lamp_post": lamp_post,
     "lattice_mast": lattice_mast,
     "power_line": power_line,
+    "tower_crane": tower_crane,
 }
 
 

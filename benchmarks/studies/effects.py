@@ -33,7 +33,6 @@ from sarmitsuba.backend import ensure_backend
 from sarmitsuba.echo.block import BlockPlan
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import list_scenes, resolve, resolve_radar
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.memory import peak_memory
@@ -48,6 +47,7 @@ from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.launch import lattice
 from sarmitsuba.trace.scene_tables import build_trace_scene
+from tests.support.unweighted import focus
 
 DEPTH = 8  # "everything on": where the pilot stops looking, too
 # of the predictions, each in a process of its own

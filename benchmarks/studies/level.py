@@ -80,10 +80,10 @@ class Setup:
 
 def images(setup: Setup, seed: int, makers: tuple[str, ...] = MAKERS):  # type: ignore[no-untyped-def]
     """Images of one seed by maker."""
-    from sarmitsuba.focusing import focus
     from sarmitsuba.simulation.image import Imager
     from sarmitsuba.simulation.raw import simulate
     from sarmitsuba.simulation.run import Run
+    from tests.support.unweighted import focus
 
     scene = setup.scene(seed)
     out = {}
@@ -125,9 +125,9 @@ def against_raw(setup: Setup) -> float:
     """Error of the hybrid's focused image against the raw one's with the same rays, dB."""
     from dataclasses import replace
 
-    from sarmitsuba.focusing import focus
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.simulation.raw import simulate
+    from tests.support.unweighted import focus
 
     hybrid = setup.scene(3)
     raw = replace(hybrid, settings=replace(hybrid.settings, method="raw"))

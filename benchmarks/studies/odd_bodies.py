@@ -19,10 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba import SarmitsubaError, Scene, explain, load_scene, render, simulate, trace_paths
+from sarmitsuba import SarmitsubaError, Scene, explain, load_scene, simulate, trace_paths
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from tests.support.unweighted import render
 
 Mesh = tuple[F64, I64]
 

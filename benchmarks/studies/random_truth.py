@@ -33,6 +33,7 @@ import random_scenes as scenes
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128
+from tests.support.unweighted import focus
 
 if TYPE_CHECKING:
     from sarmitsuba import SarImage
@@ -171,9 +172,7 @@ def diffuse(draw: scenes.Draw, folder: Path) -> Measured:
     many, copies = scenes.side_by_side(draw, wanted)
     runs = min(math.ceil(wanted / copies), MOST_RUNS)
     scene = sarmitsuba.load_scene(many.write(folder))
-    levels = [
-        total_rcs(sarmitsuba.focus(sarmitsuba.simulate(scene, seed=draw.seed + s))) for s in range(runs)
-    ]
+    levels = [total_rcs(focus(sarmitsuba.simulate(scene, seed=draw.seed + s))) for s in range(runs)]
     return Measured(float(np.mean(levels)), copies * expected.rcs, 4.343 / math.sqrt(cells * runs * copies))
 
 
@@ -183,7 +182,7 @@ def metal(draw: scenes.Draw, folder: Path) -> Measured:
 
     r, size = draw.radar, draw.size
     scene = sarmitsuba.load_scene(draw.write(folder))
-    image = sarmitsuba.focus(sarmitsuba.simulate(scene, seed=draw.seed))
+    image = focus(sarmitsuba.simulate(scene, seed=draw.seed))
     n_f = math.ceil(1.5 * (2.0 * size + 8.0 * r.range_cell) / r.range_cell) + 8
     n_p = math.ceil(1.5 * (2.0 * size + 8.0 * r.azimuth_resolution) / r.azimuth_resolution) + 8
     frequency = r.center_frequency + r.bandwidth * ((np.arange(n_f) + 0.5) / n_f - 0.5)
@@ -203,13 +202,13 @@ def fine(draw: scenes.Draw, folder: Path) -> Measured:
     """The dense run with every pulse traced; same speckle."""
     import sarmitsuba
 
-    image = sarmitsuba.focus(
+    image = focus(
         sarmitsuba.simulate(sarmitsuba.load_scene(draw.write(folder / "automatic")), seed=draw.seed)
     )
     dense = replace(draw, ray_spacing=draw.radar.wavelength / DENSE, method="raw")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what the reference says is not what the user's run says
-        best = sarmitsuba.focus(
+        best = focus(
             sarmitsuba.simulate(sarmitsuba.load_scene(dense.write(folder / "dense")), seed=draw.seed)
         )
     return Measured(

@@ -62,8 +62,8 @@ CAR = """<scene version="3.0.0">
 def measure(name: str, images: int) -> None:
     """Print one row."""
     from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.render import render
     from sarmitsuba.trace.source import Launch
+    from tests.support.unweighted import render
 
     run = importlib.import_module("sarmitsuba.simulation.run")
     usual, record = run.ONE_THREAD, Launch.record

@@ -20,10 +20,10 @@ from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.mesh import pieces
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep, turntable_scene
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.measured import bodies
+from tests.support.unweighted import render
 
 FREQUENCY = 7e9
 WAVELENGTH = 299_792_458.0 / FREQUENCY

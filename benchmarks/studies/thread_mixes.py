@@ -17,6 +17,8 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from tests.support.unweighted import focus
+
 # scenes that take a fraction of a second: mirrors, curved metal, ideal points, clutter
 SCENES = ("dihedral", "sphere", "point", "flat_ground")
 # parameters that keep them small
@@ -55,7 +57,7 @@ class Calls:
         for name in names:
             self.scenes[name] = sarmitsuba.load_scene(name, parameters=SMALL.get(name, {}))
             self.raw[name] = sarmitsuba.simulate(self.scenes[name], seed=1)
-            self.image[name] = sarmitsuba.focus(self.raw[name])
+            self.image[name] = focus(self.raw[name])
 
     def call(self, task: tuple[str, str, str, bool]) -> str:
         """Do one task (function, scene, variant, shared scene) and return its result's digest."""
@@ -67,7 +69,7 @@ class Calls:
         if what == "simulate":
             return digest(sarmitsuba.simulate(self.scene(name, shared), seed=int(variant)).data.tobytes())
         if what == "focus":
-            return digest(sarmitsuba.focus(self.raw[name], focuser=variant).data.tobytes())
+            return digest(focus(self.raw[name], focuser=variant).data.tobytes())
         if what == "paths":
             table = sarmitsuba.trace_paths(self.scene(name, shared), pulses=int(variant))
             return digest(table.amplitude.tobytes() + table.points.tobytes())

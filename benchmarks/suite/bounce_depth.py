@@ -28,7 +28,7 @@ def scenes(quick: bool) -> dict[str, Any]:
 
 def orders(scene: Any) -> np.ndarray:
     """Images of the bounces 1 ... DEEPEST of one run: (DEEPEST, n_azimuth, n_range) complex64."""
-    from sarmitsuba.simulation.render import render
+    from tests.support.unweighted import render
 
     image = render(harness.with_settings(scene, max_depth=DEEPEST, keep_orders=True), method="hybrid")
     channel = image.channels[0]

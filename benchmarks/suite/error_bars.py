@@ -26,8 +26,8 @@ FIRST, COUNT = 400, 24
 SPREAD = 150.0
 # ways to share out the coherent rays; the first is what is shipped
 DESIGNS = {
-    "3 : 1": (0.75, 0.25),
     "1 : 1": (0.5, 0.5),
+    "3 : 1": (0.75, 0.25),
     "2 : 1 : 1": (0.5, 0.25, 0.25),
     "1 : 1 : 1": (1 / 3, 1 / 3, 1 / 3),
     "1 : 1 : 1 : 1": (0.25, 0.25, 0.25, 0.25),
@@ -47,8 +47,8 @@ def run(quick: bool) -> harness.Report:
         f"(`image`) over the whole aperture. `factor` is on the automatic spacing. Every setting is run {RUNS} times "
         "with lattices of its own; `true` and `estimate` are means of their energies, `scatter` the standard deviation "
         f"of the true error over them, `within` counts runs whose own estimate is within {TOLERANCE:g} dB of their own "
-        "truth. The estimate is half the difference of the two sets (three quarters and a quarter of the coherent "
-        f"rays) and {SHARED_DB:g} dB, one number for all.",
+        "truth. The estimate is half the difference of the two sets (half of the coherent "
+        f"rays each) and {SHARED_DB:g} dB, one number for all.",
     )
     figure, axes = harness.new_figure(5.4, 5.0)
     rows = []
@@ -149,8 +149,8 @@ def _refined(seed: int, folder: Path) -> dict[str, Any] | None:
         PIXELS_TOGETHER,
         estimate_error,
     )
-    from sarmitsuba.simulation.refinement.passes import refine
     from sarmitsuba.simulation.run import Run
+    from tests.support.unweighted import refine
 
     # bounces and blocks of pulses as in all of the passes: their error is not the rays'
     scene = drawn_scene(seed, folder)

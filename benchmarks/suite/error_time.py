@@ -10,7 +10,7 @@ from speed import thinned
 
 from sarmitsuba.cost.report import pareto
 from sarmitsuba.cost.trial import TrialSetting, run_trial
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.pilot import plan_scene
@@ -18,6 +18,7 @@ from sarmitsuba.simulation.raw import echoes, simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop
+from tests.support.unweighted import focus
 
 FACTORS = (4.0, 2.83, 2.0, 1.41, 1.0, 0.71)
 DEPTHS = tuple(range(1, 9))

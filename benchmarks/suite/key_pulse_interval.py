@@ -65,10 +65,11 @@ def run(quick: bool) -> harness.Report:
 def _boxes(report: harness.Report, count: int) -> None:
     """Stated and true error of automatic blocks over drawn scenes."""
     from sarmitsuba.cost.trial import TrialSetting, run_trial
-    from sarmitsuba.focusing import default_grid, focus
+    from sarmitsuba.focusing import default_grid
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.raw import simulate
+    from tests.support.unweighted import focus
 
     rows = []
     with tempfile.TemporaryDirectory() as folder:

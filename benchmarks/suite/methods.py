@@ -112,8 +112,8 @@ def _interactive(report: harness.Report, quick: bool) -> None:
     """Seconds of the two image-domain methods on Munich, once compiled: the whole run, and one more image."""
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.simulation.image import Imager
-    from sarmitsuba.simulation.render import render
     from sarmitsuba.simulation.run import Run
+    from tests.support.unweighted import render
 
     scene = None if quick else harness.load_munich()
     if scene is None:

@@ -22,7 +22,6 @@ import numpy as np
 from sarmitsuba.effects.effect import Decision
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
-from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import list_scenes, resolve
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
@@ -35,6 +34,7 @@ from sarmitsuba.simulation.prediction.both_ways import (
 from sarmitsuba.simulation.prediction.explanation import explain
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
+from tests.support.unweighted import focus
 
 # a shipped scene is made coarser by this, and no wider than so many of its resolution cells
 COARSER, WIDEST = 2.0, 150.0

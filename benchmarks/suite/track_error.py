@@ -11,12 +11,13 @@ import harness
 import numpy as np
 
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import AUTOFOCUSERS, focus
+from sarmitsuba.focusing import AUTOFOCUSERS
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
+from tests.support.unweighted import focus
 
 ERROR = 0.1  # m
 SEEDS, SEEDS_QUICK = 4, 1

@@ -35,8 +35,8 @@ def drawn_scene(seed: int, folder: Path) -> "Scene | None":
 
 def converged(run: "Run", grid: "ImageGrid") -> "np.ndarray[Any, Any]":
     """The truth: pixels by a run of dense rays, several times with lattices of their own."""
-    from sarmitsuba.focusing import focus
     from sarmitsuba.simulation.raw import echoes
+    from tests.support.unweighted import focus
 
     images = [focus(echoes(run, pass_index=1000 + i), grid).total() for i in range(DENSER_RUNS)]
     # the median: what one of them has by a rare chance is not the truth

@@ -175,11 +175,11 @@ def make_samples(folder: Path) -> None:
     import trimesh
 
     from sarmitsuba.echo.raw_data import Layer
-    from sarmitsuba.focusing import focus
     from sarmitsuba.io import write_image, write_raw
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.raw import simulate
     from sarmitsuba.simulation.refinement.running_mean import Passes
+    from tests.support.unweighted import focus
 
     folder.mkdir(parents=True, exist_ok=True)
     box = trimesh.creation.box()

@@ -8,9 +8,9 @@ from focuser_breaks import FORMS
 from stated_row import Row
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.image.metrics import image_error_db
+from tests.support.unweighted import focus
 
 BACKPROJECTIONS = (
     "backprojection,interpolation=linear",

@@ -15,7 +15,7 @@ from stated_row import Row
 from sarmitsuba.analysis.quality.error_budget import error_budget
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.echo.block import plan_block, spread_reference, synthesise
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.load import load_scene
@@ -27,10 +27,9 @@ from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.path_table import PathTracer
 from sarmitsuba.simulation.raw import echoes, simulate
 from sarmitsuba.simulation.refinement.error_bars import with_error_bars
-from sarmitsuba.simulation.refinement.passes import refine
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from tests.support.unweighted import focus, refine, render
 
 # rays of a run's first pass over its key pulses; the truth takes many times that
 MOST_RAYS = 3e5

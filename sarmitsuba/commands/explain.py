@@ -27,6 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plan-only", action="store_true", help="show the plan without predicting time and memory"
     )
     parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="show the scene, its radar and image, and what was noted while loading; nothing is planned or traced",
+    )
+    parser.add_argument(
         "--workers",
         type=int,
         metavar="N",
@@ -37,6 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Print the effects plan and the prediction."""
+    if args.quick:
+        return _quick(args, console)
     from sarmitsuba.backend import ensure_backend
     from sarmitsuba.simulation.prediction.explanation import explain
 
@@ -64,4 +71,18 @@ def run(args: argparse.Namespace, console: Console) -> int:
         plan = ClusterPlan.of(scene, found.prediction, args.workers)
         facts, text = {**facts, "cluster": plan.as_dict()}, f"{text}\n{plan}"
     console.say(json.dumps(facts, indent=2) if args.json else text)
+    return 0
+
+
+def _quick(args: argparse.Namespace, console: Console) -> int:
+    """Print the summary of the scene; the simulation is not even imported."""
+    if args.workers is not None or args.plan_only:
+        raise ClusterError("explain: --quick plans and predicts nothing; leave --workers and --plan-only out")
+    from sarmitsuba.scene.summary import SceneSummary
+
+    scene = scene_of(args)
+    if args.method:
+        scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, method=args.method))
+    found = SceneSummary.of(scene)
+    console.say(json.dumps(found.as_dict(), indent=2) if args.json else str(found))
     return 0

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.image_arguments import PictureStyle, add_axes_argument, add_scene_picture_arguments
 from sarmitsuba.commands.scene_arguments import pixels
+from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.radar import Radar
 
-# a window against side lobes: those of a city's corners would cross the whole picture without one
-_FOCUSER, _WINDOW = "auto", "taylor"
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
 
@@ -39,7 +39,7 @@ class _Listing(argparse.Action):
         option_strings: Sequence[str],
         dest: str,
         *,
-        default: str,
+        default: str | None,
         metavar: str,
         help: str,
     ) -> None:
@@ -94,6 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--force", action="store_true", help="replace results of other raw data in OUT; other files stay"
     )
     add_focus_arguments(parser)
+    add_scene_picture_arguments(parser)
     parser.add_argument(
         "--autofocus-records",
         action="store_true",
@@ -142,13 +143,14 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-chart", action="store_true", help="do not draw accuracy.png: error by cause and time by stage"
     )
+    add_axes_argument(parser)
     parser.add_argument(
         "--focuser",
         action=_Listing,
         entries=_focusers,
-        default=_FOCUSER,
+        default=None,
         metavar="NAME[,OPTION=VALUE...]",
-        help="how to focus (default: auto). all: every one of them, side by side in focusers.png. ",
+        help="how to focus (default: the first of the list). all: every one of them, side by side in focusers.png. ",
     )
     parser.add_argument(
         "--motion-compensation",
@@ -169,7 +171,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--window",
         action=_Listing,
         entries=_windows,
-        default=_WINDOW,
+        default=DEFAULT_WINDOW,
         metavar="WINDOW",
         help="window against sidelobes in range and azimuth (default: taylor), with parameters if wanted, e.g. "
         "taylor:4:-35; rectangular is the sharpest. ",
@@ -186,19 +188,23 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_focus_arguments(args: argparse.Namespace) -> None:
-    """Raise a SarmitsubaError for an unknown focuser, window or format, before any other work."""
+    """Raise a SarmitsubaError for an unknown focuser, window or format, before any other work; fill in defaults."""
     from sarmitsuba.commands.results import Formats
+    from sarmitsuba.focusing.focuser import DEFAULT, parse_focuser
 
     Formats.parse(args.format)
-    if args.focuser not in (_FOCUSER, _ALL):
-        from sarmitsuba.focusing.focuser import parse_focuser
-
+    args.focuser = DEFAULT if args.focuser is None else args.focuser
+    if args.focuser not in (DEFAULT, _ALL):
         parse_focuser(args.focuser)
     if args.autofocus != "none":
         from sarmitsuba.focusing.autofocus import parse_autofocus
 
         parse_autofocus(args.autofocus)
-    if args.window != _WINDOW:
+    if args.outlines:
+        from sarmitsuba.view.outlines import check_installed
+
+        check_installed()
+    if args.window != DEFAULT_WINDOW:
         from sarmitsuba.focusing.windows import parse_window
 
         parse_window(args.window)
@@ -231,6 +237,7 @@ def _windows() -> str:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Focus."""
     from sarmitsuba.commands import results
+    from sarmitsuba.commands.picture import scene_of
     from sarmitsuba.focusing import apply_autofocus_records, image_request
     from sarmitsuba.io import read_raw
     from sarmitsuba.io.output import output_folder
@@ -256,6 +263,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
             names += (COMPARISON,)
         folder.check(run_hash, names, force=args.force)
         check_focusing(raw.radar, request or image_request(raw), args)
+        style = PictureStyle.of(
+            args, lambda: scene_of(Path(args.raw).parent, allow_outside=args.allow_outside)
+        )
         folder.clear(run_hash, keep=[Path(args.raw)])
         record: dict[str, object] = {
             "command": "focus",
@@ -267,7 +277,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         }
         if request is not None:
             record["image_request"] = request.moved(raw.radar.offset)
-        picture = focus_into(folder, raw, args, console, watch, record, request)
+        picture = focus_into(folder, raw, args, console, watch, record, style, request)
         record["warnings"] = console.warnings
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
@@ -295,17 +305,18 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.focusing.focuser import parse_focuser
     from sarmitsuba.focusing.motion_compensation import needs_compensation
+    from sarmitsuba.image.shown_axes import ShownAxes
 
     radar = radar.as_recorded()
+    grid = default_grid(radar, request)
+    ShownAxes.of(grid, args.axes)
     for entry in results.Formats.parse(args.format).image:
         against = entry.objection(radar, request.grid) if entry.objection else ""
         if against:
             raise DataError(f"--format {entry.name}: {against}")
     if args.focuser == _ALL:
         return
-    needs_compensation(
-        parse_focuser(args.focuser), radar, default_grid(radar, request), args.motion_compensation
-    )
+    needs_compensation(parse_focuser(args.focuser), radar, grid, args.motion_compensation)
 
 
 def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
@@ -339,6 +350,7 @@ def focus_into(
     console: Console,
     watch: StageTimer,
     record: dict[str, object],
+    style: PictureStyle,
     request: "ImageRequest | None" = None,
     workers: "DaskWorkers | None" = None,
 ) -> Path:
@@ -347,7 +359,7 @@ def focus_into(
     from sarmitsuba.focusing import focus
 
     if args.focuser == _ALL:
-        return _compare(folder, raw, args, console, watch, record, request)
+        return _compare(folder, raw, args, console, watch, record, style, request)
     focuser: str | Focuser = args.focuser
     if workers is not None:
         from sarmitsuba.cluster.focusing import shared
@@ -395,6 +407,7 @@ def focus_into(
         record,
         console,
         chart=not args.no_chart,
+        style=style,
         others=others,
     )
 
@@ -406,6 +419,7 @@ def _compare(
     console: Console,
     watch: StageTimer,
     record: dict[str, object],
+    style: PictureStyle,
     request: "ImageRequest | None",
 ) -> Path:
     """Focus with every focuser and draw the images side by side; the image of the run is the reference focuser's."""
@@ -432,6 +446,13 @@ def _compare(
     image = found[0].image
     assert image is not None
     results.store_image(
-        folder, image, results.Formats.parse(args.format), watch, record, console, chart=not args.no_chart
+        folder,
+        image,
+        results.Formats.parse(args.format),
+        watch,
+        record,
+        console,
+        chart=not args.no_chart,
+        style=style,
     )
     return results.draw_into(folder, COMPARISON, lambda: focusers_figure(found), console)

@@ -2,9 +2,18 @@
 
 import argparse
 import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sarmitsuba.errors import DataError
+
+if TYPE_CHECKING:
+    from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.view.display import PictureOptions
+    from sarmitsuba.view.figure import Figure
 
 
 def add_image_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,8 +34,8 @@ def add_axes_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_scene_picture_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what a picture shows of the scene."""
+def add_scene_picture_arguments(parser: argparse.ArgumentParser, *, loads: bool = True) -> None:
+    """Add what a picture shows of the scene; ``loads``: the command loads the scene for this alone."""
     parser.add_argument(
         "--outlines",
         action="store_true",
@@ -35,6 +44,52 @@ def add_scene_picture_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--with-view", action="store_true", help="draw the scene seen from above beside the image"
     )
+    if loads:
+        parser.add_argument(
+            "--allow-outside",
+            action="store_true",
+            help="let the scene refer to files outside its own folder, as for render",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PictureStyle:
+    """Axes of the pictures of images, and what they show of the scene.
+
+    Parameters
+    ----------
+    axes : frame of the axes, see :class:`sarmitsuba.image.shown_axes.ShownAxes`; None: of the scene on ground grids
+    scene : of the image; needed only for what follows
+    outlined, with_plan : draw outlines of bodies, and the scene from above beside the image
+    """
+
+    axes: str | None = None
+    scene: "Scene | None" = None
+    outlined: bool = False
+    with_plan: bool = False
+
+    @staticmethod
+    def of(args: argparse.Namespace, scene: "Callable[[], Scene]") -> "PictureStyle":
+        """Style of the command line; ``scene`` is called where a picture shows something of it."""
+        needed = args.outlines or args.with_view
+        return PictureStyle(args.axes, scene() if needed else None, args.outlines, args.with_view)
+
+    def options(self, options: "PictureOptions") -> "PictureOptions":
+        """Options of a picture with these axes."""
+        return replace(options, axes=self.axes)
+
+    def figure(self, image: "SarImage", options: "PictureOptions", title: str | None = None) -> "Figure":
+        """Quick-look of an image."""
+        from sarmitsuba.view.quicklook import quicklook
+
+        return quicklook(
+            image,
+            self.options(options),
+            title=title,
+            scene=self.scene,
+            outlined=self.outlined,
+            with_plan=self.with_plan,
+        )
 
 
 def image_file(given: Path) -> Path:

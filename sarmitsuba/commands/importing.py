@@ -28,7 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=definition,
         metavar="NAME=MATERIAL",
-        help="material of walls, roofs, ground, windows, balconies, or of a mesh file's own name; may be repeated",
+        help="material of walls, roofs, ground, windows, balconies, pavement, or of a mesh file's own name; may be "
+        "repeated",
     )
     parser.add_argument(
         "--up", default="auto", choices=("auto", "y", "z"), help="axis of a mesh that points up"
@@ -94,7 +95,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     relief = parser.add_argument_group("relief of facades")
     relief.add_argument(
-        "--facades", default="", metavar="KINDS", help="windows, balconies, or windows,balconies"
+        "--facades",
+        default="",
+        metavar="KINDS",
+        help="some of windows,balconies,kerb, or none for plain walls (default: all of them on footprints)",
     )
     relief.add_argument("--seed", type=int, default=1, help="random seed of the relief (default: 1)")
     relief.add_argument(
@@ -104,7 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=definition,
         metavar="NAME=VALUE",
         help="statistics: bay, window_width, window_height, recess, spread, share, balcony_share, balcony_depth, "
-        "parapet, and limit (triangles); may be repeated",
+        "parapet, kerb and pavement (its height and width), and limit (triangles); may be repeated",
     )
 
 

@@ -8,6 +8,7 @@ import json
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
+from sarmitsuba.constants import DEFAULT_WINDOW
 
 NAME = "link"
 HELP = "compute the link budget of a scene's radar (SNR, NESZ, PRF bounds, ambiguities, data volume) before tracing"
@@ -19,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene_arguments(parser)
     parser.add_argument(
         "--window",
-        default="taylor",
+        default=DEFAULT_WINDOW,
         metavar="NAME",
         help="window of the image, as for render (default: taylor)",
     )

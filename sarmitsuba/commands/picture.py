@@ -2,14 +2,19 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import (
+    PictureStyle,
     add_axes_argument,
     add_image_arguments,
     add_scene_picture_arguments,
     image_file,
 )
+
+if TYPE_CHECKING:
+    from sarmitsuba.scene.scene import Scene
 
 NAME = "picture"
 HELP = "draw the picture of an image again, with other limits, colours, quantity, channel or looks"
@@ -70,12 +75,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_axes_argument(parser)
     add_scene_picture_arguments(parser)
-    parser.add_argument(
-        "--allow-outside",
-        action="store_true",
-        help="let the scene refer to files outside its own folder, as for render",
-    )
     parser.add_argument("--title", help="first line above the picture (default: the scene's name)")
+
+
+def scene_of(folder: Path, *, allow_outside: bool) -> "Scene":
+    """Scene of the run in a folder, loaded again for its pictures."""
+    from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.page.run_folder import scene_of_run
+
+    ensure_backend()
+    return scene_of_run(folder, allow_outside=allow_outside)
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -84,7 +93,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.io import read_image
     from sarmitsuba.io.output import OutputFile, OutputFolder
     from sarmitsuba.view.display import PictureOptions
-    from sarmitsuba.view.quicklook import quicklook, save
+    from sarmitsuba.view.quicklook import save
 
     source = image_file(Path(args.image))
     file = OutputFile(args.output, force=args.force) if args.output else None
@@ -98,18 +107,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         looks=tuple(args.looks) if args.looks else None,
         order=args.order,
         spectral_looks=tuple(args.spectral_looks),
-        axes=args.axes,
     )
-    scene = None
-    if args.outlines or args.with_view:
-        from sarmitsuba.backend import ensure_backend
-        from sarmitsuba.page.run_folder import scene_of_run
-
-        ensure_backend()
-        scene = scene_of_run(source.parent, allow_outside=args.allow_outside)
-    figure = quicklook(
-        image, options, title=args.title, scene=scene, outlined=args.outlines, with_plan=args.with_view
-    )
+    style = PictureStyle.of(args, lambda: scene_of(source.parent, allow_outside=args.allow_outside))
+    figure = style.figure(image, options, args.title)
     name = picture_name(image.channels, args.channel)
     with file.writing() if file else OutputFolder(source.parent).writing(name) as target:
         save(figure, target)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of, scene_record
+from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
@@ -85,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="bandwidth of the image (default: 48 range cells over the target, at most 0.4 of the carrier)",
     )
     parser.add_argument(
-        "--window", default="taylor", metavar="NAME", help="window of the image (default: taylor)"
+        "--window", default=DEFAULT_WINDOW, metavar="NAME", help="window of the image (default: taylor)"
     )
     parser.add_argument(
         "--page",
@@ -286,7 +287,10 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
         curves.append(AspectCurves(channel, total, parts if len(parts) > 1 else {}))
     console.say(sweep.statement.text)
     title = f"{scene.name},  {sweep.frequency / 1e9:.4g} GHz,  {fixed}"
-    draw_into(folder, PLOT, lambda: aspect_figure(angle, curves, swept=swept, title=title), console)
+    note = sweep.statement.text
+    draw_into(
+        folder, PLOT, lambda: aspect_figure(angle, curves, swept=swept, title=title, note=note), console
+    )
 
 
 def table_of(sweep: "RcsSweep") -> dict[str, "F64"]:

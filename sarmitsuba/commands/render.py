@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.commands.cluster_arguments import add_cluster_argument, check_cluster_argument, open_workers
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
+from sarmitsuba.commands.image_arguments import PictureStyle, add_scene_picture_arguments
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, pixels, scene_of, scene_record
 from sarmitsuba.commands.view import PAGE, view_folder
 from sarmitsuba.errors import DataError, RadarError
@@ -83,6 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="simulate again and replace the results in OUT, also those of another scene; other files stay",
     )
     add_focus_arguments(parser)
+    add_scene_picture_arguments(parser, loads=False)
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -191,6 +193,10 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
         )
     if args.page and args.no_focus:
         raise DataError("--page shows the image, and --no-focus makes none; leave one of them out")
+    if args.no_focus and (args.axes or args.outlines or args.with_view):
+        raise DataError(
+            "--axes, --outlines and --with-view are of the image's picture, and --no-focus makes none; leave them out"
+        )
     if not args.no_focus:
         check_focusing(scene.radar, scene.image, args)
     formats = results.Formats.parse(args.format)
@@ -261,7 +267,8 @@ def _raw_and_image(
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder.path / formats.names(raw=True)[0]
-    return focus_into(folder, raw, args, console, watch, record, workers=workers)
+    style = PictureStyle.of(args, lambda: scene)
+    return focus_into(folder, raw, args, console, watch, record, style, workers=workers)
 
 
 def _announcing(console: Console, args: argparse.Namespace, limit: float | None = None) -> "Ready":
@@ -376,5 +383,12 @@ def _image_only(
     folder.clear(run_hash)
     record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
     return results.store_image(
-        folder, image, results.Formats.parse(args.format), watch, record, console, chart=not args.no_chart
+        folder,
+        image,
+        results.Formats.parse(args.format),
+        watch,
+        record,
+        console,
+        chart=not args.no_chart,
+        style=PictureStyle.of(args, lambda: scene),
     )

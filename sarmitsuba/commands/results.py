@@ -15,6 +15,7 @@ import numpy as np
 from sarmitsuba import __version__
 from sarmitsuba.analysis.quality.account import Account, StageTime, account
 from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.image_arguments import PictureStyle
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import SarImage
@@ -207,12 +208,14 @@ def store_image(
     console: Console,
     *,
     chart: bool,
+    style: PictureStyle,
     others: Callable[[], Sequence["Alternative"]] = tuple,
 ) -> Path:
     """Write the image in every requested format, its pictures and the record. Return the first picture's path.
 
     Parameters
     ----------
+    style : of the pictures
     chart : whether to draw the account of error and time
     others : gives focusers in place of the one used; called only where focusing takes long
     """
@@ -254,7 +257,7 @@ def store_image(
     if failed:
         raise failed[0]
     with watch.stage("picture"):
-        path = save_pictures(folder, image, console)
+        path = save_pictures(folder, image, console, style)
     found = dataclasses.replace(found, stages=stage_times(image, watch))
     record["account"] = found.as_dict()
     if chart:
@@ -295,15 +298,21 @@ def stage_times(image: SarImage, watch: StageTimer) -> dict[str, StageTime]:
     return found
 
 
-def save_pictures(folder: OutputFolder, image: SarImage, console: Console) -> Path:
+def save_pictures(folder: OutputFolder, image: SarImage, console: Console, style: PictureStyle) -> Path:
     """Write quick-looks of every channel and of the bounce orders. Return the first channel's path."""
-    from sarmitsuba.view.quicklook import bounce_orders, quicklook, quicklook_by_order
+    from sarmitsuba.view.display import PictureOptions
+    from sarmitsuba.view.quicklook import bounce_orders, quicklook_by_order
 
     for channel in image.channels:
         name = picture_name(image.channels, channel)
-        draw_into(folder, name, partial(quicklook, image, channel=channel), console)
+        draw_into(folder, name, partial(style.figure, image, PictureOptions(channel=channel)), console)
     if bounce_orders(image):
-        draw_into(folder, PICTURE_ORDERS, partial(quicklook_by_order, image), console)
+        draw_into(
+            folder,
+            PICTURE_ORDERS,
+            partial(quicklook_by_order, image, style.options(PictureOptions())),
+            console,
+        )
     return folder.path / PICTURE
 
 

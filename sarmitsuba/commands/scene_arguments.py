@@ -30,6 +30,11 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
     )
     parser.add_argument(
+        "--ground",
+        metavar="MATERIAL",
+        help="add level ground of this material, such as soil or asphalt, at the scene's lowest level",
+    )
+    parser.add_argument(
         "--allow-outside",
         action="store_true",
         help="let the scene include files, and name meshes, from outside its own folder",
@@ -80,6 +85,7 @@ def scene_of(args: argparse.Namespace) -> "Scene":
         radar=radar,
         parameters=dict(args.define),
         mesh=mesh,
+        ground=args.ground,
         allow_outside=args.allow_outside,
     )
 
@@ -96,6 +102,7 @@ def scene_record(args: argparse.Namespace, scene: "Scene", folder: Path) -> dict
         "radar_file": kept_path(resolve_radar(args.radar), folder) if args.radar else None,
         "definitions": dict(args.define),
         "mesh": mesh_record(args),
+        "ground": args.ground,
         "allow_outside": args.allow_outside,
     }
 

@@ -181,7 +181,13 @@ def run_trial(
         if raw is not None:
             timer = StageTimer(clock.source)
             with compiling() as spent:
-                image = focus(raw, grid, focuser=setting.focuser)
+                image = focus(
+                    raw,
+                    grid,
+                    focuser=setting.focuser,
+                    range_window="rectangular",
+                    azimuth_window="rectangular",
+                )
             timer.lap("focus")
             stages |= timer.seconds
             compiled += _take(stages, spent[0], ("focus",))

@@ -5,8 +5,8 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.polynomial import legendre
-from scipy.special import spherical_jn
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
@@ -70,7 +70,7 @@ class SubBands:
         series = legendre.legfit(self._nodes, np.eye(self.count)[index], self.count - 1)
         out = np.zeros(cells.shape, dtype=np.complex128)
         for k, a in enumerate(series):
-            value = spherical_jn(k, np.pi * np.abs(cells))
+            value = scipy.special.spherical_jn(k, np.pi * np.abs(cells))
             out += a * 1j**k * np.where(cells < 0.0, (-1.0) ** k, 1.0) * value
         return out
 

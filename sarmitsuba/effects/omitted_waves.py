@@ -13,6 +13,7 @@ from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.edge_pairs import edge_pairs
 from sarmitsuba.mesh.pieces import SMOOTH_BEND, piece_of
 from sarmitsuba.mesh.sharp_edges import WIDEST_GAP, SharpEdges, sharp_edges
+from sarmitsuba.mesh.thin_rims import ONE_EDGE
 from sarmitsuba.mesh.welding import weld
 
 # lines that are evaluated at most: of more, curved ones are thinned out
@@ -23,8 +24,8 @@ GRAZING = 4.0
 _BLOCK = 400_000
 # triangles of a piece of surface from which its extent is taken
 _PIECE = 1000
-# k times the width of a face, below which its two edges act as one; k times a radius, below which it acts as an edge
-ONE_EDGE, AS_EDGE = 1.0, 1.26
+# k times a radius, below which it acts as an edge
+AS_EDGE = 1.26
 # causes
 EDGES_OFF, BETWEEN, ONE_RIM = "edges left out", "between edges", "two edges as one"
 ROUNDED, CURVED = "rounded edges", "curved surface"
@@ -345,7 +346,7 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
             d = d * np.where(rim.astype(bool)[:, None], np.minimum(1.0, d), 1.0)
         return np.asarray(np.where(which & sharp[:, None], np.square(d), 0.0).sum(axis=1) * power)
 
-    wide = kw >= ONE_EDGE
+    wide = kw >= 2.0 * np.pi * ONE_EDGE
     tips = tuple(np.square(np.array(t)[rim]) * sharp * power for t in (law.hard_tip, law.soft_tip))
     found[BETWEEN] = (between(wide, law.hard, 0), between(wide, law.soft, 1), *tips)
     if not waves.one_rim:

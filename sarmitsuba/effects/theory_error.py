@@ -14,7 +14,6 @@ from sarmitsuba.effects.omitted_waves import (
     BETWEEN,
     CURVED,
     EDGES_OFF,
-    ONE_EDGE,
     ONE_RIM,
     ROUNDED,
     MetalLines,
@@ -25,6 +24,7 @@ from sarmitsuba.effects.omitted_waves import (
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.thin_rims import ONE_EDGE
 from sarmitsuba.scene.geometry import Geometry
 
 # dB below the peak down to which the error is stated
@@ -253,7 +253,7 @@ def cause_text(name: str, lines: MetalLines, wavelength: float) -> str:
     if name == REPEATED:
         return f"several bounces by ray optics{f' between faces {across} wide' if sharp.any() else ''}"
     if name == ONE_RIM:
-        values, chosen = lines.width.min(axis=1), sharp & (k * lines.width < ONE_EDGE).any(axis=1)
+        values, chosen = lines.width.min(axis=1), sharp & (lines.width < ONE_EDGE * wavelength).any(axis=1)
         text = "edges {} wavelengths apart act as one"
     else:
         values, chosen = lines.radius, ~sharp & ((k * lines.radius < AS_EDGE) == (name == ROUNDED))

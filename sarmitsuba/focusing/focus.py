@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.echo.pulse_motion import standing_still
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
@@ -47,8 +48,8 @@ def focus(
     *,
     request: ImageRequest | Mapping[str, object] | None = None,
     focuser: str | Focuser = DEFAULT,
-    range_window: str | Window = "rectangular",
-    azimuth_window: str | Window = "rectangular",
+    range_window: str | Window = DEFAULT_WINDOW,
+    azimuth_window: str | Window = DEFAULT_WINDOW,
     compression: Literal["flat", "matched"] = "flat",
     motion_compensation: str = "auto",
     autofocus: str | Autofocuser | None = None,
@@ -67,7 +68,7 @@ def focus(
         ``backprojection,interpolation=kernel:8``; ``auto``, the default, is backprojection, for large images in its
         factorised form if that errs by 20 dB less than the data, and ``auto,error=-50`` the cheapest of all with that
         error; or a focuser itself
-    range_window, azimuth_window : ``rectangular``, ``hamming``, ``hann``, ``taylor:4:-35``, ``kaiser:2.5``, ... (see
+    range_window, azimuth_window : ``taylor`` (default), ``rectangular`` (none), ``hamming``, ``taylor:4:-35``, ... (see
         ``WINDOWS``); over the bandwidth and over the pulse index
     compression : of chirped data, see :func:`sarmitsuba.focusing.range_compression.compression_filter`
     motion_compensation : ``auto`` compensates the recorded track to a straight one where the focuser needs one, see

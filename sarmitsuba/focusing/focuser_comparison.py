@@ -3,6 +3,7 @@
 import time
 from dataclasses import dataclass
 
+from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focus import focus
@@ -53,7 +54,7 @@ def compare_focusers(
     raw: RawData,
     grid: ImageGrid,
     *,
-    window: str | Window = "rectangular",
+    window: str | Window = DEFAULT_WINDOW,
     reference: str = "backprojection",
     progress: Progress = silent,
     clock: Clock = time.perf_counter,

@@ -210,6 +210,7 @@ class SarImage:
             channel=channel or self.channels[0],
             quantity=quantity,
             calibrated=self.calibrated,
+            grid=self.grid,
         )
 
     @property
@@ -282,6 +283,7 @@ class Multilook:
     azimuth, range : float64, m, centres of the blocks on the image's axes
     channel, quantity : polarisation; ``sigma0``, or ``rcs`` in m^2
     calibrated : whether the quantity's unit holds, see `SarImage.calibrated`
+    grid : of the image, for pictures in coordinates of the scene; None: pictures have the image's own axes
     """
 
     power: F64
@@ -290,6 +292,7 @@ class Multilook:
     channel: str
     quantity: Quantity
     calibrated: bool = True
+    grid: ImageGrid | None = None
 
     def __repr__(self) -> str:
         return f"Multilook({self.channel} {self.quantity}: {self.azimuth.size} x {self.range.size} blocks)"

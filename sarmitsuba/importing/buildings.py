@@ -55,8 +55,10 @@ def wall_segments(polygon: "shapely.Polygon") -> F64:
     return np.asarray(pairs[np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1) > 0.0])
 
 
-def add_building(parts: Parts, building: Building, facades: FacadeBuilder) -> Roof:
+def add_building(parts: Parts, building: Building, number: int, facades: FacadeBuilder) -> Roof:
     """Add walls, underside and roof of a building, normals outwards, and return the roof.
+
+    ``number`` of the building is for its relief.
 
     Notes
     -----
@@ -67,7 +69,14 @@ def add_building(parts: Parts, building: Building, facades: FacadeBuilder) -> Ro
     polygon = orient(building.polygon)
     segments = wall_segments(polygon)
     facades.add_walls(
-        parts, segments, building.foot, building.ground, building.eaves, building.storey, building.wall
+        parts,
+        number,
+        segments,
+        building.foot,
+        building.ground,
+        building.eaves,
+        building.storey,
+        building.wall,
     )
     roof = make_roof(polygon, building.roof_shape, building.across)
     z = building.eaves + (building.ridge - building.eaves) * roof.lift

@@ -12,6 +12,7 @@ from sarmitsuba.importing.buildings import FOOT, Building, add_building
 from sarmitsuba.importing.facades import FacadeBuilder
 from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.parts import Parts
+from sarmitsuba.importing.pavement import add_pavement
 from sarmitsuba.importing.places import (
     LOCAL,
     WIDEST,
@@ -39,6 +40,7 @@ MATERIALS = {
     "ground": "medium_dry_ground",
     "windows": "glass",
     "balconies": "concrete",
+    "pavement": "concrete",
 }
 # margin of ground around the buildings, for layover, shadow and speckle: m, and in building heights
 _MARGIN, _MARGIN_HEIGHTS = 20.0, 1.5
@@ -84,7 +86,7 @@ def make_model(source: CitySource, options: ImportOptions) -> Model:
         raise SceneError(
             f"{source.name}: --unit holds for meshes and --crs local, not for {crs}; leave it out"
         )
-    if (options.facades.windows or options.facades.balconies) and not source.footprints:
+    if options.facades.demanded and not source.footprints:
         raise SceneError(
             f"{source.name}: facades need building footprints; the file has none; leave --facades out"
         )
@@ -320,7 +322,7 @@ def _add_footprints(
     """Extrude every footprint from its ground."""
     import shapely
 
-    buildings = []
+    buildings, names = [], []
     for one in source.footprints:
         corners = place.ground(shapely.get_coordinates(one.polygon), raster)
         if not np.isfinite(corners).all():
@@ -330,11 +332,29 @@ def _add_footprints(
         if why_unusable(polygon):
             source.skip(why_unusable(polygon), one.name)
             continue
-        building = _building(one, polygon, corners[:, 2], options, materials, raster is not None)
-        roof = add_building(parts, building, facades)
-        if roof.is_flat and one.roof_shape not in ("", "flat"):
-            source.assume("roofs of unsupported shapes, flat ones taken", one.name)
-        buildings.append(building)
+        buildings.append(_building(one, polygon, corners[:, 2], options, materials, raster is not None))
+        names.append(one.name)
+    away = [float(np.hypot(*b.polygon.centroid.coords[0])) for b in buildings]
+    # the nearest to the origin, about which the image lies, have their relief first
+    nearest = np.argsort(away, kind="stable")
+    with_relief = []
+    for number in nearest:
+        building = buildings[number]
+        roof = add_building(parts, building, int(number), facades)
+        if roof.is_flat and building.roof_shape not in ("", "flat"):
+            source.assume("roofs of unsupported shapes, flat ones taken", names[number])
+        if not facades.full:
+            with_relief.append(building)
+    if facades.full:
+        radius = away[nearest[len(with_relief)]]
+        source.notes.append(
+            f"facades: {facades.n_plain} of {len(buildings)} buildings, those from {radius:.3g} m of the origin on, "
+            f"have plain walls: limit = {facades.options.limit} triangles; --facade limit=N raises it"
+        )
+    if facades.options.pavements and with_relief and raster is None:
+        facades.n_triangles += add_pavement(parts, with_relief, facades.options, materials["pavement"])
+    elif facades.options.pavements and with_relief:
+        source.notes.append("facades: no pavement on a terrain; its kerbs would not follow the slope")
     return buildings
 
 
@@ -450,9 +470,12 @@ def _counts(
     if n_solids:
         lines.append(f"{name}: {n_solids} buildings of polygons")
     o = facades.options
-    if o.windows or o.balconies:
+    if o.relief and buildings:
+        paved = any(part == "pavement" for part, *_ in parts)
+        kerb = f", pavement {o.pavement:g} m wide with a kerb of {o.kerb:g} m" if paved else ""
         lines.append(
-            f"facades: {facades.n_windows} windows and {facades.n_balconies} balconies, seed {o.seed}; walls of "
-            f"{facades.n_triangles} triangles (limit {o.limit})"
+            f"facades: {facades.n_windows} windows and {facades.n_balconies} balconies, seed {o.seed}{kerb}; relief of "
+            f"{facades.n_triangles} triangles (limit {o.limit} on walls)"
+            + ("" if o.demanded else "; assumed, --facades none leaves walls plain")
         )
     return [*lines, f"{name}: {parts.n_triangles} triangles in all"]

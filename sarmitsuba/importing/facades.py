@@ -1,4 +1,4 @@
-"""Facade relief: recessed windows and balconies, which form small corner reflectors."""
+"""Facade relief: recessed windows and balconies, which form small corner reflectors; options of the pavement."""
 
 from dataclasses import dataclass, fields
 
@@ -10,7 +10,8 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.importing.parts import Parts
 from sarmitsuba.parameters import did_you_mean, one_line
 
-KINDS = ("windows", "balconies")
+KINDS = ("windows", "balconies", "kerb")
+NONE = "none"
 WINDOW_TRIANGLES, BALCONY_TRIANGLES = 18, 22
 # least margin between a window and its bay or storey at each side, and height of walls too low for windows, m
 _RIM, _LOWEST = 0.15, 2.0
@@ -27,13 +28,13 @@ _PANE = _QUAD + 8
 
 @dataclass(frozen=True)
 class FacadeOptions:
-    """Statistics of facade relief.
+    """Statistics of facade relief, and of the pavement before the walls.
 
     Parameters
     ----------
-    windows, balconies : whether they are made
+    windows, balconies, pavements : whether they are made
     seed : random seed; the same seed gives the same walls
-    limit : most triangles of all walls together
+    limit : most triangles of all walls together; buildings beyond it, the furthest from the origin, have plain walls
     bay : mean width of a bay, one window each, m
     window_width, window_height : mean, m
     recess : mean depth of the panes behind the wall, m
@@ -41,12 +42,15 @@ class FacadeOptions:
     share : share of bays with a window
     balcony_share : share of columns of bays with balconies, from the second storey on
     balcony_depth, parapet : depth of balconies, and height of their parapets over their floor, m
+    kerb, pavement : height of the pavement around buildings over the plane z = 0, and its width, m
+    demanded : whether a source without footprints, whose walls cannot have relief, is refused
     """
 
-    windows: bool = False
-    balconies: bool = False
+    windows: bool = True
+    balconies: bool = True
+    pavements: bool = True
     seed: int = 1
-    limit: int = 2_000_000
+    limit: int = 400_000
     bay: float = 3.2
     window_width: float = 1.3
     window_height: float = 1.5
@@ -56,6 +60,14 @@ class FacadeOptions:
     balcony_share: float = 0.15
     balcony_depth: float = 1.2
     parapet: float = 1.0
+    kerb: float = 0.12
+    pavement: float = 2.0
+    demanded: bool = False
+
+    @property
+    def relief(self) -> bool:
+        """Whether anything is made beside plain walls."""
+        return self.windows or self.balconies or self.pavements
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -73,7 +85,9 @@ class FacadeOptions:
 
     @staticmethod
     def read(kinds: str, seed: int, statistics: dict[str, str]) -> "FacadeOptions":
-        """Options of the command line: ``windows,balconies``, and statistics by name.
+        """Options of the command line: kinds such as ``windows,balconies``, ``none``, or empty for all where possible.
+
+        Statistics are given by name.
 
         Raises
         ------
@@ -81,10 +95,16 @@ class FacadeOptions:
         """
         asked = [kind for kind in kinds.split(",") if kind]
         for kind in asked:
-            if kind not in KINDS:
+            if kind not in KINDS and asked != [NONE]:
+                known = (*KINDS, NONE)
+                near = did_you_mean(kind, known)
                 raise SceneError(
-                    f'facades: "{one_line(kind)}" is unknown{did_you_mean(kind, KINDS)}; choose from {", ".join(KINDS)}'
+                    f'facades: "{one_line(kind)}" is unknown{near}; choose from {", ".join(KINDS)}, or {NONE} alone'
                 )
+        if statistics and asked == [NONE]:
+            raise SceneError(
+                f"facades: --facade {next(iter(statistics))} is of walls with relief, not of {NONE}"
+            )
         numbers = {}
         for name, text in statistics.items():
             if name not in _BOUNDS:
@@ -99,7 +119,16 @@ class FacadeOptions:
                     f'facades: {name} = "{one_line(text)}" is no number; give a number'
                 ) from None
         limit = numbers.pop("limit", FacadeOptions.limit)
-        return FacadeOptions("windows" in asked, "balconies" in asked, seed, limit=int(limit), **numbers)
+        windows, balconies, pavements = (kind in asked or not asked for kind in KINDS)
+        return FacadeOptions(
+            windows,
+            balconies,
+            pavements,
+            seed,
+            limit=int(limit),
+            demanded=bool(asked or statistics) and asked != [NONE],
+            **numbers,
+        )
 
 
 _BOUNDS: dict[str, tuple[float, float]] = {
@@ -113,6 +142,8 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "balcony_share": (0.0, 1.0),
     "balcony_depth": (0.3, 5.0),
     "parapet": (0.1, 2.0),
+    "kerb": (0.02, 0.5),
+    "pavement": (0.2, 20.0),
 }
 assert set(_BOUNDS) < {field.name for field in fields(FacadeOptions)}
 
@@ -128,11 +159,13 @@ class FacadeBuilder:
 
     def __init__(self, options: FacadeOptions, glass: str = "glass", balcony: str = "concrete") -> None:
         self.options, self.glass, self.balcony = options, glass, balcony
-        self.n_windows = self.n_balconies = self.n_triangles = self._building = 0
+        self.n_windows = self.n_balconies = self.n_triangles = self.n_plain = 0
+        self.full = False
 
     def add_walls(
         self,
         parts: Parts,
+        number: int,
         segments: F64,
         foot: float,
         ground: float,
@@ -140,23 +173,49 @@ class FacadeBuilder:
         storey: float,
         material: str,
     ) -> None:
-        """Add the walls of a building.
+        """Add the walls of a building; plain ones when those before have used up the limit of triangles.
 
         Parameters
         ----------
         parts : collection to which they are added
+        number : of the building, which with the seed determines its relief
         segments : (n, 2, 2) float64, m, start and end, the outside to the right
         foot, ground, eaves : heights of the walls' lower end, of the ground and of the upper end, m
         storey : height of a storey, m
         material : of the walls
-
-        Raises
-        ------
-        SceneError : the relief needs more triangles than its limit
         """
+        before = self.n_windows, self.n_balconies, self.n_triangles
+        own = Parts()
+        if (
+            self.options.relief
+            and not self.full
+            and not self._walls(own, number, segments, foot, ground, eaves, storey, material)
+        ):
+            self.full = True
+            self.n_windows, self.n_balconies, self.n_triangles = before
+        if self.full or not self.options.relief:
+            own = Parts()
+            self.n_plain += 1
+            for start, end in segments:
+                self._plain(own, start, end, foot, eaves, material)
+            self.n_triangles = before[2]
+        for mesh in own:
+            parts.add(*mesh)
+
+    def _walls(
+        self,
+        parts: Parts,
+        number: int,
+        segments: F64,
+        foot: float,
+        ground: float,
+        eaves: float,
+        storey: float,
+        material: str,
+    ) -> bool:
+        """Add walls with relief; False, with some of them missing, where the limit of triangles is exceeded."""
         o = self.options
-        rng = np.random.default_rng([o.seed, self._building])
-        self._building += 1
+        rng = np.random.default_rng([o.seed, number])
         means = np.array([o.bay, o.window_width, o.window_height, o.recess, o.balcony_depth])
         bay, width, height, recess, depth = means * np.clip(rng.normal(1.0, o.spread, 5), 0.5, 1.5)
         n_storeys = round((eaves - ground) / storey)
@@ -184,14 +243,11 @@ class FacadeBuilder:
             self._windows(parts, wall, glazed, size, recess, material)
             self._balconies(parts, wall, hung, depth)
             if self.n_triangles > o.limit:
-                raise SceneError(
-                    f"facades: relief needs more than limit = {o.limit} triangles; widen bay = {o.bay:g} m, take fewer "
-                    "buildings with --radius, or raise the limit with --facade limit=N"
-                )
+                return False
+        return True
 
     def _plain(self, parts: Parts, start: F64, end: F64, foot: float, eaves: float, material: str) -> None:
-        wall = _Wall(start, end, np.array([0.0, float(np.hypot(*(end - start)))]), np.array([foot, eaves]))
-        parts.add("walls", material, wall.quads(wall.low, wall.high, 0.0), _QUAD)
+        parts.add("walls", material, *wall_quads(start, end, foot, eaves))
         self.n_triangles += 2
 
     def _windows(
@@ -266,6 +322,12 @@ class _Wall:
         u = np.stack([low[:, 0], high[:, 0], high[:, 0], low[:, 0]], axis=1)
         z = np.stack([low[:, 1], low[:, 1], high[:, 1], high[:, 1]], axis=1)
         return self.place(u, z, w).reshape(-1, 3)
+
+
+def wall_quads(start: F64, end: F64, foot: float, top: float) -> tuple[F64, I32]:
+    """Corners (4, 3) and faces (2, 3) of one upright rectangle, the outside to the right of start to end."""
+    wall = _Wall(start, end, np.array([0.0, float(np.hypot(*(end - start)))]), np.array([foot, top]))
+    return wall.quads(wall.low, wall.high, 0.0), _QUAD.astype(np.int32)
 
 
 def _strip(lower: int, upper: int) -> list[list[int]]:

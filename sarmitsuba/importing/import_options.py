@@ -20,8 +20,8 @@ class ImportOptions:
 
     Parameters
     ----------
-    materials : name of the material by part (``walls``, ``roofs``, ``ground``, ``windows``, ``balconies``), or by the
-        name of a mesh file's material
+    materials : name of the material by part (``walls``, ``roofs``, ``ground``, ``windows``, ``balconies``,
+        ``pavement``), or by the name of a mesh file's material
     unit, up : of mesh files and of plain coordinates; the result of ``auto`` is reported
     crs : coordinate system of footprints or CityGML, such as ``EPSG:25832``; ``local``: metres, x east, y north;
         empty: as the file states, by default longitude and latitude
@@ -32,7 +32,7 @@ class ImportOptions:
     dem : elevation raster of the terrain
     tolerance : largest deviation of the terrain's triangles from the raster, m
     geoid : height of the raster's zero (mean sea level) over the WGS-84 ellipsoid, m
-    facades : relief of the walls
+    facades : relief of the walls, and pavement
     """
 
     materials: Mapping[str, str] = field(default_factory=dict)

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import RadarError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing.grid import default_grid
@@ -116,8 +117,8 @@ class LinkBudget:
 def link_budget(
     scene: SceneLike,
     *,
-    range_window: str | Window = "taylor",
-    azimuth_window: str | Window = "taylor",
+    range_window: str | Window = DEFAULT_WINDOW,
+    azimuth_window: str | Window = DEFAULT_WINDOW,
     rcs: float = 1.0,
     sigma0_db: float = -10.0,
 ) -> LinkBudget:

@@ -1,5 +1,6 @@
 """Assemble a scene from surfaces, points and parameters: clean and centre the meshes, group faces, build the radar."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -8,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I32
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.loader.notes import warn_once
+from sarmitsuba.loader.radar_ground import LevelGround
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
@@ -83,6 +85,7 @@ def assemble(
     wires: Sequence[WireTarget] = (),
     volumes: Sequence[Volume] = (),
     scatterers: Sequence[ScattererTarget] = (),
+    grounds: Sequence[LevelGround] = (),
 ) -> Scene:
     """Scene of cleaned and centred geometry with its radar.
 
@@ -94,7 +97,7 @@ def assemble(
     radar : validated parameters of sensor and film
     settings : of the integrator
     notes : collected so far
-    volumes, scatterers : in the file frame
+    volumes, scatterers, grounds : in the file frame
 
     Raises
     ------
@@ -102,7 +105,9 @@ def assemble(
     RadarError : the radar does not see the scene
     """
     label = printable(path.name if path else name)
-    visible = any(not materials[s.material].invisible for s in surfaces)
+    visible = any(
+        not materials[i].invisible for i in [*(s.material for s in surfaces), *(g.material for g in grounds)]
+    )
     if volumes and not visible:
         raise SceneError(
             f'{label}: no surface below the volume "{volumes[0].name}"; add ground, a shape with a radar_material'
@@ -129,7 +134,17 @@ def assemble(
     positions = np.array([p.position for p in points]).reshape(-1, 3)
     own = positions_of(tuple(scatterers))
     places = np.concatenate([positions, own, wire_ends(tuple(wires)), *(v.vertices for v in volumes)])
-    offset = _offset(geometry, places)
+    if geometry.n_faces or len(places):
+        offset = _offset(geometry, places)
+    else:
+        offset = np.zeros(3)
+    if grounds:
+        grounds = sorted(grounds, key=lambda ground: ground.extent is None)
+        laid, said = _ground_surfaces(label, grounds, geometry, places, radar, offset)
+        notes, surfaces = (*notes, *said), (*surfaces, *laid)
+        geometry, repairs = _geometry(label, surfaces)
+        endless = [False] * (len(surfaces) - len(laid)) + [ground.extent is None for ground in grounds]
+        geometry = replace(geometry, mesh_endless=tuple(endless) if any(endless) else ())
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
     if offset.any():
@@ -179,6 +194,30 @@ def seen_by(
     for material in materials:
         _check_angle(label, material, built, image, angle_notes)
     return built, image, (*notes, *angle_notes)
+
+
+def _ground_surfaces(
+    label: str,
+    grounds: Sequence[LevelGround],
+    geometry: Geometry,
+    places: F64,
+    radar: RadarInput,
+    offset: F64,
+) -> tuple[list[MeshSurface], list[str]]:
+    """Surfaces of ground, as large as the image of all else needs, in the file frame, and notes."""
+    bare = replace(geometry, vertices=geometry.vertices - offset)
+    seen = places - offset
+    if not geometry.n_faces and not len(places):
+        seen = np.array([[0.0, 0.0, min(ground.height(geometry, places) for ground in grounds)]])
+    with warnings.catch_warnings():  # those of the radar follow when it sees the whole scene
+        warnings.simplefilter("ignore", SarmitsubaWarning)
+        built, image, _ = seen_by(label, bare, seen, (), radar, offset)
+    laid, notes = [], []
+    for ground in grounds:
+        vertices, faces, note = ground.triangles(geometry, places, image, built, offset)
+        laid.append(MeshSurface(ground.name, vertices, faces, ground.material))
+        notes.append(note)
+    return laid, notes
 
 
 def _black(label: str, surfaces: Sequence[MeshSurface], materials: Sequence[Material]) -> list[str]:
@@ -289,10 +328,18 @@ def _bounds(geometry: Geometry, places: F64) -> F64:
 
 def _extent(geometry: Geometry, places: F64) -> Extent:
     """Extent of all scatterers; the default aim point is its middle, at the height of the ground."""
-    low, high = _bounds(geometry, places)
-    height = geometry.ground_height if geometry.n_faces else float(np.median(places[:, 2]))
+    bounded = geometry.without_endless()
+    endless = geometry.vertices[geometry.faces[bounded.n_faces :].reshape(-1)]
+    if not bounded.n_faces and not len(places):
+        places = endless.mean(axis=0, keepdims=True)
+    low, high = _bounds(bounded, places)
+    height = bounded.ground_height if bounded.n_faces else float(np.median(places[:, 2]))
+    if len(endless):
+        height = float(endless[0, 2])
     middle = np.array([*(0.5 * (low + high)[:2]), height])
-    return Extent(np.concatenate([geometry.vertices, places]), middle, geometry.faces)
+    return Extent(
+        np.concatenate([bounded.vertices, places]), middle, bounded.faces, endless if len(endless) else None
+    )
 
 
 def _offset(geometry: Geometry, places: F64) -> F64:

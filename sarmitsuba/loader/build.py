@@ -111,6 +111,7 @@ def build_scene(
     film: FilmDescription | None = None,
     settings: TraceSettings | None = None,
     track: Track | None = None,
+    ground: str | None = None,
     name: str = "scene",
 ) -> Scene:
     """Build a scene without a file.
@@ -122,6 +123,7 @@ def build_scene(
     settings : of the tracing; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
         number of pulses and azimuth resolution
+    ground : material of level ground to add at the scene's lowest level, such as ``soil``
     name : of the scene
 
     Returns
@@ -155,6 +157,8 @@ def build_scene(
     collector.scatterers.extend(scatterers)
     for volume in volumes:
         _add_volume(collector, volume, name)
+    if ground is not None:
+        collector.add_ground_of(ground)
     return collector.scene()
 
 

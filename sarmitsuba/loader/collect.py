@@ -18,13 +18,14 @@ from sarmitsuba.loader.mesh_files import MeshPart, obj_materials, read_parts
 from sarmitsuba.loader.names_of_materials import DEFAULT, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
+from sarmitsuba.loader.radar_ground import PLUGIN, LevelGround, ground_element, read_ground
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
 from sarmitsuba.loader.volume_book import RADAR_VOLUME, VolumeBook
 from sarmitsuba.loader.wire_shapes import wires
 from sarmitsuba.materials.bsdfs import wire_permittivity
 from sarmitsuba.materials.map_materials import map_attributes
 from sarmitsuba.memory import check_fits
-from sarmitsuba.parameters import float_value
+from sarmitsuba.parameters import float_value, printable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
@@ -60,6 +61,7 @@ class Collector:
     points: list[PointTarget] = field(default_factory=list)
     wires: list[WireTarget] = field(default_factory=list)
     scatterers: list[ScattererTarget] = field(default_factory=list)
+    grounds: list[LevelGround] = field(default_factory=list)
     n_faces: int = 0
 
     def __post_init__(self) -> None:
@@ -89,6 +91,10 @@ class Collector:
         if bsdf is not None and bsdf.plugin == RADAR_VOLUME.plugin:
             self.volumes.add_shape(placed, bsdf, self.reader)
             return
+        if placed.element.plugin == PLUGIN:
+            bsdf, level, extent = read_ground(placed, bsdf)
+            self.add_ground(placed.name, placed.element.where, bsdf, level, extent)
+            return
         if placed.element.plugin == "linearcurve":
             raise SceneError(
                 f"{placed.element.where}: a linearcurve has no surface for rays; give it the bsdf radar_wire"
@@ -111,6 +117,17 @@ class Collector:
                 self.reader.corner_values(placed, faces, names) if names else {},
             )
         )
+
+    def add_ground(
+        self, name: str, where: str, bsdf: Element, level: float | None = None, extent: float | None = None
+    ) -> None:
+        """Add level ground with a bsdf; see :class:`sarmitsuba.loader.radar_ground.LevelGround`."""
+        self.grounds.append(LevelGround(name, where, self.book.index(bsdf, where), level, extent))
+
+    def add_ground_of(self, material: str) -> None:
+        """Add level ground of a named material at the lowest level of the scene."""
+        label = printable(self.path.name if self.path else self.name)
+        self.add_ground("ground", f"{label}: ground", ground_element(material, label))
 
     def add_parts(
         self,
@@ -183,6 +200,7 @@ class Collector:
             self.wires,
             self.volumes.volumes,
             self.scatterers,
+            self.grounds,
         )
 
     def _check_faces(self, where: str, more: int) -> None:

@@ -12,7 +12,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.mesh_files import MeshPart, read_parts
 from sarmitsuba.loader.names_of_materials import check_chosen
-from sarmitsuba.mesh.model_units import doubtful_unit, up_axis
+from sarmitsuba.mesh.model_units import LIKELY_WALL, doubtful_unit, up_axis
 
 Up = Literal["auto", "y", "z"]
 UPS: tuple[str, ...] = get_args(Up)
@@ -66,7 +66,7 @@ def upright(name: str, suffix: str, parts: list[MeshPart], options: MeshOptions)
 
     Raises
     ------
-    SceneError : the coordinates cannot be metres, and no unit is given
+    SceneError : the coordinates are hardly metres, and no unit is given
     """
     turn, said = _turn(suffix, parts, options)
     matrix = _scale(name, parts, turn, options) * turn
@@ -95,11 +95,14 @@ def _scale(name: str, parts: list[MeshPart], turn: F64, options: MeshOptions) ->
     """Metres of the file's unit."""
     if options.unit != "auto":
         return UNITS[options.unit]
-    doubt = doubtful_unit(_triangles(parts) @ turn.T)
+    triangles = _triangles(parts) @ turn.T
+    doubt = doubtful_unit(triangles, LIKELY_WALL)
     if doubt:
+        height = float(np.ptp(triangles.reshape(-1, 3)[:, 2]))
+        likely = ", ".join(f"--unit {unit} ({UNITS[unit] * height:.3g} m high)" for unit in ("cm", "mm"))
         raise SceneError(
-            f"{name}: the unit cannot be the metre, {doubt}; give --unit {', '.join(UNITS)}, or "
-            '--unit m if it is right, or --up where "up" is wrong'
+            f"{name}: is its unit the metre? Then {doubt}; give {likely}, in, ft or km, or --unit m if it is right; "
+            'or --up where "up" is wrong'
         )
     return 1.0
 

@@ -37,6 +37,7 @@ def scene_from_mitsuba(
     *,
     radar_root: Element | None = None,
     overrides: Overrides | None = None,
+    ground: str | None = None,
 ) -> Scene:
     """Read geometry, materials and radar out of a loaded Mitsuba scene.
 
@@ -47,6 +48,7 @@ def scene_from_mitsuba(
     integrator : None takes the scene's
     radar_root : of a radar file that replaces sensor, film and integrator
     overrides : of plugin parameters
+    ground : material of level ground to add
 
     Raises
     ------
@@ -79,6 +81,8 @@ def scene_from_mitsuba(
             collector.surfaces.append(MeshSurface(name, vertices, faces, material))
         else:
             collector.add_shape(_placed(shape, name), element)
+    if ground is not None:
+        collector.add_ground_of(ground)
     return collector.scene()
 
 

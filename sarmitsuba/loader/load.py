@@ -53,6 +53,7 @@ def load_scene(
     radar: Path | str | None = None,
     parameters: Mapping[str, str] | None = None,
     mesh: MeshOptions | None = None,
+    ground: str | None = None,
     allow_outside: bool = False,
 ) -> Scene:
     """Load a scene file, a shipped scene, a dict as for ``mi.load_dict``, or what Mitsuba has loaded.
@@ -64,6 +65,7 @@ def load_scene(
     radar : XML file (or shipped name) whose sensor, film and integrator replace the scene's
     parameters : values of the file's ``$name`` parameters, and ``plugin.parameter`` to override a plugin's
     mesh : unit, up axis and materials of a mesh file
+    ground : material of level ground to add at the scene's lowest level, such as ``soil``, as by ``radar_ground``
     allow_outside : a file may include others, and name meshes, from outside its own folder
 
     Returns
@@ -113,7 +115,7 @@ def load_scene(
     texts = [read_text(path) for path in (file, radar_file) if path is not None and not is_mesh_file(path)]
     check_used(plain, overrides, label, texts, {e.id: e.plugin for e in elements if e.id}, known)
     if root is None:
-        return scene_from_mitsuba(loaded, radar_root=radar_root, overrides=overrides)
+        return scene_from_mitsuba(loaded, radar_root=radar_root, overrides=overrides, ground=ground)
 
     if file is not None and not allow_outside:
         check_meshes(walk(root))
@@ -123,6 +125,8 @@ def load_scene(
         add_mesh_file(collector, file, mesh or MeshOptions())
     for placed in placed_shapes(root):
         collector.add_shape(placed, placed.element.child("bsdf"))
+    if ground is not None:
+        collector.add_ground_of(ground)
     return collector.scene()
 
 

@@ -35,6 +35,7 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
     "sphere": (*_COMMON, "center", "radius"),
     "cylinder": (*_COMMON, "p0", "p1", "radius"),
     "linearcurve": (*_COMMON, "filename"),
+    "radar_ground": ("material", "level", "extent"),
     "shapegroup": (),
     "instance": ("to_world", *_MOVING),
     "merge": _MOVING,

@@ -159,6 +159,14 @@ INTEGRATOR = ParamTable(
             0.0,
             0.1,
         ),
+        Param(
+            "endless_ground",
+            "string",
+            "auto",
+            "whether level ground at the lowest level goes on beyond its rim, which then returns no echo; auto: where "
+            "it is wide and surrounds the scene and, if metal, something stands on it; on: any level sheet; off: none",
+            choices=("auto", "on", "off"),
+        ),
     ),
 )
 

@@ -120,7 +120,7 @@ def _tree(
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve_references(config, state)
     elements = []
-    lines = _LineNumbers(state)
+    lines = _LineNumbers(state, label)
     for node in state.nodes:
         props = node.props
         plugin, name = props.plugin_name(), props.id()
@@ -132,7 +132,7 @@ def _tree(
             else:
                 called = f'{kind} "{name}"' if name else f"{kind} {plugin}"
         else:
-            called = f'{kind} "{name}"' if name else f"{kind} {plugin} (line {lines.of(node)})"
+            called = f'{kind} "{name}"' if name else f"{kind} {plugin} ({lines.of(node)})"
         given = {key: props[key] for key in props.keys()}
         values = {
             key: plain_value(value)
@@ -149,19 +149,21 @@ def _tree(
 
 
 class _LineNumbers:
-    """Line numbers of the nodes of files; Mitsuba's own search reads the file again for each node."""
+    """Lines of the nodes of files; Mitsuba's own search reads the file again for each node."""
 
-    def __init__(self, state: "mi.parser.ParserState") -> None:
-        self._state = state
+    def __init__(self, state: "mi.parser.ParserState", name: str) -> None:
+        self._state, self._name = state, name
         self._ends: dict[int, list[int]] = {}
 
-    def of(self, node: "mi.parser.SceneNode") -> int:
-        """Line number of a node, from 1."""
+    def of(self, node: "mi.parser.SceneNode") -> str:
+        """Line of a node, from 1, and the file where it is not the scene's own."""
         number = node.file_index
         if number not in self._ends:
             text = regular_files.read_bytes(str(self._state.files[number]))
             self._ends[number] = [found.start() for found in re.finditer(b"\n", text)]
-        return bisect_left(self._ends[number], node.offset) + 1
+        line = f"line {bisect_left(self._ends[number], node.offset) + 1}"
+        name = Path(str(self._state.files[number])).name
+        return line if name == self._name else f"{line} of {one_line(name)}"
 
 
 def _kind(node_type: str, plugin: str, label: str) -> str:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import hankel1, jv, jve
 
 from sarmitsuba.arrays import C128, F32, F64
 from sarmitsuba.errors import SceneError
@@ -131,7 +131,7 @@ def coefficients(
     """
     n = np.arange(last + 2)
     with np.errstate(all="ignore"):
-        j, h = jv(n, x[:, None]), hankel1(n, x[:, None])
+        j, h = scipy.special.jv(n, x[:, None]), scipy.special.hankel1(n, x[:, None])
         slope_j, slope_h = (_slope(v, n, x[:, None])[:, :-1] for v in (j, h))
     j, h, n = j[:, :-1], h[:, :-1], n[:-1]
     none = np.zeros(j.shape, dtype=np.complex128)
@@ -162,7 +162,7 @@ def _slope(values: F64 | C128, n: NDArray[np.intp], x: F64) -> C128:
 
 def _log_derivative(n: NDArray[np.intp], y: C128) -> C128:
     """(len(y), len(n)) J_n'(y) / J_n(y) for Im y >= 0; deep inside a good conductor that of an inward wave."""
-    ratio = jve(n + 1, y) / jve(n, y)
+    ratio = scipy.special.jve(n + 1, y) / scipy.special.jve(n, y)
     # beyond the turning point the functions underflow: first term of the series of their ratio
     series = y / (2.0 * (n + 1))
     ratio = np.where(np.isfinite(ratio) & (np.abs(series) > 1e-3), ratio, series)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import gammainccinv, gammaincinv, ndtr
 
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.errors import SceneError
@@ -156,8 +156,8 @@ def texture_amplitudes(shape: float) -> F64:
 
 def _texture(g: F64, shape: float) -> F64:
     # from the tail of small probability: 1 - Phi(6) = 1e-9 would be lost to rounding in Phi(6)
-    low = gammaincinv(shape, ndtr(np.minimum(g, 0.0)))
-    high = gammainccinv(shape, ndtr(-np.maximum(g, 0.0)))
+    low = scipy.special.gammaincinv(shape, scipy.special.ndtr(np.minimum(g, 0.0)))
+    high = scipy.special.gammainccinv(shape, scipy.special.ndtr(-np.maximum(g, 0.0)))
     return np.asarray(np.where(g < 0.0, low, high) / shape)
 
 

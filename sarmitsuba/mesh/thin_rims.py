@@ -12,6 +12,8 @@ from sarmitsuba.mesh.sharp_edges import DIRECTIONS, WIDEST_GAP, SharpEdges, shar
 # thickness, wavelengths, up to which a rim stands for both wedges, and from which on the wedges stand for themselves:
 # electric field along the edge, magnetic field along it
 ELECTRIC, MAGNETIC = (0.04, 0.06), (0.10, 0.18)
+# thickness, wavelengths, below which two wedges are not two independent ones
+ONE_EDGE = MAGNETIC[1]
 # cosine of the largest angle between directions that count as one: the bend below which facets are one surface
 ALIKE = float(np.cos(np.radians(10.0)))
 # largest deviation of the exterior angle of a wedge from a right angle's, over pi
@@ -93,7 +95,7 @@ def with_thin_rims(edges: SharpEdges, wavelength: float) -> SharpEdges:
     -----
     Ignores bars whose both sides are thin, whose edges have two partners: these stay wedges.
     """
-    pairs = _pairs(edges, MAGNETIC[1] * wavelength)
+    pairs = _pairs(edges, ONE_EDGE * wavelength)
     if not pairs.between.size:
         return edges
     thickness = np.linalg.norm(pairs.between, axis=1)

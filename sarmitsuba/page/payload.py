@@ -12,6 +12,7 @@ from sarmitsuba.page.gltf import PageMesh, drawn, page_mesh
 from sarmitsuba.page.paths import PagePaths, page_paths
 from sarmitsuba.page.quantised_profiles import page_grid, page_profiles
 from sarmitsuba.page.run_folder import RunFolder
+from sarmitsuba.page.side_lobes import side_lobes
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
@@ -81,13 +82,17 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
     image = run.image
     name = channel or image.channels[0]
     grid = image.grid.in_frame(np.zeros(3))
+    windows = {
+        key: str(image.metadata.get("focus", {}).get(key, "rectangular"))
+        for key in ("range_window", "azimuth_window")
+    }
     look: dict[str, Value] = {
         "name": run.path.name,
         "channel": name,
         "wavelength": image.wavelength,
         "grid": grid_payload(grid, center),
         "pixels": nested(*page_grid(image.grid)),
-        "image": image_payload(image, name),
+        "image": image_payload(image, name) | {"side_lobes": side_lobes(image, **windows)},
         "focus": str(image.metadata.get("focus", {}).get("method", image.metadata.get("method", ""))),
         "radar": None,
         "echo": None,
@@ -97,10 +102,6 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
     if run.raw is not None and run.raw.radar.start_stop().receiver is not None:
         say(f"{run.path}: bistatic data are not focused in the page")
     elif run.raw is not None:
-        windows = {
-            key: str(image.metadata.get("focus", {}).get(key, "rectangular"))
-            for key in ("range_window", "azimuth_window")
-        }
         look["echo"] = nested(*page_profiles(run.raw, image.grid, name, **windows).payload())
     radar = run.raw.radar if run.raw is not None else None if run.scene is None else run.scene.radar
     if radar is not None:

@@ -45,6 +45,7 @@ def rcs_payload(scene: Scene, sweep: RcsSweep, image: SarImage | None) -> dict[s
         "azimuth": angles[0],
         "elevation": angles[1],
         "channels": [_channel(sweep, name) for name in sweep.result.channels],
+        "statement": {"text": sweep.statement.text, "warning": sweep.statement.warning},
         "image": None if image is None else _image(image, sweep, center),
     }
 

@@ -162,7 +162,7 @@ def _scene(record: dict[str, Json], folder: Path, allow_outside: bool) -> Scene 
             f"{one_line(file)}: the scene of these results does not exist any more; render it again"
         )
     definitions = {str(k): str(v) for k, v in given.items()} if isinstance(given, dict) else {}
-    radar, mesh = record.get("radar_file"), record.get("mesh")
+    radar, mesh, ground = record.get("radar_file"), record.get("mesh"), record.get("ground")
     options = None
     if isinstance(mesh, dict):
         materials, up = mesh.get("materials"), mesh.get("up")
@@ -176,6 +176,7 @@ def _scene(record: dict[str, Json], folder: Path, allow_outside: bool) -> Scene 
         radar=found_path(radar, folder, radar=True) if isinstance(radar, str) else None,
         parameters=definitions,
         mesh=options,
+        ground=ground if isinstance(ground, str) else None,
         allow_outside=allow_outside,
     )
 

@@ -115,7 +115,8 @@ def build_radar(
     path: FlightPath | None = None
     if track is None:
         width, all_round = image.fade_out(max(cells)), MODES[s.mode].all_round
-        faded = faded_box(box, scene, width, cells[0], all_round=all_round)
+        lit = Box(geometry.aim, geometry.axes, *extent.lit_in_axes(geometry.aim, geometry.axes))
+        faded = faded_box(box, lit, width, cells[0], all_round=all_round)
         path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
         track, half_aperture = automatic_track(given, geometry, box, faded, waveform, antenna, path)
         boxes, pulses = (box, faded), track.n_pulses

@@ -18,11 +18,13 @@ class Extent:
     middle : (3,) float64, m; default aim point: the middle of the outline, on the ground
     faces : (n_faces, 3) triangles of the first points of the outline; None: the outline is a hull, filled with
         scatterers. Points of no triangle are scatterers too
+    endless : (n, 3) float64, m; corners of ground without end, which automatic sizes do not count; None: none
     """
 
     outline: F64
     middle: F64
     faces: I32 | None = None
+    endless: F64 | None = None
 
     @staticmethod
     def of_box(low: F64, high: F64) -> "Extent":
@@ -37,6 +39,12 @@ class Extent:
         """Lower and upper corner (3,) of the outline's box, from ``origin``, along the rows of ``axes``."""
         local = (self.outline - origin) @ axes.T
         return local.min(axis=0), local.max(axis=0)
+
+    def lit_in_axes(self, origin: F64, axes: F64) -> tuple[F64, F64]:
+        """The same with ground without end."""
+        if self.endless is None:
+            return self.in_axes(origin, axes)
+        return replace(self, outline=np.concatenate([self.outline, self.endless])).in_axes(origin, axes)
 
     def is_empty(self, center: F64, reach: float) -> bool:
         """Whether no scatterer lies within a horizontal distance ``reach`` of ``center``, (2,), m."""

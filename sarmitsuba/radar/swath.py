@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import next_fast_len
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.radar.antenna import Antenna
@@ -128,5 +127,20 @@ def receive_window(
     start = max(start, sample_spacing - float(follow.min()))
     n = int(np.ceil((stop - start) / sample_spacing)) + 1
     if not far_range:
-        n = int(next_fast_len(max(n, 2)))
+        n = fast_length(max(n, 2))
     return ReceiveWindow(start + follow, sample_spacing, n)
+
+
+def fast_length(n: int) -> int:
+    """Smallest whole number from ``n`` on without prime factors above 11, for which SciPy's transforms are fast.
+
+    That of ``scipy.fft.next_fast_len``, whose import takes longer than the loading of a small scene.
+    """
+    while True:
+        rest = n
+        for prime in (2, 3, 5, 7, 11):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return n
+        n += 1

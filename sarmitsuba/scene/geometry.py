@@ -22,6 +22,7 @@ class Geometry:
     mesh_names : n_meshes names
     mesh_face_offset : (n_meshes + 1,) int64; mesh i has the faces ``offset[i]:offset[i + 1]``
     mesh_convex : n_meshes, True where the mesh is known to be one closed convex body; empty: none is
+    mesh_endless : n_meshes, True for ground without end, which does not count in the scene's extent; empty: none is
     mesh_motion : n_meshes, translation of each from ``vertices``, its place at time zero; empty: none moves
     corner_values : mesh attributes used by maps of its materials, at the corners of every face:
         (n_faces, 3, 2) float64 texture coordinates ``uv``, (n_faces, 3, 1) others; NaN where a mesh has none
@@ -35,6 +36,7 @@ class Geometry:
     mesh_face_offset: I64
     mesh_convex: tuple[bool, ...] = ()
     mesh_motion: tuple[Motion, ...] = ()
+    mesh_endless: tuple[bool, ...] = ()
     corner_values: Mapping[str, F64] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -54,6 +56,46 @@ class Geometry:
     def moves(self) -> bool:
         """True where some mesh moves."""
         return any(not motion.still for motion in self.mesh_motion)
+
+    def without_endless(self) -> "Geometry":
+        """The geometry without ground without end, which lies behind all other meshes."""
+        if not any(self.mesh_endless):
+            return self
+        n = self.mesh_endless.index(True)
+        faces = self.faces[: self.mesh_face_offset[n]]
+        used, kept = np.unique(faces, return_inverse=True)
+        rows = slice(0, len(faces))
+        return replace(
+            self,
+            vertices=self.vertices[used],
+            faces=kept.reshape(-1, 3).astype(np.int32),
+            face_material=self.face_material[rows],
+            face_group=self.face_group[rows],
+            mesh_names=self.mesh_names[:n],
+            mesh_face_offset=self.mesh_face_offset[: n + 1],
+            mesh_convex=self.mesh_convex[:n],
+            mesh_motion=self.mesh_motion[:n],
+            mesh_endless=(),
+            corner_values={name: values[rows] for name, values in self.corner_values.items()},
+        )
+
+    def equals(self, other: "Geometry") -> bool:
+        """Whether another geometry has the same triangles, materials, groups and motions."""
+        if self is other:
+            return True
+        arrays = ("vertices", "faces", "face_material", "face_group", "mesh_face_offset")
+        same = self.mesh_names == other.mesh_names and self.mesh_motion == other.mesh_motion
+        same &= (
+            self.mesh_convex == other.mesh_convex and self.corner_values.keys() == other.corner_values.keys()
+        )
+        return (
+            same
+            and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in arrays)
+            and all(
+                np.array_equal(rows, other.corner_values[k], equal_nan=True)
+                for k, rows in self.corner_values.items()
+            )
+        )
 
     def moving_meshes(self) -> tuple[tuple[Motion, slice], ...]:
         """Motion and rows of ``faces`` of every mesh that moves."""
@@ -85,17 +127,38 @@ class Geometry:
     def ground_height(self) -> float:
         """Height of the ground, m: lower quartile, by area, of the heights of faces inclined by less than 45 degrees.
 
-        This is the street level where there is ground, else the floors of the buildings.
+        This is the street level where there is ground, else the floors of the buildings. Undersides of closed bodies,
+        such as that of a quay sunk into the water, do not count where open surfaces are a quarter or more of what
+        faces the sky: then these are ground.
         """
         corner = self.vertices[self.faces]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         level = np.abs(normal[:, 2]) > np.hypot(normal[:, 0], normal[:, 1])
         if not level.any():
             return float(self.bounds[0, 2])
-        height, area = corner[level, :, 2].mean(axis=1), np.abs(normal[level, 2])
+        outward = self._outward(corner, normal)[self.face_mesh]
+        under, area = outward * normal[:, 2] < 0.0, np.abs(normal[:, 2])
+        sheets = float(area[level & (outward == 0.0)].sum())
+        if sheets >= 0.25 * float(area[level & ~under].sum()):
+            level &= ~under
+        height, area = corner[level, :, 2].mean(axis=1), area[level]
         order = np.argsort(height)
         share = np.cumsum(area[order])
         return float(height[order][np.searchsorted(share, 0.25 * share[-1])])
+
+    def _outward(self, corner: F64, normal: F64) -> F64:
+        """For each mesh 1 where normals of a closed body point outwards, -1 where inwards, 0 for open meshes.
+
+        The area vectors of a closed body, from ``corner`` (n_faces, 3, 3) and ``normal`` (n_faces, 3), add up to zero.
+        """
+        n, mesh = len(self.mesh_names), self.face_mesh
+        first = corner[np.minimum(self.mesh_face_offset[:-1], self.n_faces - 1), 0]
+        sums = np.stack([np.bincount(mesh, normal[:, k], n) for k in range(3)])
+        area = np.bincount(mesh, np.linalg.norm(normal, axis=1), n)
+        volume = np.bincount(mesh, np.einsum("ni,ni->n", corner[:, 0] - first[mesh], normal), n)
+        closed = np.abs(sums).max(axis=0) <= 1e-6 * area  # float32 corners
+        solid = np.abs(volume) > 1e-6 * area**1.5  # no sheet with two sides
+        return np.where(closed & solid, np.sign(volume), 0.0)
 
     @staticmethod
     def empty() -> "Geometry":

@@ -112,7 +112,7 @@ class Scene:
         """Whether another scene shares the same mesh, wires and volumes; ideal points are not compared."""
         beside = self.wires == other.wires and self.volumes == other.volumes
         beside &= self.scatterers == other.scatterers
-        return beside and self.geometry is other.geometry
+        return beside and self.geometry.equals(other.geometry)
 
     def replace(self, **changes: object) -> "Scene":
         """Scene with other parameters and the same geometry: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.

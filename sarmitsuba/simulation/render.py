@@ -7,6 +7,7 @@
 import time
 from dataclasses import replace
 
+from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
@@ -31,8 +32,8 @@ def render(
     seed: int | None = None,
     grid: ImageGrid | None = None,
     focuser: str = DEFAULT,
-    range_window: str = "rectangular",
-    azimuth_window: str = "rectangular",
+    range_window: str = DEFAULT_WINDOW,
+    azimuth_window: str = DEFAULT_WINDOW,
     plan: EffectsPlan | None = None,
     pass_index: int = 0,
     progress: Progress | None = None,

@@ -11,6 +11,7 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
 from sarmitsuba.exclusive import take_threads
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import TraceJob, Workers, built
 from sarmitsuba.simulation.finished import FinishedBlocks
@@ -53,7 +54,7 @@ class Run:
 
     Attributes
     ----------
-    scene : with the effects plan applied
+    scene : with the effects plan applied, and ground continued beyond its rim
     plan : decided effects
     context : of the decisions; None where the plan was given
     trace_scene : geometry on the device; None in a scene of ideal points only
@@ -85,6 +86,7 @@ class Run:
                 "take method hybrid or raw"
             )
         self.timer, self.workers = StageTimer(clock), workers
+        scene = with_endless_ground(scene)
         self.trace_scene: TraceScene | None = None
         self.sampling: SamplingPlan | None = None
         if scene.traced:
@@ -140,7 +142,7 @@ class Run:
         """Run of the same scene with other settings, its effects decided in the same context."""
         assert self.context is not None
         plan = plan_in(replace(self.context, scene=scene), warn=False)
-        shared = self.trace_scene if scene.same_shapes(self._built_from) else None
+        shared = self.trace_scene if with_endless_ground(scene).same_shapes(self._built_from) else None
         return Run(scene, plan=plan, clock=self.timer.clock, geometry=shared)
 
     def needs(self, grid: ImageGrid | None = None) -> Needs:

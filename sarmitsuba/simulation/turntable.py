@@ -136,16 +136,17 @@ def rcs_sweep(
     Raises
     ------
     RadarError
-        The direction is vertical: an azimuth sweep only rotates the polarisation.
+        The direction is vertical: an azimuth sweep only rotates the polarisation; or ground is without end.
 
     Notes
     -----
     Limitations are those of the kernel (no creeping waves, no waves between edges but those along sheets). Ground is
     part of the target, up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB,
     or until the rays of a direction (``most_rays``) or of the sweep (1e8) are spent; a larger error is noted, and
-    warned of above -15 dB. A total error above 3 dB, that of the theory included, is warned of where directions are
-    checked.
+    warned of above -15 dB. Where directions are checked, a total error above 3 dB, with the theory's, is warned of.
     """
+    if any(scene.geometry.mesh_endless):
+        raise RadarError("rcs: ground without end has no cross section; leave radar_ground, or --ground, out")
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
         raise RadarError(

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.constants import DEFAULT_WINDOW, SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
@@ -29,7 +29,6 @@ from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
 from sarmitsuba.timing import Clock
 
 # default window of the command `render`
-WINDOW = "taylor"
 # rays of the displayed RCS; `rcs` uses more
 RCS_RAYS = 100_000
 # radar of a scene whose file has none
@@ -169,7 +168,7 @@ def scene_xml(state: BenchState) -> str:
 def command(path: Path) -> str:
     """Command line that renders the studio's image from a saved state."""
     source, out = shlex.quote(str(path)), shlex.quote(str(path.with_suffix("")))
-    return f"python -m sarmitsuba render {source} -o {out} --no-error-bars --window {WINDOW}"
+    return f"python -m sarmitsuba render {source} -o {out} --no-error-bars --window {DEFAULT_WINDOW}"
 
 
 def save(state: BenchState, folder: Path, stem: str = "bench") -> Path:
@@ -193,7 +192,7 @@ def view_of(state: BenchState, folder: Path, *, clock: Clock = time.perf_counter
     path = folder / f"{state.source.stem}.xml"
     _write(path, scene_xml(state))
     scene = load_scene(path)
-    image = render(scene, range_window=WINDOW, azimuth_window=WINDOW)
+    image = render(scene, range_window=DEFAULT_WINDOW, azimuth_window=DEFAULT_WINDOW)
     line = scene.radar.track.center_position - scene.radar.aim_point
     azimuth, elevation = np.arctan2(line[1], line[0]), np.arctan2(line[2], np.hypot(line[0], line[1]))
     # the scatterer cell of the image: a third of a wavelength, as for many aspects, would take most of the time

@@ -29,6 +29,9 @@ from sarmitsuba.view.display import Display, PictureOptions, prepare
 from sarmitsuba.view.quicklook import panel, pixels
 
 AS_IT_IS = "as in the file"
+AUTOMATIC = "automatic"
+# share of the contrast that an image keeps while a newer one is simulated
+_STALE = 0.35
 _LARGEST = 2048  # pixels of the longer side of the displayed image
 _SIZE = 10.0  # displayed size of every scene, in the clipping range of the browser's camera
 _BEAM, _TRACK = (40, 110, 220), (20, 60, 140)
@@ -57,6 +60,7 @@ class Studio:
         self.folder = folder
         self._work = tempfile.TemporaryDirectory(prefix="sarmitsuba_studio_")
         self.view: View | None = None
+        self._stale = False  # whether the image is that of sliders before
         self.saved: Path | None = None
         self.controls: dict[str, viser.GuiInputHandle] = {}
         self._changed = threading.Event()
@@ -93,10 +97,14 @@ class Studio:
         self._changed.clear()
         state = self.state
         self._status.content = "*simulating ...*"
+        if self.view is not None and not self._stale:
+            self._picture.image = dimmed(self._picture.image)
+            self._stale = True
         try:
             view = view_of(state, Path(self._work.name))
             self._show(view)
         except SarmitsubaError as error:
+            # the image stays dim: it is not that of the sliders
             self._status.content = f"**not simulated:** {' '.join(str(error).split())}"
             return
         self._status.content = (
@@ -121,7 +129,9 @@ class Studio:
         self._status = gui.add_markdown("*simulating ...*")
         self._picture = gui.add_image(np.full((8, 8, 3), 255, dtype=np.uint8), label="image")
         self._rcs = gui.add_markdown("")
-        with gui.add_folder("radar"):
+        # one short page of controls at a time, so that the image above stays in sight
+        pages = gui.add_tab_group()
+        with pages.add_tab("radar"):
             self._slider("look angle (deg)", "look_angle_deg", 10.0, 75.0, 1.0, "from nadir")
             self._slider(
                 "heading (deg)", "heading_deg", -180.0, 180.0, 1.0, "of flight, clockwise from north (+y)"
@@ -142,12 +152,12 @@ class Studio:
                 "cell in slant range and azimuth",
             )
             self._choice("polarisation", "polarisation", CHANNELS)
-        with gui.add_folder("target"):
+        with pages.add_tab("target"):
             self._slider("size", "size", 0.25, 3.0, 0.05, "factor on the whole scene, ground included")
             for name in surfaces(state.source):
                 self._material(name)
-        with gui.add_folder("simulation"):
-            self._slider("bounces", "max_depth", 0, 8, 1, "0 = as many as matter")
+        with pages.add_tab("simulation"):
+            self._bounces()
             self._choice("method", "method", ("image", "hybrid", "raster"))
             self._along = gui.add_slider(
                 "along the aperture",
@@ -158,7 +168,7 @@ class Studio:
                 hint="moves the antenna and its beam; nothing is simulated",
             )
             self._along.on_update(lambda _: self._show_beam())
-        with gui.add_folder("keep"):
+        with pages.add_tab("keep"):
             button = gui.add_button("save scene (XML) and command", hint=f"into {self.folder}")
             button.on_click(lambda event: self.save(event.client))
             self._command = gui.add_text("command", "", multiline=True, disabled=True)
@@ -174,6 +184,16 @@ class Studio:
         box = self.server.gui.add_dropdown(label, values, initial_value=getattr(self.state, name))
         box.on_update(lambda _: self._set(**{name: box.value}))
         self.controls[name] = box
+
+    def _bounces(self) -> None:
+        """Largest number of bounces; the automatic one by its name."""
+        depths = {AUTOMATIC: 0, **{str(n): n for n in range(1, max(8, self.state.max_depth) + 1)}}
+        now = next(name for name, depth in depths.items() if depth == self.state.max_depth)
+        box = self.server.gui.add_dropdown(
+            "bounces", tuple(depths), initial_value=now, hint=f"{AUTOMATIC}: as many as matter"
+        )
+        box.on_update(lambda _: self._set(max_depth=depths[box.value]))
+        self.controls["max_depth"] = box
 
     def _material(self, surface: str) -> None:
         box = self.server.gui.add_dropdown(
@@ -213,6 +233,7 @@ class Studio:
         first, self.view = self.view is None, view
         scene, geometry = self.server.scene, view.scene.geometry
         self._picture.image = pixels(panel(view.image, options))
+        self._stale = False
         self._rcs.content = rcs_text(view)
         for body in bodies(view.scene):
             scene.add_mesh_simple(
@@ -292,6 +313,11 @@ def grey_levels(display: Display) -> U8:
     black, white = display.limits
     share = (np.nan_to_num(display.values, neginf=black) - black) / (white - black)
     return np.asarray(255.0 * np.clip(share, 0.0, 1.0), dtype=np.uint8)
+
+
+def dimmed(picture: U8) -> U8:
+    """A picture that is out of date: pale, with little contrast."""
+    return np.asarray(np.round(255.0 - _STALE * (255.0 - picture.astype(np.float64))), dtype=np.uint8)
 
 
 def rcs_text(view: View) -> str:

@@ -132,11 +132,19 @@ class Pair:
 
     def with_noise(self, ratio: float) -> "Pair":
         """Pair with noise of ``ratio`` times the image's mean sigma0 in each receiver."""
-        warm = focus(_noisy(self.raws[0], 1.0), self.images[0].grid)
+        warm = focus(
+            _noisy(self.raws[0], 1.0),
+            self.images[0].grid,
+            range_window="rectangular",
+            azimuth_window="rectangular",
+        )
         temperature = ratio * float(self.images[0].sigma0().mean()) / warm.metadata["focus"]["nesz"]
         one, two = (_noisy(raw, temperature) for raw in self.raws)
         grid = self.images[0].grid
-        return Pair((one, two), (focus(one, grid), focus(two, grid)), self.setting)
+        images = tuple(
+            focus(raw, grid, range_window="rectangular", azimuth_window="rectangular") for raw in (one, two)
+        )
+        return Pair((one, two), (images[0], images[1]), self.setting)
 
     @property
     def perpendicular(self) -> float:

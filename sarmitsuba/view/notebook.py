@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from sarmitsuba.image.sar_image import Multilook, SarImage
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.radar.footprint import lit, outline
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
@@ -37,16 +38,26 @@ def multilook_figure(looks: Multilook) -> Figure:
     low, high = np.percentile(finite, (1.0, 99.5)) if finite.size else (0.0, 1.0)
     figure = Figure(figsize=(5.6, 4.6), dpi=100.0, layout="constrained")
     axes = figure.add_subplot()
+    # as in the picture of the image itself: near range on the left, azimuth upwards, whichever way numbers run
+    frame = None if looks.grid is None else ShownAxes.of(looks.grid)
+    across, up = (looks.range, looks.azimuth) if frame is None else frame.shown(looks.azimuth, looks.range)
     shown = axes.pcolormesh(
-        looks.range,
-        looks.azimuth,
+        across,
+        up,
         np.maximum(level, low),
         cmap="gray",
         vmin=low,
         vmax=high,
         shading="nearest",
     )
-    axes.set(xlabel="range (m)", ylabel="azimuth (m)")
+    if frame is None:
+        axes.set(xlabel="range (m)", ylabel="azimuth (m)")
+    else:
+        axes.set(xlabel=frame.range_label, ylabel=frame.azimuth_label)
+    if across[-1] < across[0]:
+        axes.invert_xaxis()
+    if up[-1] < up[0]:
+        axes.invert_yaxis()
     axes.set_aspect("equal")
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.locator_params(axis="x", nbins=4)

@@ -1,7 +1,9 @@
 """Outlines of bodies in an image: their footprints, and their upper rims where layover shows them."""
 
+import importlib.util
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +18,9 @@ from sarmitsuba.mesh.connected import connected
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 
+if TYPE_CHECKING:
+    import shapely
+
 _FOOT, _TOP = "tab:orange", "tab:cyan"
 # Newton steps and the step of their differences, m
 _STEPS, _STEP = 8, 0.5
@@ -25,6 +30,8 @@ _ENOUGH = 1e-4
 _SAME = 1e-3
 # least distance of corners of a drawn ring, m, and part of the image that a surface without walls may cover
 _DETAIL, _GROUND = 0.05, 0.25
+# height of pavements, relative to what stands on them, below which they are ground
+_FLAT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,22 +49,27 @@ class Outline:
     top: F64
 
 
+def check_installed() -> None:
+    """Raise a DataError where the package shapely is missing."""
+    if importlib.util.find_spec("shapely") is None:
+        raise DataError("picture: outlines need the package shapely; pip install 'sarmitsuba[importing]'")
+
+
 def outlines(scene: Scene) -> tuple[Outline, ...]:
     """Outlines of the connected bodies of a scene, at time zero, holes included as rings of their own.
 
-    Surfaces without overhanging or vertical parts that cover more than a quarter of the image are ground and have none.
+    Surfaces without overhanging or vertical parts that cover more than a quarter of the image are ground and have none,
+    like pavements under other bodies; balconies and the like, which touch a body that begins lower and ends higher, are
+    part of it.
 
     Raises
     ------
     DataError
         The package shapely is missing.
     """
-    try:
-        import shapely
-    except ImportError as error:
-        raise DataError(
-            "picture: outlines need the package shapely; pip install 'sarmitsuba[importing]'"
-        ) from error
+    check_installed()
+    import shapely
+
     geometry, request = scene.geometry, scene.image
     if not geometry.n_faces:
         return ()
@@ -71,7 +83,7 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
     area = 0.5 * (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
     least = 1e-9 * np.square(np.abs(sides).max(axis=(1, 2)))
     order = np.argsort(part, kind="stable")
-    found: list[Outline] = []
+    bodies: list[_PlanBody] = []
     for pick in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
         seen = pick[np.abs(area[pick]) > least[pick]]  # walls project to lines
         if not seen.size:
@@ -80,8 +92,10 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
         height_field = len(seen) == len(pick) and np.abs(area[seen]).sum() < 1.001 * plan.area
         if height_field and plan.area > _GROUND * request.extent_azimuth * request.extent_range:
             continue
-        plan = plan.simplify(_DETAIL)
-        heights = _Heights.of(corner[pick].reshape(-1, 3))
+        bodies.append(_PlanBody(plan, _Heights.of(corner[pick].reshape(-1, 3))))
+    found: list[Outline] = []
+    for body in _standing(bodies):
+        plan, heights = body.plan.simplify(_DETAIL), body.heights
         for polygon in getattr(plan, "geoms", [plan]):
             for ring in (polygon.exterior, *polygon.interiors):
                 xy = np.asarray(ring.coords)[:, :2]
@@ -95,6 +109,28 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
     return tuple(found)
 
 
+def _standing(bodies: "list[_PlanBody]") -> "list[_PlanBody]":
+    """Bodies without those hung on another one, such as balconies, and without flat ones on which others stand."""
+    import shapely
+
+    plans = np.array([body.plan for body in bodies], dtype=object)
+    low, high = (np.array([f(b.heights) for b in bodies]) for f in (_Heights.lowest, _Heights.highest))
+    own, other = shapely.STRtree(plans).query(plans, predicate="dwithin", distance=2.0 * _SAME)
+    hung = (low[own] > low[other] + _DETAIL) & (high[own] < high[other])
+    under = (own != other) & (high[own] - low[own] < _FLAT * (high[other] - low[own]))
+    under[under] = shapely.covers(plans[own[under]], plans[other[under]])
+    left_out = set(own[hung | under].tolist())
+    return [body for i, body in enumerate(bodies) if i not in left_out]
+
+
+@dataclass(frozen=True, eq=False)
+class _PlanBody:
+    """Connected faces: their plan and heights."""
+
+    plan: "shapely.Geometry"
+    heights: "_Heights"
+
+
 @dataclass(frozen=True, eq=False)
 class _Heights:
     """Lowest and greatest heights of a body's corners at each place of the plan."""
@@ -102,6 +138,14 @@ class _Heights:
     place: F64
     low: F64
     high: F64
+
+    def lowest(self) -> float:
+        """Lowest of all."""
+        return float(self.low.min())
+
+    def highest(self) -> float:
+        """Greatest of all."""
+        return float(self.high.max())
 
     @staticmethod
     def of(corners: F64) -> "_Heights":

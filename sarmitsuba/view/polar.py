@@ -1,5 +1,6 @@
 """Radar cross section over aspect: a polar plot for wide sweeps, else decibels over the angle."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,8 @@ from sarmitsuba.view.figure import Figure
 POLAR_FROM = 90.0
 # curves weaker than the strongest by more than this are not drawn, dB
 SPAN_DB = 60.0
+# size of the note below the panels, points, and its letters an inch, with a margin
+_NOTE_SIZE, _LETTERS = 7.5, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +36,13 @@ class AspectCurves:
 
 
 def aspect_figure(
-    angle_deg: F64, curves: Sequence[AspectCurves], *, swept: str, title: str, span_db: float = SPAN_DB
+    angle_deg: F64,
+    curves: Sequence[AspectCurves],
+    *,
+    swept: str,
+    title: str,
+    note: str = "",
+    span_db: float = SPAN_DB,
 ) -> Figure:
     """Draw one panel per channel, its bounce orders in colour below the black sum.
 
@@ -43,6 +52,7 @@ def aspect_figure(
     curves : of every channel
     swept : name of the angle, ``azimuth`` or ``elevation``
     title : first line
+    note : below the panels, such as the statement of the error
     span_db : from the centre or bottom of the plot to the strongest return
 
     Raises
@@ -57,6 +67,9 @@ def aspect_figure(
     size = (6.2 * len(curves), 7.0) if polar else (8.0, 3.4 * len(curves) + 0.6)
     figure = Figure(figsize=size, dpi=100, layout="constrained")
     figure.suptitle(title, fontsize=10, parse_math=False)
+    if note:
+        below = textwrap.fill(note, round(_LETTERS * size[0]))
+        figure.supxlabel(below, fontsize=_NOTE_SIZE, parse_math=False)
     for i, one in enumerate(curves):
         place = (1, len(curves), i + 1) if polar else (len(curves), 1, i + 1)
         axes = figure.add_subplot(*place, projection="polar" if polar else None)

@@ -16,6 +16,7 @@ import pytest
 from sarmitsuba import cli
 from sarmitsuba.commands.console import Console
 from sarmitsuba.errors import BackendError, RadarError, SceneError
+from sarmitsuba.version import __version__
 
 LIST = ".sarmitsuba.json"
 RESULTS = {
@@ -323,7 +324,7 @@ def run() -> Runner:
 
 def test_module_and_version(run: Runner) -> None:
     result = run("--version")
-    assert (result.returncode, result.stdout) == (0, "sarmitsuba 0.1.0\n")
+    assert (result.returncode, result.stdout) == (0, f"sarmitsuba {__version__}\n")
 
 
 def test_doctor_reports_this_machine(run: Runner) -> None:

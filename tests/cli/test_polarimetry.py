@@ -10,9 +10,9 @@ import pytest
 
 from sarmitsuba import cli
 from sarmitsuba.radar.polarisation import LINEAR
-from sarmitsuba.simulation.render import render
 from sarmitsuba.validation.chain import make_scene
 from sarmitsuba.validation.targets import PEC, wall_and_ground
+from tests.support.unweighted import render
 
 RADAR = {
     "slant_range": 1000.0,

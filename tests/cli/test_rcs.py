@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,23 @@ def test_sweep_writes_table_plot_image_and_record(tmp_path: Path, capsys: pytest
     assert main(arguments) == 2 and "--force" in capsys.readouterr().err
     assert main([*arguments, "--force", "--no-image"]) == 0
     assert not (out / "image.h5").exists() and len(table(out)["azimuth_deg"]) == 21
+
+
+def test_the_page_says_the_error_that_the_terminal_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    asked = ["--azimuth", "170:190:5", "--frequency", "2e9", "--no-image", "--page"]
+    assert main(["rcs", "dihedral", "-o", str(out), *asked]) == 0
+    said = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("expected error"))
+    text = (out / "page.html").read_text(encoding="utf-8")
+    payload = re.search(r'<script type="application/json" id="payload">(.*?)</script>', text, re.DOTALL)
+    assert payload is not None
+    statement = json.loads(payload[1])["statement"]
+    assert statement["text"] == said
+    for part in ("sampling", "bounces left out", "within"):
+        assert part in said
+    assert '<p id="statement">' in text
 
 
 def test_mesh_without_a_radar_and_an_elevation_sweep(

@@ -24,7 +24,7 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation import batches, tracing
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.refinement.passes import refine
+from tests.support.unweighted import refine
 
 BOX = """<scene version="3.0.0">
     <integrator type="sar_path">

@@ -170,8 +170,9 @@ def test_page_is_served_here_only_and_its_sliders_simulate(tmp_path: Path) -> No
         assert studio.view is not None and studio.view.state.look_angle_deg == studio.state.look_angle_deg
         before = studio.view
         asked = {"look_angle_deg": 30.0, "mode": "spotlight", "size": 2.0, "max_depth": 2}
+        assert studio.controls["max_depth"].value == "automatic"
         for name, value in asked.items():
-            studio.controls[name].value = value
+            studio.controls[name].value = str(value) if name == "max_depth" else value
         turns = iter(range(400))  # callbacks of the page run in threads of their own
         studio.serve(lambda: next(turns, None) is None or _has(studio, asked), patience=0.05)
         assert _has(studio, asked)
@@ -185,6 +186,37 @@ def test_page_is_served_here_only_and_its_sliders_simulate(tmp_path: Path) -> No
         turns = iter(range(400))
         studio.serve(lambda: next(turns, None) is None or _has(studio, {"frequency": 5.405e9}), patience=0.05)
         assert _has(studio, {"frequency": 5.405e9})
+    finally:
+        studio.close()
+
+
+def test_an_image_out_of_date_is_pale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While the next one is simulated, and after a state that cannot be; with the same content."""
+    pytest.importorskip("viser")
+    from sarmitsuba.studio import server
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        studio = server.Studio("plate", tmp_path, port=free.getsockname()[1] + 1)
+    try:
+        studio.step()
+        sharp = studio._picture.image.astype(float)
+        seen = []
+
+        def looked(*_: object) -> None:
+            seen.append(studio._picture.image.astype(float))
+            raise SceneError("not this one")
+
+        monkeypatch.setattr(server, "view_of", looked)
+        studio.step()
+        studio.step()
+        for pale in (*seen, studio._picture.image.astype(float)):
+            assert np.ptp(pale) == pytest.approx(0.35 * np.ptp(sharp), abs=1.0)  # tol: whole grey levels
+            assert np.corrcoef(pale.ravel(), sharp.ravel())[0, 1] > 0.999
+        assert "not simulated" in studio._status.content
+        monkeypatch.undo()
+        studio.step()
+        assert np.array_equal(studio._picture.image, sharp)
     finally:
         studio.close()
 

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.raw import echoes
 from sarmitsuba.simulation.refinement.error_bars import PASSES, estimate_error
-from sarmitsuba.simulation.refinement.passes import refine
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop
+from tests.support.unweighted import focus, refine, render
 
 # draws of both lattices that are averaged
 RUNS = 4

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, simulate
-from sarmitsuba.focusing import focus
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.pilot import plan_scene
+from tests.support.unweighted import focus
 
 # m, of the walls: along the groove, and down to its edge
 SIZE = 8.0

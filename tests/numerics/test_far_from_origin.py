@@ -8,11 +8,11 @@ import pytest
 import sarmitsuba
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.focusing import focus
 from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, frame_towards, lattice
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import coherent_flags, record_paths
+from tests.support.unweighted import focus
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -9,13 +9,13 @@ import sarmitsuba
 from sarmitsuba.backend import mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.trace.accumulators import phase_factor
 from sarmitsuba.trace.launch import frame_towards, lattice
 from sarmitsuba.trace.scene_tables import build_trace_scene
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 from tests.support.paths import coherent_flags, record_paths
+from tests.support.unweighted import focus
 
 BANDS = {"L": 1.27e9, "X": 9.65e9, "W": 94e9}
 RANGES = (1e3, 10e3, 100e3, 800e3, 36_000e3)

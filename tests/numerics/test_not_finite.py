@@ -12,15 +12,14 @@ import pytest
 
 from sarmitsuba.errors import DataError, RadarError, SceneError
 from sarmitsuba.finite import all_finite
-from sarmitsuba.focusing import focus
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.validation import targets
+from tests.support.unweighted import focus, render
 
 ROOT = Path(__file__).parents[2]
 # wires and a wall, needles, shells inside out, a body on itself: cheap ones of the benchmark's

@@ -8,12 +8,12 @@ import pytest
 import sarmitsuba
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.focusing import focus
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
+from tests.support.unweighted import focus
 
 WAVELENGTH = 0.03
 SCENE = """<scene version="3.0.0">

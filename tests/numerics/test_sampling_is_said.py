@@ -10,11 +10,11 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.simulation.raw import _check_energy
 from sarmitsuba.simulation.sampling import small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
+from tests.support.unweighted import focus
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path"/>

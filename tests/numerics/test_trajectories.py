@@ -9,9 +9,9 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.scene.scene import Scene
+from tests.support.unweighted import focus
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path"><integer name="max_depth" value="2"/><float name="ray_spacing" value="0.04"/></integrator>

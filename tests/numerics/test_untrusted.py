@@ -23,6 +23,7 @@ from sarmitsuba.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.loader.maps import MOST_PIXELS, _pixels
 from sarmitsuba.loader.mesh_files import obj_materials, read_parts
 from sarmitsuba.radar.image_request import ImageRequest
+from tests.support.unweighted import focus
 
 ROOT = Path(__file__).parents[2]
 WEB = Path(sarmitsuba.page.__file__).parent / "web"
@@ -181,7 +182,7 @@ def test_a_matlab_file_that_unpacks_a_thousandfold_is_refused(tmp_path: Path) ->
 @pytest.fixture(scope="module")
 def point() -> tuple[Any, Any]:
     raw = sarmitsuba.simulate(sarmitsuba.load_scene("point"), seed=1)
-    return raw, sarmitsuba.focus(raw)
+    return raw, focus(raw)
 
 
 RADAR_WRONG: dict[str, dict[str, Any]] = {
@@ -204,7 +205,7 @@ def test_a_radar_from_a_file_has_the_bounds_of_a_scene_file(
     with pytest.raises(DataError, match=name):
         read_raw(tmp_path / "raw.h5")
     with pytest.raises(SarmitsubaError, match=name):
-        sarmitsuba.focus(wrong)
+        focus(wrong)
 
 
 def test_speed_latitude_gain_and_request_are_checked(point: tuple[Any, Any], tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 import sarmitsuba
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.run import Run
+from tests.support.unweighted import render
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path">
@@ -49,7 +50,7 @@ def test_targets_between_the_rays_are_found(tmp_path: Path, method: str, radius:
     # rays 5 m apart: the plain lattice has none over a ball of centimetres, and may be empty altogether
     for seed in range(3):
         scene = scene_of(tmp_path, ball(radius), 5.0, method)
-        image = sarmitsuba.render(scene, seed=seed) if method == "image" else None
+        image = render(scene, seed=seed) if method == "image" else None
         if image is None:
             raw = sarmitsuba.simulate(scene, seed=seed)
             distance = np.linalg.norm(raw.radar.track.position - [0.0, 0.3, 0.2], axis=1)

@@ -8,12 +8,12 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import focus
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.launch_window import sectors
+from tests.support.unweighted import focus
 
 REACH = 1000.0
 SCENE = """<scene version="3.0.0">

@@ -12,7 +12,11 @@ import numpy as np
 import pytest
 
 import sarmitsuba.page
+from sarmitsuba.echo.raw_data import Layer
+from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.page.localise import on_plane
+from sarmitsuba.page.side_lobes import side_lobes
 from sarmitsuba.page.write import Packer
 from sarmitsuba.radar.antenna import Antenna
 
@@ -353,6 +357,143 @@ def test_values_of_templates_are_text(in_node: Node) -> None:
     assert got["list"] == f"{content}<i>1</i>"
     assert "<script" not in got["help"] and got["help"].count(content) == 3
     assert got["keys"] == ["a", "Escape"]
+
+
+def test_the_ground_is_under_every_footprint_of_the_pass(in_node: Node) -> None:
+    rng = np.random.default_rng(13)
+    for _ in range(5):
+        n, height = 31, float(rng.normal(scale=5.0))
+        turn = rng.uniform(0.0, 2.0 * np.pi)
+        along = np.array([np.sin(turn), np.cos(turn), 0.0])
+        across = np.array([along[1], -along[0], 0.0])
+        down = np.array([0.0, 0.0, -1.0])
+        look = rng.uniform(0.4, 0.9)
+        boresight = np.sin(look) * across + np.cos(look) * down
+        axes = [boresight, along, np.cross(boresight, along)]
+        track = np.linspace(-300.0, 300.0, n)[:, None] * along - 1e3 * np.tan(look) * across
+        track[:, 2] = 1e3 + height
+        names = ("boresight", "azimuth_axis", "elevation_axis")
+        radar = {name: np.tile(axis, n).tolist() for name, axis in zip(names, axes, strict=True)}
+        radar |= {"time": list(range(n)), "position": track.ravel().tolist(), "beam_widths": [0.05, 0.2]}
+        grid = {"kind": "ground", "shape": [20, 30], "azimuth": [-10.0, 1.0], "range": [-15.0, 1.0]}
+        grid |= {
+            "origin": [0.0, 0.0, height],
+            "along": along.tolist(),
+            "across": across.tolist(),
+            "height": height,
+        }
+        script = """
+        const { footprint, passGround, row } = await import("sarmitsuba/localise.js");
+        const prints = radar.time.flatMap((_, t) => footprint(row(radar.position, t),
+          [radar.boresight, radar.azimuth_axis, radar.elevation_axis].map((axis) => row(axis, t)), radar.beam_widths,
+          grid.height, 1e5));
+        return { corners: passGround({ radar, grid }, 1), prints, bare: passGround({ radar: null, grid }, 1) };
+        """
+        got = in_node(script, radar=radar, grid=grid)
+        frame = np.stack([along, across], axis=1)
+        corners, prints = np.array(got["corners"]) @ frame, np.array(got["prints"]) @ frame
+        assert np.ptp(prints[:, 0]) > 600.0  # the pass goes far beyond the image of 20 m
+        assert (prints >= corners.min(axis=0)).all() and (prints <= corners.max(axis=0)).all()
+        # tol: margins, and footprints of 31 pulses by nine of them
+        assert (np.ptp(corners, axis=0) < np.ptp(prints, axis=0) + 60.0).all()
+        assert np.allclose(np.array(got["corners"])[:, 2], height)
+        np.testing.assert_allclose(np.ptp(np.array(got["bare"]) @ frame, axis=0), [21.0, 31.0], rtol=1e-9)
+
+
+def test_lit_faces_have_no_shadow_of_their_own_and_others_do(in_node: Node) -> None:
+    """Planes of any incidence up to 80 degrees against a shadow map drawn here, each sample and its neighbours."""
+    script = """
+    const { MAP_SIZE, shadowCamera } = await import("sarmitsuba/lamp.js");
+    return { size: MAP_SIZE, ...shadowCamera(2) };
+    """
+    got = in_node(script)
+    texel, depth = 2.0 * got["half"] / got["size"], got["far"] - got["near"]
+    rng = np.random.default_rng(14)
+    for _ in range(200):
+        incidence, turn = rng.uniform(0.0, np.radians(80.0)), rng.uniform(0.0, 2.0 * np.pi)
+        slope = np.tan(incidence) * np.array([np.cos(turn), np.sin(turn)])  # depth over the map's axes
+        place = rng.uniform(-1.0, 1.0, 2)
+        taps = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
+        stored = ((np.floor(place / texel) + 0.5 + taps) * texel) @ slope / depth
+        own = place @ slope / depth
+        assert (own + got["bias"] <= stored + 1e-12).all()
+    # what is 2 % of the scene's radius before a face shades it
+    assert 0.02 * 2.0 / depth + got["bias"] > 0.0
+
+
+def test_a_spot_beside_a_bright_line_is_its_side_lobe(in_node: Node) -> None:
+    """A line and a point on clutter through the windows' response: side lobes are named, other echoes are not."""
+    rng = np.random.default_rng(12)
+    rows, columns, spacing = 80, 90, 0.5
+    for name, reaches in (("rectangular", -13.0), ("taylor", -33.0)):
+        window = parse_window(name)
+        u = (np.arange(64) + 0.5) / 64 - 0.5
+        weights = window(u) / window(u).sum()
+
+        def response(away: Any, weights: Any = weights, u: Any = u) -> Any:
+            return np.cos(2.0 * np.pi * np.multiply.outer(away, u)) @ weights
+
+        cell = window.broadening
+        plane = 1e-4 * (rng.normal(size=(rows, columns)) + 1j * rng.normal(size=(rows, columns)))
+        along, across = spacing * np.arange(rows), spacing * np.arange(columns)
+        line = sum(response(along - place) for place in (18.0, 18.5, 19.0, 20.0))
+        plane += np.outer(line, response(across - 20.0))
+        own = (20, 62)  # a point of its own 14 dB below the line, far above its side lobes
+        plane += 0.5 * np.outer(response(along - 0.5 * own[0]), response(across - 0.5 * own[1]))
+        grid = ImageGrid(
+            "slant",
+            along,
+            across + 5e3,
+            np.array([0.0, 0.0, 3e3]),
+            np.array([0.0, 1.0, 0.0]),
+            np.array([1.0, 0.0, 0.0]),
+        )
+        image = SarImage(
+            plane[None].astype(np.complex64), (Layer("VV"),), grid, 0.03, cell, cell, np.full(columns, 0.7)
+        )
+        lobes = {axis: values.tolist() for axis, values in side_lobes(image, name, name).items()}
+        assert lobes["azimuth"][0] == 1.0 and np.all(np.diff(lobes["azimuth"]) <= 0.0)
+        # tol: the highest lobe beyond the first zero, -13.3 and -35 dB, at whole pixels of the envelope
+        beyond = int(np.ceil((1.6 if name == "rectangular" else 2.4) * 2.0))
+        assert 20.0 * np.log10(lobes["range"][beyond]) < reaches + 0.6
+        power = np.abs(plane) ** 2
+        # local maxima of the line's range side lobes
+        line = power[37:40].mean(axis=0)
+        beside = [j for j in range(44, 60) if line[j] > line[j - 1] and line[j] > line[j + 1]][:3]
+        places = [*[(38, j) for j in beside], own, (38, 40)]
+        script = """
+        const { spillOf, spillView } = await import("sarmitsuba/spill.js");
+        const look = { grid: { shape }, image: { side_lobes: lobes, layers: [{ re, im }] } };
+        return places.map((at) => {
+          const found = spillOf(look, at, [cell, cell]);
+          return found && { ...found, text: spillView(found, 3).text };
+        });
+        """
+        got = in_node(
+            script,
+            shape=[rows, columns],
+            lobes=lobes,
+            re=plane.real.ravel().tolist(),
+            im=plane.imag.ravel().tolist(),
+            places=places,
+            cell=2.0 * cell,
+        )
+        assert len(beside) >= 2 and got[-1] is None and got[-2] is None
+        for found in got[: len(beside)]:
+            assert abs(found["column"] - 40) <= 1 and 34 <= found["row"] <= 42
+            assert "Side lobe of a brighter spot" in found["text"] and found["strongerDb"] > 10.0
+
+
+def test_a_sweeps_page_has_the_statement_of_its_error(in_node: Node) -> None:
+    script = """
+    const { statementView } = await import("sarmitsuba/account.js");
+    return [statementView({ text, warning: "" }).text, statementView({ text, warning }).text];
+    """
+    plain, warned = in_node(
+        script, text="expected error: sampling <0.1 dB, theory 2 dB", warning="levels are off"
+    )
+    assert plain == "Expected error: sampling &lt;0.1 dB, theory 2 dB."
+    assert warned == plain + " <b>Levels are off.</b>"
 
 
 def test_listeners_hear_of_changes_once(in_node: Node) -> None:

@@ -20,6 +20,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.refinement.error_bars import with_error_bars
+from tests.support.unweighted import focus
 
 SMALL = {"range_film.image_extent_azimuth": "16", "range_film.image_extent_range": "24"}
 COARSE = {"sar_antenna.azimuth_resolution": "1"}
@@ -43,7 +44,7 @@ def image_of(
     scene = scene_of(name, options)
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True))
     raw = simulate(scene, seed=3, pass_index=pass_index)
-    return with_error_bars(sarmitsuba.focus(raw, focuser=focuser))
+    return with_error_bars(focus(raw, focuser=focuser))
 
 
 @cache

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from sarmitsuba import theory
-from sarmitsuba.focusing import focus
 from sarmitsuba.link.ambiguity import azimuth_ambiguity_ratio
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.raw import simulate
+from tests.support.unweighted import focus
 
 SOIL = {
     "material": "medium_dry_ground",

@@ -7,7 +7,6 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
@@ -17,6 +16,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 
 def drawn(mode: str, seed: int, height: float, pattern: str = "gaussian") -> Scene:

@@ -11,13 +11,13 @@ import scipy.io
 from sarmitsuba import cli
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focuser import FOCUSERS
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.io import read_raw
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 LIGHT = 299792458.0
 F64 = np.ndarray[Any, np.dtype[np.float64]]

@@ -10,7 +10,6 @@ from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import RadarError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry, PointTarget
@@ -19,10 +18,10 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.path_table import KINDS, trace_paths
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.render import render
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import bandwidth, make_scene
 from tests.support.draws import few_of
+from tests.support.unweighted import focus, render
 
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # few rays, on purpose
 

@@ -8,10 +8,10 @@ import pytest
 import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.chirp import to_chirped
-from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import coherence, point_target_in
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES
+from tests.support.unweighted import focus
 
 WAVELENGTH = SPEED_OF_LIGHT / 9.65e9
 

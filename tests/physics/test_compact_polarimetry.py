@@ -18,9 +18,9 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.simulation.render import render
 from sarmitsuba.validation.chain import Parameter, make_scene
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
+from tests.support.unweighted import render
 
 FREQUENCY = 9.65e9
 ROUGH = Material(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import FilmDescription, RadarDescription, Scene, SceneMesh, SceneVolume, build_scene, focus
+from sarmitsuba import FilmDescription, RadarDescription, Scene, SceneMesh, SceneVolume, build_scene
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.focusing.ideal import ideal_echoes
@@ -21,10 +21,10 @@ from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.sampling.launch_window import launch_windows
 from tests.support.draws import few_of
+from tests.support.unweighted import focus, render
 
 CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)
 MODES = ("spotlight", "stripmap", "sliding_spotlight")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, focus, load_scene, simulate, theory
+from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, load_scene, simulate, theory
 from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
@@ -23,6 +23,7 @@ from sarmitsuba.trace.source import PointSource
 from sarmitsuba.trace.wedge_strips import LEAST
 from sarmitsuba.validation import targets
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 # the plates' own notes that they are black but for their edges
 pytestmark = pytest.mark.filterwarnings("ignore:.*no material has a diffuse law")

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import focus
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import facets
@@ -13,6 +12,7 @@ from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from tests.support.unweighted import focus
 
 LOOK, WIDTH, DEPTH = 40.0, 2.0, 40.0
 

@@ -10,7 +10,7 @@ import pytest
 
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
 from sarmitsuba.focusing.focuser import FOCUSERS
 from sarmitsuba.focusing.ideal import ideal_echoes
@@ -19,6 +19,7 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.link_budget import snr
 from sarmitsuba.radar.radar import Radar
 from tests.support.geometries import random_geometry
+from tests.support.unweighted import focus
 
 RCS = 3.0
 

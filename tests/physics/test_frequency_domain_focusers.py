@@ -10,7 +10,7 @@ import pytest
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture_weights import aperture_weights, direction_gain, look_directions
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject, series_at
@@ -24,6 +24,7 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.radar import Radar
 from tests.support.draws import few_of
 from tests.support.geometries import random_geometry
+from tests.support.unweighted import focus
 
 ALGORITHMS = ("omega_k", "omega_k,stolt=phase", "range_doppler", "chirp_scaling")
 REQUEST = {

@@ -5,8 +5,8 @@ import pytest
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import interferogram, second_pass
-from sarmitsuba.simulation.render import render
 from sarmitsuba.validation.interferometric_pairs import ROUGH, WAVELENGTH, RadarSetting
+from tests.support.unweighted import render
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import pytest
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.beam_edge import beam_edge_warning
 from sarmitsuba.focusing.ideal import ideal_echoes
 from sarmitsuba.focusing.windows import parse_window
@@ -19,6 +19,7 @@ from sarmitsuba.scene.settings import Method, TraceSettings
 from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
+from tests.support.unweighted import focus
 
 SIGMA0_DB = -10.0
 CELL = 0.75

@@ -18,8 +18,8 @@ from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.image import Imager
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
+from tests.support.unweighted import render
 
 # the pulses of drawn radars are denser than the program would choose, and sliding beams wider
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")

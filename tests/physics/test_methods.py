@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.geometry import PointTarget
@@ -13,10 +13,10 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import LOOK_SPACING, SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop
+from tests.support.unweighted import focus, render
 
 
 def points_only(**parameters: str) -> Scene:

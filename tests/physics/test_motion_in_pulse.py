@@ -11,7 +11,6 @@ from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focuser import FOCUSERS
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.grid import default_grid
@@ -26,10 +25,10 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.render import render
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import bandwidth, make_scene
 from tests.support.draws import few_of
+from tests.support.unweighted import focus, render
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::sarmitsuba.errors.SarmitsubaWarning"

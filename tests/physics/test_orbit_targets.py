@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import image_quality, render, theory
+from sarmitsuba import image_quality, theory
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
@@ -15,6 +15,7 @@ from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.simulation.raw import simulate
 from tests.support.draws import few_of
+from tests.support.unweighted import render
 
 MIDDLE = np.array([11.3, -7.9, 2.0])
 

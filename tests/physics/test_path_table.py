@@ -11,6 +11,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
@@ -159,7 +160,7 @@ def test_paths_through_panes(seed: int) -> None:
 
 def assert_geometry_holds(table: PathTable, scene: Scene) -> None:
     """Bounces lie on the faces that are named, legs add up, mirrors mirror."""
-    geometry = scene.geometry
+    geometry = with_endless_ground(scene).geometry
     there = np.arange(table.points.shape[1]) < table.order[:, None]
     assert np.array_equal(np.isfinite(table.points).all(axis=2), there)
     traced = there & (table.kind != 3)[:, None]

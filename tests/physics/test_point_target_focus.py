@@ -9,7 +9,7 @@ import pytest
 from sarmitsuba.echo.chirp import to_chirped
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.focusers.omega_k import omega_k
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
@@ -21,6 +21,7 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 METHODS = ("backprojection", "omega_k", "range_doppler", "chirp_scaling")
 # the point lies off every pixel

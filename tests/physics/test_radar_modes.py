@@ -10,7 +10,7 @@ from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.mesh.tessellate import cube
@@ -19,6 +19,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.validation.chain import bandwidth, chain, make_scene
+from tests.support.unweighted import focus
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

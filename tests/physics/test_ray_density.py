@@ -11,11 +11,11 @@ from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.mesh import pieces
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.refined_spacing import MARGIN_DB, finer_spacing, fitting_spacing
 from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep, turntable_scene
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.measured import bodies
+from tests.support.unweighted import render
 
 # bodies of a few wavelengths, of which a sweep says that the theory is several dB off
 pytestmark = pytest.mark.filterwarnings("ignore:.*levels are not better than")

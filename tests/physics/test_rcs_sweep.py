@@ -19,6 +19,7 @@ from sarmitsuba.theory import canonical_rcs as theory
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases.courtyards import RADIUS, bowl
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 FREQUENCY = 3e9
 WAVELENGTH = 299792458.0 / FREQUENCY
@@ -201,9 +202,9 @@ def test_image_of_an_arc_is_calibrated_and_in_place(turn: float, n: int) -> None
     aspects = Aspects(azimuth, np.full(n, 0.5))
     scene = turntable_scene(scene_of(points=points), aspects, channels=("HH",))
     raw = sarmitsuba.simulate(scene)
-    assert sarmitsuba.focus(raw).rcs("HH").max() < 2.2
+    assert focus(raw).rcs("HH").max() < 2.2
     request = {"center_x": place[0], "center_y": place[1], "extent_azimuth": 0.1, "extent_range": 0.1}
-    image = sarmitsuba.focus(raw, request=request)
+    image = focus(raw, request=request)
     power = image.rcs("HH")
     row, column = np.unravel_index(int(power.argmax()), power.shape)
     assert np.linalg.norm(image.grid.positions_on_line(int(row))[int(column)] - place) < 1e-9

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.loader.library import resolve, resolve_radar
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
@@ -24,6 +24,7 @@ from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Contribution
 from sarmitsuba.trace.surfaces import Surfaces
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 LEVEL_DB = -10.0
 SIGMA0 = 10.0 ** (LEVEL_DB / 10.0)

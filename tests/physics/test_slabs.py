@@ -6,17 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import (
-    Motion,
-    PointTarget,
-    RadarDescription,
-    Scene,
-    SceneMesh,
-    build_scene,
-    render,
-    simulate,
-    theory,
-)
+from sarmitsuba import Motion, PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate, theory
 from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
@@ -38,6 +28,7 @@ from sarmitsuba.validation import targets
 from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
 from sarmitsuba.validation.cases.rooms import room
 from sarmitsuba.validation.cases.slabs import GLASS, dyad, kernel_slab
+from tests.support.unweighted import render
 
 COSINE = np.cos(np.radians(np.concatenate([np.linspace(0.0, 89.0, 179), [89.5, 89.9, 89.99]])))
 PANE = Material("pane", permittivity=GLASS, thickness=0.006)

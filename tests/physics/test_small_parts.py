@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from sarmitsuba.arrays import C128, F64
-from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
+from tests.support.unweighted import focus
 
 SPEED_OF_LIGHT = 299_792_458.0
 FREQUENCY, BANDWIDTH, RANGE, LOOK = 9.65e9, 300e6, 10e3, np.radians(35.0)

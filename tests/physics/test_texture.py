@@ -15,7 +15,7 @@ from sarmitsuba.materials.texture import Bitmap, in_plan, on_mesh
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.render import render
+from tests.support.unweighted import render
 
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # effects switched off
 

@@ -5,16 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import (
-    FilmDescription,
-    RadarDescription,
-    Scene,
-    SceneMesh,
-    SceneVolume,
-    build_scene,
-    render,
-    theory,
-)
+from sarmitsuba import FilmDescription, RadarDescription, Scene, SceneMesh, SceneVolume, build_scene, theory
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
@@ -33,6 +24,7 @@ from sarmitsuba.trace.volume_scatterers import (
     scatterer_spacing,
     volume_scatterers,
 )
+from tests.support.unweighted import render
 
 CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)
 GROUND = np.array([[-30.0, -30, 0], [30, -30, 0], [30, 30, 0], [-30, 30, 0]])

@@ -14,8 +14,6 @@ from sarmitsuba import (
     SceneError,
     SceneMesh,
     build_scene,
-    focus,
-    render,
     simulate,
 )
 from sarmitsuba.arrays import C64, F64
@@ -27,6 +25,7 @@ from sarmitsuba.scene.motion import STILL
 from sarmitsuba.simulation.sampling import water as sampling
 from sarmitsuba.theory import sea as theory
 from sarmitsuba.trace.wind_waves import WaterTables
+from tests.support.unweighted import focus, render
 
 WAVELENGTH = 0.03106
 FACES = [[0, 1, 2], [0, 2, 3]]

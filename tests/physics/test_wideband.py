@@ -8,17 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba import (
-    PointTarget,
-    RadarDescription,
-    RawData,
-    Scene,
-    SceneMesh,
-    build_scene,
-    focus,
-    simulate,
-    theory,
-)
+from sarmitsuba import PointTarget, RadarDescription, RawData, Scene, SceneMesh, build_scene, simulate, theory
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.sub_bands import SubBands
@@ -28,7 +18,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.render import render
+from tests.support.unweighted import focus, render
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*(edge_diffraction|wideband|coherent) is switched off")
 SQUARE = [[0, 1, 2], [0, 2, 3]]

@@ -25,13 +25,13 @@ from sarmitsuba.materials.cylinder import cylinder_table
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.path_table import KINDS, trace_paths
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sources import site
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.wire_nodes import WireScatterers, cut
 from sarmitsuba.validation.cases.wires import beside_broadside, drawn_rod
+from tests.support.unweighted import render
 
 WAVELENGTH = 0.031
 GROUND = np.array([[-15.0, -15.0, 0.0], [15.0, -15.0, 0.0], [15.0, 15.0, 0.0], [-15.0, 15.0, 0.0]])

@@ -8,11 +8,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.blocks import partition
 from sarmitsuba.simulation.raw import simulate
+from tests.support.unweighted import focus
 
 
 # drawn scenes switch edges off, which most of them would not notice

@@ -10,10 +10,10 @@ import pytest
 import sarmitsuba
 from sarmitsuba.arrays import C64
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing import focus
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import examine
 from sarmitsuba.simulation.raw import simulate
+from tests.support.unweighted import focus
 
 DEEP = 6
 

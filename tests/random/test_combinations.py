@@ -7,9 +7,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.focusing import FOCUSERS, focus
+from sarmitsuba.focusing import FOCUSERS
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.simulation.raw import simulate
+from tests.support.unweighted import focus
 
 # the draw of each mode that is quick: of few pulses, 0 where the mode is new
 QUICK = {"stripmap": 8, "sliding_spotlight": 3, "circular": 3}

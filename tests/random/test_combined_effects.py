@@ -14,7 +14,6 @@ import sarmitsuba
 from sarmitsuba import theory
 from sarmitsuba.effects.slabs_between import seen_through
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing import focus
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
@@ -24,6 +23,7 @@ from sarmitsuba.simulation.path_table import POINT
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from tests.support.unweighted import focus
 
 DB = 10.0 * np.log10(np.e)
 

@@ -8,7 +8,7 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.focusing import FOCUSERS, default_grid, focus
+from sarmitsuba.focusing import FOCUSERS, default_grid
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.ideal import ideal_echoes
@@ -19,6 +19,7 @@ from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
+from tests.support.unweighted import focus
 
 # factorised backprojection with its wanted error takes no pixels with apertures of their own, which are many here
 NAMES = (

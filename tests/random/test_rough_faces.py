@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.focusing import focus
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
@@ -14,6 +13,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
+from tests.support.unweighted import focus
 
 F64 = NDArray[np.float64]
 SIZE = 24.0

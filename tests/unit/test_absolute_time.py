@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.io import read_image, read_raw, write_image, write_raw
 from sarmitsuba.loader.build import build_scene
@@ -24,6 +23,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.raw import simulate
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 LIGHT = 299792458.0
 MU, TURN = 3.986004418e14, 7.292115e-5

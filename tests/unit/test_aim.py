@@ -6,6 +6,7 @@ import trimesh
 
 from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene
 from sarmitsuba.radar.extent import Extent
+from sarmitsuba.scene.geometry import Geometry
 
 
 def village(x: float, y: float, houses: int, rng: np.random.Generator) -> list[SceneMesh]:
@@ -61,3 +62,44 @@ def test_densest_part_is_that_of_brute_force() -> None:
         assert np.abs(extent.densest(size).middle[:2] - best).max() < 100.0
         gap = np.abs(corners.reshape(-1, 2)).max()
         assert not extent.is_empty(np.zeros(2), 2.0 * gap)
+
+
+def sheet_and_bodies(rng: np.random.Generator, *, sheet: bool, inwards: bool) -> tuple[Geometry, float]:
+    """Boxes sunk by drawn depths into a level sheet at a drawn height, or boxes alone; and that height."""
+    level = float(rng.uniform(-50.0, 500.0))
+    meshes = []
+    if sheet:
+        x, y = rng.uniform(40.0, 60.0, 2)
+        corners = np.array([[-x, -y, level], [x, -y, level], [x, y, level], [-x, y, level]])
+        meshes.append((corners, np.array([[0, 1, 2], [0, 2, 3]])))
+    for _ in range(2):  # their undersides are more than a quarter of all
+        size, depth = rng.uniform(70.0, 90.0, 2), float(rng.uniform(1.0, 6.0))
+        box = trimesh.creation.box(extents=(*size, depth + rng.uniform(1.0, 20.0)))
+        box.apply_translation([*rng.uniform(-60.0, 60.0, 2), level - depth - box.bounds[0, 2]])
+        meshes.append((np.asarray(box.vertices), np.asarray(box.faces)[:, :: -1 if inwards else 1]))
+    start = np.cumsum([0, *(len(v) for v, _ in meshes)])
+    faces = np.concatenate([f + s for (_, f), s in zip(meshes, start[:-1], strict=True)])
+    n = len(faces)
+    return Geometry(
+        vertices=np.concatenate([v for v, _ in meshes]).astype(np.float32).astype(np.float64),
+        faces=faces.astype(np.int32),
+        face_material=np.zeros(n, dtype=np.int32),
+        face_group=np.arange(n, dtype=np.int32),
+        mesh_names=tuple(f"mesh {i}" for i in range(len(meshes))),
+        mesh_face_offset=np.cumsum([0, *(len(f) for _, f in meshes)]),
+    ), level
+
+
+@pytest.mark.parametrize("inwards", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_undersides_below_the_ground_are_not_the_ground(seed: int, inwards: bool) -> None:
+    """A quay that reaches below the water: the image plane lay on its underside, and the image beside its place."""
+    rng = np.random.default_rng(seed)
+    geometry, level = sheet_and_bodies(rng, sheet=True, inwards=inwards)
+    assert geometry.ground_height == pytest.approx(level, abs=1e-4)  # tol: float32 corners at 500 m
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_floors_are_the_ground_where_there_are_bodies_only(seed: int) -> None:
+    geometry, level = sheet_and_bodies(np.random.default_rng(seed), sheet=False, inwards=False)
+    assert geometry.ground_height < level

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from sarmitsuba.errors import DataError, ExtensionError
-from sarmitsuba.focusing import AUTOFOCUSERS, default_grid, focus
+from sarmitsuba.focusing import AUTOFOCUSERS, default_grid
 from sarmitsuba.focusing.autofocus import AutofocusTask, correct_ranges, parse_autofocus
 from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.radar.track import Track
+from tests.support.unweighted import focus
 
 pytestmark = pytest.mark.usefixtures("benchmark_script")
 

@@ -10,7 +10,7 @@ import scipy.ndimage
 
 from sarmitsuba import cli
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import apply_autofocus_records, default_grid, focus
+from sarmitsuba.focusing import apply_autofocus_records, default_grid
 from sarmitsuba.focusing.autofocus import AutofocusTask, parse_autofocus
 from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.windows import parse_window
@@ -18,6 +18,7 @@ from sarmitsuba.image.calibration import calibrate
 from sarmitsuba.io import read_image, read_raw, write_image, write_raw
 from sarmitsuba.view.display import PictureOptions, prepare
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 LIGHT = 299792458.0
 N_PULSES = 240

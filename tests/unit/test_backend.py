@@ -1,6 +1,7 @@
 """The back end is found, kept and, where there is none, explained."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -126,3 +127,22 @@ def test_what_does_not_work_is_one_line_with_a_remedy(environment: dict[str, str
     result = run(SHOW, **environment)
     last = result.stderr.strip().splitlines()[-1]
     assert last.startswith("sarmitsuba.errors.BackendError: ") and text in last
+
+
+def test_the_packages_libcxx_is_loaded_without_its_links(tmp_path: Path) -> None:
+    """As after an installation by root, of which no start of the interpreter may make the links."""
+    choice = backend._packaged_llvm()
+    folders = [] if choice is None else [*choice.path.parent.glob("*-linux-gnu")]
+    if not folders:
+        pytest.skip("LLVM is not from the package")
+    place = tmp_path / folders[0].name
+    place.mkdir()
+    for name in ("libunwind", "libc++abi", "libc++"):
+        shutil.copy(folders[0] / f"{name}.so.1.0", place)
+    code = (
+        "import ctypes, pathlib; from sarmitsuba.backend import _preload_libcxx as p;"
+        f"p(pathlib.Path({str(tmp_path / 'libLLVM.so')!r})); ctypes.CDLL('libc++.so.1');"
+        "print([line.split()[-1] for line in open('/proc/self/maps') if 'libc++.so' in line][0])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == str(place / "libc++.so.1.0"), done.stderr

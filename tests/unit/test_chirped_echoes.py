@@ -12,9 +12,9 @@ from sarmitsuba import cli
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.echo.doppler_estimate import estimate_doppler
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import focus
 from sarmitsuba.io import read_raw, write_raw
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 LIGHT = 299792458.0
 Header = dict[str, Any]

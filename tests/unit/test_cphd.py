@@ -14,7 +14,6 @@ import pytest
 from sarmitsuba.cli import main
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.io import read_raw, write_raw
 from sarmitsuba.radar.antenna import Antenna
@@ -22,6 +21,7 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from tests.support.unweighted import focus
 
 skcphd = pytest.importorskip("sarkit.cphd", reason="writes CPHD; in the extra formats, from Python 3.11")
 verification = pytest.importorskip("sarkit.verification")

@@ -12,7 +12,6 @@ from sarmitsuba.cli import main
 from sarmitsuba.effects.effect import Decision
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import DEFAULT_DEPTH, EffectsPlan
-from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
@@ -27,6 +26,7 @@ from sarmitsuba.simulation.prediction.explanation import Explanation, explain
 from sarmitsuba.simulation.prediction.prediction import predict
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
+from tests.support.unweighted import focus
 
 
 def test_table(capsys: pytest.CaptureFixture[str]) -> None:

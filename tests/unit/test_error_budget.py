@@ -12,13 +12,14 @@ from sarmitsuba.analysis.quality.account import Account, StageTime, account
 from sarmitsuba.analysis.quality.error_budget import AT_MOST, MEASURED, UNKNOWN, error_budget
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.image.sar_image import SarImage
+from tests.support.unweighted import focus
 
 PILOT = {"energy_from_order_upper_db": [0.0, -12.5, -41.5, None]}
 
 
 @pytest.fixture(scope="module")
 def image() -> SarImage:
-    return sarmitsuba.focus(sarmitsuba.simulate(sarmitsuba.load_scene("point"), seed=1))
+    return focus(sarmitsuba.simulate(sarmitsuba.load_scene("point"), seed=1))
 
 
 def with_metadata(image: SarImage, **parts: Any) -> dict[str, Any]:

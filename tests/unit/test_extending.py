@@ -16,7 +16,6 @@ from sarmitsuba.backend import arrays, device_numbers, dr
 from sarmitsuba.effects.effect import EFFECTS
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import DataError, RadarError, SarmitsubaWarning, SceneError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.io import write_image
@@ -27,10 +26,10 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.registry import Registry
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.stage import STAGES
 from sarmitsuba.units import db_from_power
+from tests.support.unweighted import focus, render
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 

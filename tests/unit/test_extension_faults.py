@@ -20,10 +20,10 @@ from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.explanation import explain
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.reflectors import LocalWaves, Reflector
 from sarmitsuba.trace.stage import STAGES, Stage
+from tests.support.unweighted import render
 
 PLATE = np.array([[-8.0, -8.0, 0.0], [8.0, -8.0, 0.0], [8.0, 8.0, 0.0], [-8.0, 8.0, 0.0]])
 WALL = np.array([[-3.0, 2.0, 0.0], [3.0, 1.0, 0.0], [3.0, 1.0, 4.0], [-3.0, 2.0, 4.0]])

@@ -7,7 +7,7 @@ import pytest
 
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.factorised.division import Plan
 from sarmitsuba.focusing.factorised.sampling import (
     ROW_BAND,
@@ -26,6 +26,7 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from tests.support.unweighted import focus
 
 EXACT = "backprojection,interpolation=kernel:8,oversampling=4"
 

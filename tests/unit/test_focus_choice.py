@@ -14,16 +14,16 @@ from sarmitsuba import cli
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import FOCUSERS, Focused, Focuser, FocusTask, default_grid, focus
+from sarmitsuba.focusing import FOCUSERS, Focused, Focuser, FocusTask, default_grid
 from sarmitsuba.focusing.data_error import data_error_db
 from sarmitsuba.focusing.focuser import Auto, parse_focuser
-from sarmitsuba.focusing.focuser_comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from tests.support.unweighted import compare_focusers, focus
 
 REQUEST = ImageRequest(extent_azimuth=30.0, extent_range=30.0)
 

@@ -8,11 +8,11 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.aperture_weights import ground_cell_area, matched_weights
 from sarmitsuba.focusing.grid import default_grid, natural_spacing
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.radar.image_request import ImageRequest
+from tests.support.unweighted import focus
 
 
 def request(**changes: Any) -> ImageRequest:

@@ -8,13 +8,14 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.loader.library import resolve_radar
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
+from tests.support.unweighted import focus
 
 # without a beam of their own, straight and quick; the others are those of published figures
 IDEALISED = ["airborne_ku", "airborne_l", "airborne_x", "spaceborne_x"]

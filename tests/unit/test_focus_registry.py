@@ -23,7 +23,6 @@ from sarmitsuba.focusing import (
     WindowFamily,
     WindowParameter,
     default_grid,
-    focus,
 )
 from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.autofocus import parse_autofocus
@@ -34,6 +33,7 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+from tests.support.unweighted import focus
 
 REQUEST = ImageRequest(extent_azimuth=12.0, extent_range=12.0)
 

@@ -19,12 +19,14 @@ from sarmitsuba.importing.triangulated import network
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.simulation.render import render
 
 shapely = pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")
 rasterio = pytest.importorskip("rasterio", reason="in the importing extra")
 
 SEEDS = range(4)
 FOOT = 0.5  # m; how deep walls stand in the ground
+PLAIN = FacadeOptions.read("none", 1, {})
 
 
 def random_footprint(rng: np.random.Generator, middle: F64) -> Any:
@@ -81,7 +83,7 @@ def test_areas_and_volumes_are_those_of_the_footprints(seed: int, tmp_path: Path
     source = write_features(
         tmp_path / "a.geojson", [*features, feature(pair, 9, height=10.0, min_height=4.0)]
     )
-    model = import_scene(source, tmp_path / "a.xml", ImportOptions(crs="local"))
+    model = import_scene(source, tmp_path / "a.xml", ImportOptions(crs="local", facades=PLAIN))
     want = sum(p.area * (h + FOOT) for p, h in zip(polygons, heights, strict=True)) + pair.area * 6.0
     # tol: float rounding
     assert volume(model) == pytest.approx(want, rel=1e-9)
@@ -99,7 +101,7 @@ def test_pitched_roofs_have_the_volume_of_prism_and_pyramid(seed: int, tmp_path:
     turn = rng.uniform(0.0, 360.0)
     long, short, height, rise = rng.uniform([12, 6, 8, 2], [25, 11, 20, 5])
     house = shapely.affinity.rotate(shapely.box(0, 0, long, short), turn)
-    options = ImportOptions(crs="local")
+    options = ImportOptions(crs="local", facades=PLAIN)
     for shape, share in (("gabled", 0.5), ("pyramidal", 1 / 3)):
         tags = {"height": height, "roof:shape": shape, "roof:height": rise}
         model = import_scene(
@@ -172,7 +174,8 @@ def test_facades_take_away_and_add_what_they_say(seed: int, tmp_path: Path) -> N
     source = write_features(tmp_path / "a.geojson", [feature(house, 1, **{"building:levels": 6})])
 
     def build(**statistics: Any) -> Model:
-        facades = FacadeOptions(seed=seed, spread=0.0, **statistics)
+        kinds = dict.fromkeys(("windows", "balconies", "pavements"), False)
+        facades = FacadeOptions(seed=seed, spread=0.0, **kinds | statistics)
         return import_scene(
             source, tmp_path / "a.xml", ImportOptions(crs="local", facades=facades), force=True
         )
@@ -203,18 +206,73 @@ def test_facades_take_away_and_add_what_they_say(seed: int, tmp_path: Path) -> N
     again = build(windows=True, balconies=True)
     first = {part: v for part, _, v, _ in again.parts}
     assert all((first[p] == v).all() for p, _, v, _ in build(windows=True, balconies=True).parts)
-    with pytest.raises(SceneError, match=r"more than limit = 1000 triangles.*--radius"):
-        build(windows=True, limit=1000)
 
 
 def test_plain_walls_are_the_same_whatever_the_seed(tmp_path: Path) -> None:
     source = write_features(tmp_path / "a.geojson", [feature(shapely.box(0, 0, 30, 14), 1)])
     files = []
     for seed in (1, 2):
-        options = ImportOptions(crs="local", facades=FacadeOptions(seed=seed))
+        options = ImportOptions(crs="local", facades=FacadeOptions.read("none", seed, {}))
         import_scene(source, tmp_path / "a.xml", options, force=True)
         files.append([p.read_bytes() for p in sorted((tmp_path / "a_meshes").glob("*.ply"))])
     assert files[0] == files[1]
+
+
+def test_footprints_have_windows_balconies_and_a_kerb_unless_told_otherwise(tmp_path: Path) -> None:
+    """What the image shows of a house: points on the laid over facade, and a weaker line of the kerb before it."""
+    house = feature(shapely.box(0, -12, 14, 12), 1, height=18)
+    source = write_features(tmp_path / "a.geojson", [house])
+    powers = {}
+    for kinds in ("", "none", "kerb"):
+        options = ImportOptions(crs="local", facades=FacadeOptions.read(kinds, 1, {}))
+        model = import_scene(source, tmp_path / "a.xml", options, force=True)
+        made = {part for part, *_ in model.parts}
+        assert ("pavement" in made) == (kinds != "none") and ("balconies" in made) == (kinds == "")
+        given = {"range_film.image_center_x": "-8", "range_film.image_extent_range": "70"}
+        given |= {"range_film.image_extent_azimuth": "20"}
+        image = render(load_scene(tmp_path / "a.xml", parameters=given))
+        powers[kinds] = image.sigma0()
+        x = (image.grid.positions() + image.grid.offset)[..., 0]
+    # the wall x = 0 is laid over to x = -18 / tan(40 deg) = -21; its upper part, clear of the pavement
+    wall = (x > -19.0) & (x < -6.0)
+    bright = {kinds: float(np.mean(power[wall] > 1.0)) for kinds, power in powers.items()}
+    assert bright["none"] == bright["kerb"] == 0.0 and bright[""] > 0.01
+    # the edge of the pavement, 2 m before the wall: its riser and the ground form a corner
+    kerb = np.abs(x + 2.0) < 0.5
+    # tol: over the wall's laid over clutter; the mean of 50 cells of speckle varies by 0.6 dB
+    assert np.mean(powers["kerb"][kerb]) > 4.0 * np.mean(powers["none"][kerb])
+
+
+def test_large_cities_have_relief_about_the_origin_and_say_so(tmp_path: Path) -> None:
+    houses = [
+        feature(shapely.box(x, y, x + 12, y + 12), 1, height=12) for x in range(0, 200, 40) for y in (0, 40)
+    ]
+    source = write_features(tmp_path / "a.geojson", houses)
+
+    def build(**more: Any) -> Model:
+        options = ImportOptions(crs="local", anchor=Anchor(), facades=FacadeOptions(**more))
+        return import_scene(source, tmp_path / "a.xml", options, force=True)
+
+    whole, some = build(), build(limit=2000)
+    assert some.parts.n_triangles < 0.5 * whole.parts.n_triangles
+    relief = {p: v for p, _, v, _ in some.parts}
+    near = np.hypot(*relief["windows"][:, :2].T).max()
+    (said,) = [note for note in some.notes if "plain walls" in note]
+    n_plain = int(said.split()[1])
+    away = sorted(float(np.hypot(*shapely.geometry.shape(h["geometry"]).centroid.coords[0])) for h in houses)
+    first_plain = away[len(houses) - n_plain]
+    assert f"those from {first_plain:.3g} m of the origin on" in said and "limit = 2000" in said
+    assert near < first_plain + 12.0 and 0 < n_plain < len(houses)
+    assert not [note for note in whole.notes if "plain walls" in note]
+    # the same walls as without the limit
+    windows = {tuple(v) for v in next(v for p, _, v, _ in whole.parts if p == "windows").round(6).tolist()}
+    assert {tuple(v) for v in relief["windows"].round(6).tolist()} <= windows
+    # the pavement is around the houses with relief alone, one slab level with its kerb, closed but for its underside
+    corners = relief["pavement"]
+    assert np.hypot(*corners[:, :2].T).max() < first_plain + 12.0
+    assert set(corners[:, 2].round(6)) == {0.12, -FOOT}
+    model = build(pavement=3.0, windows=False, balconies=False)
+    assert area_facing_up(model, "pavement") == pytest.approx(len(houses) * 18.0**2, rel=1e-6)
 
 
 def write_raster(path: Path, heights: F64, west: float, north: float, step: float, crs: str) -> Path:
@@ -517,7 +575,13 @@ def test_command(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
     assert cli.main(command) == 0
     said = capsys.readouterr().out
     assert "1 buildings on" in said
-    assert "windows and 0 balconies, seed 4" in said
+    assert "windows and 0 balconies, seed 4" in said and "kerb" not in said
+    plain = ["import", "a.geojson", "-o", "plain.xml"]
+    assert cli.main(plain) == 0
+    said = capsys.readouterr().out
+    assert "a kerb of 0.12 m" in said and "--facades none leaves walls plain" in said
+    assert cli.main([*plain, "--force", "--facades", "none"]) == 0
+    assert "facades" not in capsys.readouterr().out
     assert cli.main(command) == 2
     assert "already exists" in capsys.readouterr().err
     assert cli.main([*command, "--force", "--anchor", "48.1,11.5,600"]) == 0
@@ -527,6 +591,8 @@ def test_command(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
         (["--material", "wall=brick"], 'no material "wall"'),
         (["--material", "walls=bric"], "no known material"),
         (["--facades", "window"], 'did you mean "windows"'),
+        (["--facades", "windows,none"], "or none alone"),
+        (["--facades", "none", "--facade", "bay=3"], "not of none"),
         (["--facades", "windows", "--facade", "bay=x"], "is no number"),
         (["--facades", "windows", "--facade", "bay=0"], "outside 1 to 50"),
         (["--height", "nan"], "outside 0.1 to 2000"),

@@ -12,7 +12,6 @@ from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.radar import Radar
@@ -20,6 +19,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.validation.chain import Parameter, make_scene
+from tests.support.unweighted import focus
 
 WAVELENGTH = SPEED_OF_LIGHT / 9.65e9
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from sarmitsuba import cli
 from sarmitsuba.errors import RadarError, SarmitsubaWarning, SceneError
 from sarmitsuba.loader.from_mesh import MeshOptions
 from sarmitsuba.loader.load import load_scene
@@ -79,9 +80,34 @@ def test_an_obj_keeps_its_materials_without_its_mtl_file(tmp_path: Path) -> None
 
 def test_the_unit_is_asked_for_where_it_cannot_be_metres(tmp_path: Path) -> None:
     town().apply_scale(1000.0).export(tmp_path / "town.obj")
-    with pytest.raises(SceneError, match=r"cannot be the metre, it has walls of 1.2e\+04 m; give --unit"):
+    with pytest.raises(
+        SceneError, match=r"is its unit the metre\? Then it has walls of 1.2e\+04 m; give --unit"
+    ):
         load_scene(tmp_path / "town.obj", radar=RADAR)
     check(load_scene(tmp_path / "town.obj", radar=RADAR, mesh=MeshOptions(unit="mm")), NAMES)
+
+
+@pytest.mark.parametrize("command", ["render", "import"])
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # the box has no material
+def test_a_house_in_centimetres_is_a_question_with_its_answer(
+    tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A box of 800 units of height, and one of 250 m, which may be in metres."""
+    for height in (250.0, 800.0):
+        trimesh.creation.box((900.0, 1000.0, height)).export(tmp_path / f"box{height:.0f}.obj")
+    path = str(tmp_path / "box800.obj")
+    more = {
+        "render": ["-o", str(tmp_path / "out"), "--radar", RADAR],
+        "import": ["-o", str(tmp_path / "box.xml")],
+    }
+    assert cli.main([command, path, *more[command]]) == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len(error) == 1 and "walls of 800 m; give --unit cm (8 m high), --unit mm (0.8 m high)" in error[0]
+    assert "--unit m if it is right" in error[0] and not (tmp_path / "box.xml").exists()
+    for unit, metres in (("cm", 8.0), ("m", 800.0)):
+        scene = load_scene(path, radar=RADAR, mesh=MeshOptions(unit=unit))
+        assert np.ptp(scene.geometry.bounds[:, 2]) == pytest.approx(metres)
+    load_scene(tmp_path / "box250.obj", radar=RADAR)
 
 
 def test_a_gltf_part_without_a_material_is_named_by_itself(tmp_path: Path) -> None:

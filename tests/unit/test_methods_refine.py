@@ -14,10 +14,10 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.raw import echoes
-from sarmitsuba.simulation.refinement.passes import refine
 from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.piece import crop
+from tests.support.unweighted import refine
 
 
 class Ticks:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene, focus, load_scene, simulate
+from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene, load_scene, simulate
 from sarmitsuba.analysis.quality.point_quality import scene_points
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
@@ -18,6 +18,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.sampling.launch_window import launch_windows
 from sarmitsuba.simulation.sampling.movers import azimuth_shift, fastest, swept
+from tests.support.unweighted import focus
 
 
 def scene_of(tmp_path: Path, shapes: str) -> Scene:

@@ -6,10 +6,10 @@ from numpy.typing import ArrayLike
 
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import RadarError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import point_target_in
+from tests.support.unweighted import focus
 
 POINT = np.array([1.0, -2.0, 0.5])
 

@@ -9,7 +9,7 @@ import pytest
 from sarmitsuba import theory
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.image.metrics import point_target_in
@@ -22,6 +22,7 @@ from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
+from tests.support.unweighted import focus
 
 EARTH = np.array([0.0, 0.0, 7.292115e-5])
 RADIUS = 6378137.0

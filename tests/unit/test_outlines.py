@@ -12,29 +12,11 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.view.outlines import imaged, outlines
 from sarmitsuba.view.quicklook import quicklook
+from tests.support.scenes import POINT, small_scene
+from tests.support.unweighted import render
 
 pytest.importorskip("shapely")
 
-SCENE = """<scene version="3.0.0">
-    <integrator type="sar_path"/>
-    <sensor type="sar_antenna">
-        <float name="slant_range" value="5000"/><float name="look_angle_deg" value="{look}"/>
-        <float name="heading_deg" value="{heading}"/><string name="look_side" value="{side}"/>
-        <float name="squint_angle_deg" value="{squint}"/><string name="mode" value="{mode}"/>
-        <float name="center_frequency" value="9.65e9"/><float name="bandwidth" value="150e6"/>
-        <float name="azimuth_resolution" value="1"/>
-        <float name="aim_x" value="{x}"/><float name="aim_y" value="{y}"/><float name="aim_z" value="0"/>
-        <film type="range_film">
-            <string name="image_grid" value="{grid}"/>
-            <float name="image_center_x" value="{x}"/><float name="image_center_y" value="{y}"/>
-            <float name="image_extent_azimuth" value="60"/><float name="image_extent_range" value="110"/>
-        </film>
-    </sensor>
-    {shapes}
-</scene>
-"""
-POINT = """<shape type="sphere"><point name="center" x="{0}" y="{1}" z="{2}"/><float name="radius" value="0.05"/>
-        <bsdf type="point_scatterer"><float name="rcs_dbsm" value="20"/></bsdf></shape>"""
 BOX = """<shape type="cube"><transform name="to_world"><scale x="{0}" y="{1}" z="{2}"/><rotate z="1" angle="{3}"/>
         <translate x="{4}" y="{5}" z="{2}"/></transform>
         <bsdf type="radar_material"><string name="material" value="concrete"/>
@@ -76,9 +58,9 @@ def test_a_raised_point_is_where_the_image_shows_it(
     place = np.array([*rng.uniform(-6.0, 6.0, 2), rng.uniform(8.0, 20.0)])
     place[:2] += (given["x"], given["y"])
     file = tmp_path / "point.xml"
-    file.write_text(SCENE.format(**given, shapes=POINT.format(*place)))
+    file.write_text(small_scene(POINT.format(*place), **given))
     scene = sarmitsuba.load_scene(file)
-    image = sarmitsuba.render(scene)
+    image = render(scene)
     azimuth, range_ = imaged(place[None] - scene.offset, image.grid.in_frame(scene.offset), scene.radar)
     row, column = np.unravel_index(int(image.rcs().argmax()), image.grid.shape)
     flat = place * (1.0, 1.0, 0.0)
@@ -98,7 +80,7 @@ def test_outlines_enclose_the_bright_pixels_of_a_box(tmp_path: Path, seed: int) 
     size, height = rng.uniform(4.0, 8.0, 2), rng.uniform(3.0, 6.0)
     box = BOX.format(*size, height, rng.uniform(0.0, 90.0), given["x"] + 3.0, given["y"] - 2.0)
     file = tmp_path / "box.xml"
-    file.write_text(SCENE.format(**given, shapes=box))
+    file.write_text(small_scene(box, **given))
     scene = sarmitsuba.load_scene(file)
     (outline,) = outlines(scene)
     assert len(outline.foot) == 5
@@ -109,7 +91,7 @@ def test_outlines_enclose_the_bright_pixels_of_a_box(tmp_path: Path, seed: int) 
     assert area == pytest.approx(
         4.0 * size[0] * size[1], rel=1e-3
     )  # tol: corners are rounded to a millimetre
-    image = sarmitsuba.render(scene)
+    image = render(scene)
     figure = quicklook(image, scene=scene, outlined=True, with_plan=True)
     axes = figure.axes[0]
     rings = [
@@ -147,7 +129,7 @@ def test_ground_and_hidden_faces_have_no_outline(tmp_path: Path) -> None:
         <bsdf type="radar_material"><string name="material" value="concrete"/></bsdf></shape>"""
     given = drawn(np.random.default_rng(7), x=0.0, y=0.0)
     file = tmp_path / "ground.xml"
-    file.write_text(SCENE.format(**given, shapes=ground))
+    file.write_text(small_scene(ground, **given))
     assert outlines(sarmitsuba.load_scene(file)) == ()
 
 
@@ -159,7 +141,7 @@ def test_the_command_draws_them_from_the_scene_of_the_run(
 
     file, out = tmp_path / "box.xml", tmp_path / "out"
     box = BOX.format(5, 4, 3, 20, 3, 0)
-    file.write_text(SCENE.format(**drawn(np.random.default_rng(8), x=0.0, y=0.0), shapes=box))
+    file.write_text(small_scene(box, **drawn(np.random.default_rng(8), x=0.0, y=0.0)))
     quiet = ["--quiet", "--no-error-bars", "--no-chart", "--method", "image"]
     assert cli.main(["render", str(file), "-o", str(out), *quiet]) == 0
     plain = (out / "quicklook.png").read_bytes()
@@ -168,3 +150,72 @@ def test_the_command_draws_them_from_the_scene_of_the_run(
     file.write_text(file.read_text().replace('scale x="5"', 'scale x="6"'))
     with pytest.raises(DataError, match="other shapes or materials"):
         scene_of_run(out)
+
+
+@pytest.mark.parametrize("method", ["image", "hybrid"])
+def test_render_and_focus_draw_the_picture_that_picture_draws(tmp_path: Path, method: str) -> None:
+    """The same options give the same pixels; and others than without them."""
+    from sarmitsuba import cli
+
+    file = tmp_path / "box.xml"
+    shapes = BOX.format(5, 4, 3, 20, 53, -80)
+    file.write_text(small_scene(shapes, **drawn(np.random.default_rng(9), x=50.0, y=-80.0, grid="ground")))
+    quiet, shown = ["--quiet", "--no-chart"], ["--axes", "radar", "--outlines", "--with-view"]
+
+    def picture(name: str, *command: str) -> bytes:
+        out = tmp_path / name
+        assert (
+            cli.main(
+                [command[0], *command[1:], *([] if command[0] == "picture" else ["-o", str(out), *quiet])]
+            )
+            == 0
+        )
+        return (out / "quicklook.png").read_bytes()
+
+    made = ["render", str(file), "--no-error-bars", "--method", method]
+    plain = picture("plain", *made)
+    styled = picture("styled", *made, *shown)
+    assert styled != plain
+    assert picture("plain", "picture", str(tmp_path / "plain"), *shown) == styled
+    if method == "hybrid":
+        raw = str(tmp_path / "plain" / "raw.h5")
+        assert picture("focused", "focus", raw, *shown) == styled
+
+
+def test_what_a_run_cannot_draw_is_refused_before_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from sarmitsuba import cli
+
+    file, out = tmp_path / "box.xml", tmp_path / "out"
+    file.write_text(small_scene(BOX.format(5, 4, 3, 20, 3, 0), grid="slant"))
+    for more, words in (
+        (["--axes", "scene"], "slant range has no axes of the scene"),
+        (["--no-focus", "--method", "hybrid", "--outlines"], "--no-focus makes none"),
+    ):
+        assert cli.main(["render", str(file), "-o", str(out), *more]) == 2
+        error = capsys.readouterr().err
+        assert words in error and error.count("\n") == 1
+        assert not list(out.glob("*.h5"))
+
+
+def test_houses_of_a_map_have_one_outline_each(tmp_path: Path) -> None:
+    """Not their balconies, nor the pavement on which they stand."""
+    import json
+
+    from sarmitsuba.importing.convert import import_scene
+    from sarmitsuba.importing.import_options import ImportOptions
+
+    boxes = [[[x, 0], [x + 12, 0], [x + 12, 15], [x, 15], [x, 0]] for x in (0, 40)]
+    house = {"type": "Feature", "properties": {"building": "yes", "height": 18}}
+    features = [house | {"geometry": {"type": "Polygon", "coordinates": [box]}} for box in boxes]
+    (tmp_path / "a.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    model = import_scene(tmp_path / "a.geojson", tmp_path / "a.xml", ImportOptions(crs="local"))
+    assert {"balconies", "pavement"} <= {part for part, *_ in model.parts}
+    scene = sarmitsuba.load_scene(tmp_path / "a.xml")
+    found = [outline.foot[:, :2] + scene.offset[:2] for outline in outlines(scene)]
+    assert len(found) == 2
+    # tol: rings are simplified to 5 cm
+    low = sorted(foot.min(axis=0).tolist() for foot in found)
+    np.testing.assert_allclose(low, [[0.0, 0.0], [40.0, 0.0]], atol=0.06)
+    np.testing.assert_allclose([np.ptp(foot, axis=0) for foot in found], [[12.0, 15.0]] * 2, atol=0.06)

@@ -10,7 +10,6 @@ import pytest
 from sarmitsuba.arrays import F64
 from sarmitsuba.backend import arrays, device_numbers, dr
 from sarmitsuba.errors import RadarError
-from sarmitsuba.focusing import focus
 from sarmitsuba.io import read_raw, write_raw
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.antenna import Antenna
@@ -22,6 +21,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.raw import simulate
+from tests.support.unweighted import focus
 
 WIDTHS = (2.0, 6.0)  # degrees
 SHAPES = ("gaussian", "rectangular")

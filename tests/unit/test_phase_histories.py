@@ -12,10 +12,10 @@ import scipy.io
 from sarmitsuba import cli
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.io import read_raw
 from tests.support.draws import few_of
+from tests.support.unweighted import focus
 
 LIGHT = 299792458.0
 Fields = dict[str, Any]

@@ -17,7 +17,6 @@ from sarmitsuba.analysis.interferometry.interferogram import block_grid
 from sarmitsuba.analysis.polarimetry.multilook import averaged
 from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io import FORMATS, write_image, write_raw
@@ -29,6 +28,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.simulation.refinement.error_bars import estimate_error
 from sarmitsuba.view import quicklook as pictures
 from sarmitsuba.view.display import PictureOptions, prepare
+from tests.support.unweighted import focus
 
 # in the file's frame, m, and the side of a pixel
 Place = tuple[F64, float]

@@ -7,7 +7,6 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.antenna import Pointing
@@ -19,6 +18,7 @@ from sarmitsuba.radar.pulse_intervals import PulseIntervals
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
+from tests.support.unweighted import focus, render
 
 BEAM = {"pattern": "gaussian", "azimuth_beamwidth_deg": 2.0, "elevation_beamwidth_deg": 6.0}
 
@@ -78,7 +78,7 @@ def test_the_focuser_is_told_the_nominal_beam(tmp_path: Path) -> None:
     with pytest.raises(
         RadarError, match="methods image and raster make no raw data, so that a pointing error"
     ):
-        sarmitsuba.render(off, method="image")
+        render(off, method="image")
 
 
 @pytest.mark.parametrize(

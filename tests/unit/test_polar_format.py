@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.focusing.focusers.polar_format import LARGEST_PHASE, _WavenumberRaster
@@ -15,6 +15,7 @@ from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.image_request import ImageRequest
+from tests.support.unweighted import focus
 
 
 def asked(extent: float, grid: Literal["slant", "ground"] = "slant") -> ImageRequest:

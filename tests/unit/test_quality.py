@@ -17,13 +17,14 @@ from sarmitsuba.analysis.quality.widths import window_irw
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture_weights import incidence_angle
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import point_target
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+from tests.support.unweighted import focus
 
 SEEDS = [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2))]
 

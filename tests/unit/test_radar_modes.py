@@ -7,7 +7,6 @@ import pytest
 
 from sarmitsuba.analysis.quality import image_quality
 from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focusing import focus
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
@@ -17,9 +16,9 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.render import render
 from sarmitsuba.validation.chain import make_scene
 from sarmitsuba.view.notebook import scene_plan
+from tests.support.unweighted import focus, render
 
 GAUSSIAN = {"pattern": "gaussian", "azimuth_beamwidth_deg": 2.0, "elevation_beamwidth_deg": 6.0}
 IMAGE = {"image_extent_azimuth": 120.0, "image_extent_range": 80.0}

@@ -14,6 +14,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.recorded import TrackError
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
+from tests.support.unweighted import render
 
 
 def scene_with(**more: object) -> sarmitsuba.Scene:
@@ -91,4 +92,4 @@ def test_recorded_track_file(tmp_path: Path) -> None:
     with pytest.raises(RadarError, match="track_jitter_seed has no effect without track_jitter"):
         scene_with(track_jitter_seed=4)
     with pytest.raises(RadarError, match="methods image and raster make no raw data"):
-        sarmitsuba.render(scene_with(track_offset_up=0.1), method="image")
+        render(scene_with(track_offset_up=0.1), method="image")

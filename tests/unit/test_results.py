@@ -10,6 +10,7 @@ import sarmitsuba
 from sarmitsuba import DataError, SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from tests.support.unweighted import focus, refine
 
 FEW = {"sar_antenna.n_pulses": "12"}
 
@@ -22,9 +23,9 @@ def scene() -> sarmitsuba.Scene:
 @pytest.fixture(scope="module")
 def results(scene: sarmitsuba.Scene) -> dict[str, object]:
     raw = sarmitsuba.simulate(scene)
-    image = sarmitsuba.focus(raw)
+    image = focus(raw)
     built = sarmitsuba.build_scene(points=[sarmitsuba.PointTarget("p", np.zeros(3))])
-    refined = sarmitsuba.refine(scene, target_error_db=-10.0, max_passes=1)
+    refined = refine(scene, target_error_db=-10.0, max_passes=1)
     return {
         "scene": scene,
         "raw": raw,

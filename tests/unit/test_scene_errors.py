@@ -305,3 +305,13 @@ def test_unknown_fields_name_the_nearest(described: type, wrong: str, right: str
     message = f'^{described.__name__}: unknown parameter "{wrong}"; did you mean "{right}"'
     with pytest.raises(SceneError, match=message):
         described(**{wrong: 1})
+
+
+def test_lines_of_an_included_file_name_it(tmp_path: Path) -> None:
+    (tmp_path / "radar.xml").write_text(
+        '<scene version="3.0.0">\n<sensor type="sar_antenna">\n<float name="prf" value="-1"/></sensor></scene>'
+    )
+    text = '<scene version="3.0.0"><include filename="radar.xml"/><shape type="rectangle"/></scene>'
+    (tmp_path / "scene.xml").write_text(text)
+    with pytest.raises(RadarError, match=r"^scene\.xml: sensor sar_antenna \(line 2 of radar\.xml\)"):
+        load_scene(tmp_path / "scene.xml")

@@ -13,31 +13,14 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.view.display import PictureOptions, prepare
 from sarmitsuba.view.quicklook import quicklook
-
-SCENE = """<scene version="3.0.0">
-    <integrator type="sar_path"/>
-    <sensor type="sar_antenna">
-        <float name="slant_range" value="5000"/><float name="look_angle_deg" value="{look}"/>
-        <float name="heading_deg" value="{heading}"/><string name="look_side" value="{side}"/>
-        <float name="center_frequency" value="9.65e9"/><float name="bandwidth" value="150e6"/>
-        <float name="azimuth_resolution" value="1"/>
-        <float name="aim_x" value="{x}"/><float name="aim_y" value="{y}"/><float name="aim_z" value="0"/>
-        <film type="range_film">
-            <string name="image_grid" value="{grid}"/>
-            <float name="image_center_x" value="{x}"/><float name="image_center_y" value="{y}"/>
-            <float name="image_extent_azimuth" value="60"/><float name="image_extent_range" value="80"/>
-        </film>
-    </sensor>
-    <shape type="sphere"><point name="center" x="{px}" y="{py}" z="{pz}"/><float name="radius" value="0.05"/>
-        <bsdf type="point_scatterer"><float name="rcs_dbsm" value="20"/></bsdf></shape>
-</scene>
-"""
+from tests.support.scenes import POINT, small_scene
+from tests.support.unweighted import render
 
 
-def point_image(folder: Path, **values: object) -> SarImage:
+def point_image(folder: Path, px: object, py: object, pz: object, **values: object) -> SarImage:
     file = folder / "point.xml"
-    file.write_text(SCENE.format(**values))
-    return sarmitsuba.render(sarmitsuba.load_scene(file))
+    file.write_text(small_scene(POINT.format(px, py, pz), **values))
+    return render(sarmitsuba.load_scene(file))
 
 
 def brightest(image: SarImage, axes: str | None = None) -> tuple[float, float, float]:
@@ -96,6 +79,19 @@ def test_a_point_of_the_scene_is_at_its_coordinates_of_the_picture(tmp_path: Pat
     peak = np.unravel_index(int(image.rcs().argmax()), image.grid.shape)
     assert image.grid.azimuth[peak[0]] == pytest.approx(float(a), abs=1e-6)  # tol: rounding
     assert image.grid.range[peak[1]] == pytest.approx(float(r), abs=1e-6)
+    # multi-looked, too
+    drawn = image.multilook(2, 2).plot().axes[0]
+    assert drawn.get_xlabel() == figure.axes[0].get_xlabel()
+    assert drawn.get_ylabel() == figure.axes[0].get_ylabel()
+    (mesh,) = drawn.collections
+    values = np.asarray(mesh.get_array()).reshape(mesh.get_coordinates().shape[0] - 1, -1)
+    i, j = np.unravel_index(int(values.argmax()), values.shape)
+    corners = mesh.get_coordinates()[i : i + 2, j : j + 2].reshape(-1, 2)
+    # tol: the brightest block may be the neighbour of the point's, by half a block
+    assert np.abs(corners.mean(axis=0) - expected).max() <= 2.0 * half + 1e-6
+    # near range is left, early azimuth below
+    first, last = drawn.transData.transform([mesh.get_coordinates()[0, 0], mesh.get_coordinates()[-1, -1]])
+    assert (first < last).all()
     # in the other frame the centre of the image is zero
     radar = brightest(image, "radar")[:2]
     offset = np.array([px - x, py - y])

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import PointTarget, RadarDescription, build_scene, error_budget, focus, simulate
+from sarmitsuba import PointTarget, RadarDescription, build_scene, error_budget, simulate
 from sarmitsuba.analysis.quality.error_budget import ErrorPart
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
+from tests.support.unweighted import focus
 
 
 def points(*places: tuple[float, float, float], **radar: object) -> Scene:

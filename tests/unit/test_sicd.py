@@ -10,7 +10,6 @@ import pytest
 from sarmitsuba.cli import main
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import read_image, write_image
@@ -20,6 +19,7 @@ from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
+from tests.support.unweighted import focus
 
 sksicd = pytest.importorskip("sarkit.sicd", reason="writes SICD; in the extra formats, from Python 3.11")
 projection = pytest.importorskip("sarkit.sicd.projection")

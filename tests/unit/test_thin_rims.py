@@ -8,7 +8,7 @@ from sarmitsuba import theory
 from sarmitsuba.arrays import C128, F64, I64
 from sarmitsuba.mesh import thin_rims
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
-from sarmitsuba.mesh.thin_rims import ELECTRIC, MAGNETIC, wedge_shares, with_thin_rims
+from sarmitsuba.mesh.thin_rims import ELECTRIC, ONE_EDGE, wedge_shares, with_thin_rims
 from sarmitsuba.theory.moments import strips_by_moments
 from sarmitsuba.trace.edges import edges_of
 from sarmitsuba.validation import targets
@@ -84,7 +84,7 @@ def test_parts_of_rims_and_wedges_add_up() -> None:
         # two wedges or one rim for each of the four sides
         assert length == pytest.approx((1.0 + shares) * 6.6 + 4.0 * thickness)
     assert not (
-        with_thin_rims(edges_of_box(np.array([1.3, 2.0, 1.01 * MAGNETIC[1]])), 1.0).thickness > 0.0
+        with_thin_rims(edges_of_box(np.array([1.3, 2.0, 1.01 * ONE_EDGE])), 1.0).thickness > 0.0
     ).any()
 
 

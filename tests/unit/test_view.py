@@ -7,6 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
@@ -288,3 +289,25 @@ def test_a_city_and_a_small_image_keep_their_pixels() -> None:
     image.data[0] = np.tile(np.sqrt(town(0.1)), (3, 3)).astype(np.complex64)
     assert prepare(image, PictureOptions(), 1600).averaged == (1, 1)
     assert prepare(hill(300, 300, 0), PictureOptions(), 1600).averaged == (1, 1)
+
+
+@pytest.mark.parametrize("polar", [True, False])
+def test_the_statement_of_the_error_is_below_the_curves(polar: bool) -> None:
+    """All of it, within the figure, and on nothing else."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from sarmitsuba.view.polar import AspectCurves, aspect_figure
+
+    angle = np.arange(0.0, 360.0 if polar else 30.0, 2.0)
+    note = "expected error (rms, down to 20 dB below the peak): " + ", ".join(["a cause of many words"] * 12)
+    curves = [AspectCurves(name, np.cos(angle), {"1 bounce": np.cos(angle) - 3.0}) for name in ("HH", "VV")]
+    figure = aspect_figure(angle, curves, swept="azimuth", title="a target", note=note)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    (text,) = [t for t in figure.findobj(Text) if "expected error" in t.get_text()]
+    assert " ".join(text.get_text().split()) == note
+    box = text.get_window_extent(canvas.get_renderer())
+    width, height = canvas.get_width_height()
+    assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height
+    for axes in figure.axes:
+        assert axes.get_tightbbox(canvas.get_renderer()).y0 >= box.y1 - 1.0  # tol: a screen pixel

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import gammaln
+import scipy
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
@@ -68,7 +68,9 @@ class SurfaceTexture(Effect):
 
 
 def _gamma_share(shape: float) -> float:
-    return 2.0 - 2.0 * float(np.exp(gammaln(shape + 0.5) - gammaln(shape) - 0.5 * np.log(shape)))
+    return 2.0 - 2.0 * float(
+        np.exp(scipy.special.gammaln(shape + 0.5) - scipy.special.gammaln(shape) - 0.5 * np.log(shape))
+    )
 
 
 def _level_share(factor: np.ndarray) -> float:

@@ -349,6 +349,17 @@ def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: C64) -> None:
             made.dims[i].attach_scale(file[scale])
 
 
+def _check_share(file: h5py.File, subset: str | None) -> None:
+    """Refuse ray subsets of other shares than this program's: their error would be stated wrong."""
+    if not subset:
+        return
+    share = groups.group_of(groups.group_of(file, "subsets"), subset).attrs.get("share")
+    if share is not None and share != SUBSET_SHARES[int(subset)]:
+        raise DataError(
+            f"ray subset {subset} has another share than {SUBSET_SHARES[int(subset)]:g}; simulate again"
+        )
+
+
 def _read_planes(file: h5py.File, kind: _Kind, planes_too: bool) -> tuple[C64, tuple[Layer, ...]]:
     """Planes named in ``/layers``, or without it the channels; without ``planes_too`` zeros without memory."""
     if groups.has(file, "layers"):
@@ -365,6 +376,7 @@ def _read_planes(file: h5py.File, kind: _Kind, planes_too: bool) -> tuple[C64, t
             raise DataError(f"/layers: {path!r} is no plane")
         subset, channel, channel_of_order, order = match.groups()
         layers.append(Layer(channel or channel_of_order, int(order or 0), int(subset or 0)))
+        _check_share(file, subset)
         group = file
         *folders, last = path.strip("/").split("/")
         for folder in folders:

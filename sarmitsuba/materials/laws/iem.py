@@ -1,8 +1,8 @@
 """Integral-equation model of a rough surface: co-polar backscatter, single scattering."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import gammaln
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
@@ -83,7 +83,7 @@ def _one_angle(
     last = int(4.0 * x + 2.0 * _SERIES_WIDTH * np.sqrt(x)) + 30
     n = np.arange(first, last + 1, dtype=np.float64)
     spectrum = roughness_spectrum(n, 2.0 * k * float(np.sin(theta)), length, correlation)
-    log_poisson = n * np.log(4.0 * x) - gammaln(n + 1.0)
+    log_poisson = n * np.log(4.0 * x) - scipy.special.gammaln(n + 1.0)
 
     transition = _transition(n, log_poisson, spectrum, x, eps, sin2, c, q)
     r_0 = (eps - 1.0) / (np.sqrt(complex(eps)) + 1.0) ** 2

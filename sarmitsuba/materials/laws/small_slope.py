@@ -1,7 +1,7 @@
 """Small-slope approximation: Bragg scattering, and the lobe about the specular direction."""
 
 import numpy as np
-from scipy.special import gammaln
+import scipy
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
@@ -54,7 +54,7 @@ def small_slope_spectrum(
         first = max(1, int(phase2 - spread))
         n = np.arange(first, int(phase2 + spread) + 1, dtype=np.float64)
         # (Q s)^2n e^-(Q s)^2 / n! over Q^2, with s^2 of the first order taken out: no 0/0 at grazing
-        weight = s * s * np.exp((n - 1.0) * np.log(phase2) - gammaln(n + 1.0) - phase2)
+        weight = s * s * np.exp((n - 1.0) * np.log(phase2) - scipy.special.gammaln(n + 1.0) - phase2)
         kept = weight > 1e-17 * weight.max()
         spectra = roughness_spectrum(n[kept], 2.0 * k * sine[:, None], correlation_length, "exponential")
         out[row] = [8.0 * k**4 * float(weight[kept] @ spectrum) for spectrum in spectra]

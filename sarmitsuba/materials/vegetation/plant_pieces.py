@@ -15,7 +15,6 @@ from functools import lru_cache
 
 import numpy as np
 import scipy
-from scipy.special import hankel1, j1, jv
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.materials.vegetation.thin_cylinder import LONGEST, ThinRod, thin_rod
@@ -155,7 +154,7 @@ class Leaf(Piece):
         """See the class."""
         k = 2.0 * np.pi / wavelength
         q = 2.0 * k * self.radius * np.sin(angle)
-        form = np.where(q > 1e-6, 2.0 * j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
+        form = np.where(q > 1e-6, 2.0 * scipy.special.j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
         gain = k**2 / np.sqrt(4.0 * np.pi) * form
         tangential, across, normal = self._response(angle, k, permittivity)
         parallel = tangential * np.cos(angle) ** 2 + normal * np.sin(angle) ** 2
@@ -169,7 +168,11 @@ class Leaf(Piece):
             np.arccos(0.5 * (np.abs(incident) + np.abs(scattered))), k, permittivity
         )
         q = k * self.radius * np.sqrt(np.maximum(2.0 - 2.0 * view.turned - (incident - scattered) ** 2, 0.0))
-        gain = k**2 / np.sqrt(4.0 * np.pi) * np.where(q > 1e-6, 2.0 * j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
+        gain = (
+            k**2
+            / np.sqrt(4.0 * np.pi)
+            * np.where(q > 1e-6, 2.0 * scipy.special.j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
+        )
         return view.dyad(gain * 0.5 * (tangential + across), gain * normal)
 
     def extinction(self, angle: F64, wavelength: float, permittivity: complex) -> tuple[F64, F64]:
@@ -340,7 +343,7 @@ class Stick(Piece):
 def _disc_form(size: float, change: F64) -> F64:
     """Form factor of a disc; ``change`` (3, ...): difference of both directions' unit vectors, axis last."""
     q = size * np.hypot(change[0], change[1])
-    return np.where(q > 1e-6, 2.0 * j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
+    return np.where(q > 1e-6, 2.0 * scipy.special.j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
 
 
 def _scattered(
@@ -407,11 +410,11 @@ def cylinder_coefficients(angle: F64, size: float, permittivity: complex) -> Pai
     eta = size * np.sqrt(m2 - cosine**2 + 0j)
     parallel, across = [], []
     for n in range(_orders(size)):
-        j_out, j_in, h = jv(n, xi), jv(n, eta), hankel1(n, xi)
+        j_out, j_in, h = scipy.special.jv(n, xi), scipy.special.jv(n, eta), scipy.special.hankel1(n, xi)
         slope_out, slope_in, slope_h = (
-            (jv(n - 1, xi) - jv(n + 1, xi)) / 2.0,
-            (jv(n - 1, eta) - jv(n + 1, eta)) / 2.0,
-            (hankel1(n - 1, xi) - hankel1(n + 1, xi)) / 2.0,
+            (scipy.special.jv(n - 1, xi) - scipy.special.jv(n + 1, xi)) / 2.0,
+            (scipy.special.jv(n - 1, eta) - scipy.special.jv(n + 1, eta)) / 2.0,
+            (scipy.special.hankel1(n - 1, xi) - scipy.special.hankel1(n + 1, xi)) / 2.0,
         )
         mixing = n * cosine * eta * j_in * (xi**2 / eta**2 - 1.0)
         d, c = mixing * h, mixing * j_out

@@ -16,7 +16,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy
-from scipy.special import hankel2, jv, spherical_jn
 
 from sarmitsuba.arrays import C128, F64
 
@@ -96,7 +95,7 @@ class ThinRod:
         """(..., orders) integrals of the wave's phase along the rod times Legendre polynomials."""
         n = np.arange(len(self.along))
         u = np.asarray(self.half * cosine)[..., None]
-        return np.asarray(2.0 * (-1j) ** n * np.sign(u) ** n * spherical_jn(n, np.abs(u)))
+        return np.asarray(2.0 * (-1j) ** n * np.sign(u) ** n * scipy.special.spherical_jn(n, np.abs(u)))
 
 
 @lru_cache(maxsize=32)
@@ -126,7 +125,7 @@ def thin_rod(radius: float, length: float, wavenumber: float, permittivity: comp
     end = max(_EVEN, 2.0 * orders**2)
     u: F64 = np.asarray((np.arange(int(end / _STEP)) + 0.5) * _STEP, dtype=np.float64)
     far = u[-1] + 0.5 * _STEP
-    bessel = spherical_jn(n[:, None], u)
+    bessel = scipy.special.spherical_jn(n[:, None], u)
     weights = np.stack(symbols(2.0 * u / length, wavenumber, radius)) * _STEP
     # beyond, j_n j_m is (-1)^((n - m) / 2) / 2 u^2 on average
     t: F64 = np.asarray(
@@ -150,7 +149,7 @@ def symbols(h: F64, wavenumber: float, radius: float) -> tuple[C128, C128]:
     x = np.where(kappa.imag > 0.0, -kappa, kappa) * radius
     x = np.where(np.abs(x) < 1e-7, 1e-7, x)
     with np.errstate(all="ignore"):
-        along = -1.0 - 1j * np.pi * jv(1, x) * hankel2(1, x)
+        along = -1.0 - 1j * np.pi * scipy.special.jv(1, x) * scipy.special.hankel2(1, x)
     deep = (np.abs(x.imag) > 50.0) | ~np.isfinite(along)
     along = np.where(deep, -1.0 + 1.0 / np.maximum(np.abs(x), 1.0), along)
     across = ((wavenumber * radius / x) ** 2 - 0.5) * along - 0.5

@@ -41,3 +41,9 @@ export function accountView(account) {
       <td class="number">${seconds(stage.seconds)}</td><td class="number">${seconds(stage.processor)}</td></tr>`)}</table>
     ${account.advice.map((text) => html`<p>${text}</p>`)}`;
 }
+
+/** The statement of a sweep's error: sampling, bounces left out, theory and total; a warning in bold. */
+export function statementView({ text, warning }) {
+  const words = `${text[0].toUpperCase()}${text.slice(1)}.`;
+  return html`${words}${warning ? html` <b>${`${warning[0].toUpperCase()}${warning.slice(1)}.`}</b>` : ""}`;
+}

@@ -76,6 +76,33 @@ export function pointOf(grid, at) {
 }
 
 /**
+ * Corners of the level rectangle that holds the image and the footprints of the beam along the whole pass.
+ * @param {object} look with radar and grid
+ * @param {number} margin m on every side
+ * @param {number} count footprints along the pass, both ends included
+ */
+export function passGround({ radar, grid }, margin, count = 9) {
+  const last = [grid.shape[0] - 1, grid.shape[1] - 1];
+  const points = [[0, 0], [last[0], 0], [0, last[1]], last].map((at) => pointOf(grid, at));
+  const drawn = radar ? count : 0;
+  for (let k = 0; k < drawn; k++) {
+    const pulse = Math.round((k / (count - 1)) * Math.max(radar.time.length - 1, 0));
+    const antenna = row(radar.position, pulse);
+    const axes = [radar.boresight, radar.azimuth_axis, radar.elevation_axis].map((axis) => row(axis, pulse));
+    points.push(...footprint(antenna, axes, radar.beam_widths, grid.height, 3 * norm(antenna)).filter((p) => Math.abs(p[2] - grid.height) < 1e-3 * norm(antenna)));
+  }
+  const spans = [grid.along, grid.across].map((axis) => {
+    const places = points.map((point) => dot(point, axis));
+    return [places.reduce((a, b) => Math.min(a, b)) - margin, places.reduce((a, b) => Math.max(a, b)) + margin];
+  });
+  const corner = (a, c) => {
+    const flat = add(scaled(grid.along, spans[0][a]), scaled(grid.across, spans[1][c]));
+    return [flat[0], flat[1], grid.height];
+  };
+  return [corner(0, 0), corner(0, 1), corner(1, 1), corner(1, 0)];
+}
+
+/**
  * Footprint of a beam on the plane z = height: `count` points of its half-power outline, from the antenna's axes.
  * A ray that misses the plane ends at `most` metres.
  */

@@ -1,5 +1,6 @@
 // The page of an RCS sweep: the target in 3-D, its RCS over aspect with the numbers of one aspect, and its image.
 
+import { statementView } from "sarmitsuba/account.js";
 import { AspectPlot, lineColour } from "sarmitsuba/aspect_plot.js";
 import { boot } from "sarmitsuba/boot.js";
 import { button, helpText, keyName, ours, switches, turn } from "sarmitsuba/controls.js";
@@ -78,6 +79,7 @@ class Page {
     data.channels.forEach((channel, i) => {
       button($("channels"), channel.name, "l", () => store.set({ channel: i }));
     });
+    fill($("statement"), statementView(data.statement));
     $("image").hidden = !data.image;
     $("aspect").max = this.angle.length - 1;
     $("aspect").addEventListener("input", () => store.set({ aspect: Number($("aspect").value), playing: false }));
@@ -179,7 +181,7 @@ class Page {
       { name: "phase of all", order: null, values: channels.map(({ total, phase }) => (Number.isFinite(total[aspect]) ? text(phase[aspect], "°") : "none")) },
     ];
     const head = channels.map(({ name, error }, i) =>
-      html`<th scope="col" ${i === number ? html`class="shown"` : ""}>${name}${error === null ? "" : html`<span class="quiet"> error ${error.toFixed(1)} dB</span>`}</th>`);
+      html`<th scope="col" ${i === number ? html`class="shown"` : ""}>${name}${error === null ? "" : html`<span class="quiet"> sampling error ${error.toFixed(1)} dB</span>`}</th>`);
     const mark = (order) => (order === null ? "" : html`<i style="background: ${lineColour(order)}"></i>`);
     fill($("numbers"), html`<thead><tr><th scope="col">From here</th>${head}</tr></thead><tbody>${rows.map(({ name, order, values }) =>
       html`<tr data-order="${order ?? "phase"}"><th scope="row">${mark(order)}${name}</th>${values.map((value) => html`<td>${value}</td>`)}</tr>`)}</tbody>`);

@@ -4,6 +4,7 @@ import * as THREE from "three";
 import { OrbitControls } from "three/orbit_controls";
 
 import { Labels } from "sarmitsuba/labels.js";
+import { MAP_SIZE, shadowCamera } from "sarmitsuba/lamp.js";
 import { norm, scaled, sub } from "sarmitsuba/localise.js";
 import { cleared, loadModel } from "sarmitsuba/models.js";
 
@@ -106,15 +107,15 @@ export class Stage {
     if (this.lamp && this.light.castShadow === on && norm(sub(direction, this.lamp)) < 2e-3) return;
     this.lamp = direction;
     this.renderer.shadowMap.needsUpdate = true;
-    const away = 4 * this.radius;
+    const { away, half, near, far, bias } = shadowCamera(this.radius);
     this.light.position.copy(vector(scaled(direction, away)));
     const camera = this.light.shadow.camera;
-    const half = 1.5 * this.radius;
-    Object.assign(camera, { left: -half, right: half, top: half, bottom: -half, near: 0.05 * away, far: 2 * away });
+    Object.assign(camera, { left: -half, right: half, top: half, bottom: -half, near, far });
     camera.updateProjectionMatrix();
-    if (this.light.shadow.mapSize.x !== 2048) this.light.shadow.mapSize.set(2048, 2048);
-    this.light.shadow.bias = -2e-4;
-    this.light.shadow.normalBias = 3e-3 * this.radius;
+    const size = Math.min(MAP_SIZE, this.renderer.capabilities.maxTextureSize);
+    if (this.light.shadow.mapSize.x !== size) this.light.shadow.mapSize.set(size, size);
+    // faces are of either side and have no normals, so that the bias is along the light
+    this.light.shadow.bias = (bias * MAP_SIZE) / size;
     this.light.castShadow = on;
   }
 

@@ -2,6 +2,7 @@
 
 import { add, dot, landings, norm, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
 import { fill, html } from "sarmitsuba/markup.js";
+import { spillOf, spillView } from "sarmitsuba/spill.js";
 import { orderColour } from "sarmitsuba/stage.js";
 
 const NAMES = ["", "one bounce", "two bounces", "three bounces"];
@@ -102,7 +103,9 @@ export class Story {
     const place = pointOf(look.grid, at);
     this.store.set({ picked: at });
     const cell = cellAt(look, at, reach);
-    if (cell === null) return this.dark(place, head);
+    const spill = spillOf(look, at, look.paths?.cell_size);
+    const spilt = spill && spillView(spill, norm(sub(pointOf(look.grid, [spill.row, spill.column]), place)));
+    if (cell === null) return this.dark(place, head, spilt);
     const { paths } = look;
     const [first, end] = [paths.first[cell.place], paths.first[cell.place + 1]];
     const shares = Array.from(paths.by_order.subarray(6 * cell.place, 6 * cell.place + 6), (v) => v / 255);
@@ -116,8 +119,8 @@ export class Story {
     const parts = shares.map((s, i) => [i + 1, s]).filter(([, s]) => s > 0.005)
       .map(([order, s]) => html`<span class="o${Math.min(order, 4)}">${percent(s)} ${bounces(order)}</span>`)
       .flatMap((part, i) => (i ? [", ", part] : [part]));
-    this.show(html`${head}<h2>The paths behind this spot</h2><p>${this.meaning(lead, middle, main)}</p>
-      <p>By amplitude: ${parts}. ${paths.found[cell.place].toLocaleString("en")} paths end in this cell; the strongest are listed.</p>
+    this.show(html`${head}<h2>The paths behind this spot</h2><p>${spilt ?? this.meaning(lead, middle, main)}</p>
+      <p>${spilt ? "What is here of its own, by amplitude" : "By amplitude"}: ${parts}. ${paths.found[cell.place].toLocaleString("en")} paths end in this cell; the strongest are listed.</p>
       <table><thead><tr><th>Bounces</th><th>On</th><th>Length there and back</th><th>Share</th></tr></thead><tbody>
       ${list.slice(0, 8).map((path) => this.line(path))}</tbody></table>`);
     for (const node of this.element.querySelectorAll("tr.path")) {
@@ -206,7 +209,7 @@ export class Story {
   }
 
   /** A pixel without a path kept: shadow, or weak. */
-  dark(place, head) {
+  dark(place, head, spilt) {
     const { look, world } = this;
     world.addSpot("dark", place, 0xffffff, "here", "");
     let text = "No path of this page ends here: the echo is weaker than those kept.";
@@ -222,7 +225,7 @@ export class Story {
           comes back, and the image stays dark.`;
       }
     }
-    this.show(html`${head}<h2>This spot</h2><p>${text}</p>`);
+    this.show(html`${head}<h2>This spot</h2>${spilt ? html`<p>${spilt}</p>` : ""}<p>${text}</p>`);
   }
 
   // ---- a wall ---------------------------------------------------------------------------------------------------

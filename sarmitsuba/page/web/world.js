@@ -3,12 +3,13 @@
 import * as THREE from "three";
 
 import { imageMesh, imageTexture } from "sarmitsuba/drape.js";
-import { add, dot, footprint, norm, onPlane, pointOf, rangeAndRate, row, scaled, sub, unit } from "sarmitsuba/localise.js";
+import { add, dot, footprint, norm, onPlane, passGround, pointOf, rangeAndRate, row, scaled, sub, unit } from "sarmitsuba/localise.js";
 import { cleared, platformModel } from "sarmitsuba/models.js";
 import { Stage, orderColour, vector } from "sarmitsuba/stage.js";
 
 const BEAM = 0x5cc8ff;
 const SHELL = 0xffffff;
+const GROUND = 0x1c2530;
 
 export class World extends Stage {
   /**
@@ -16,7 +17,7 @@ export class World extends Stage {
    *   onWall: function, onPixel: function}} options
    */
   constructor({ canvas, labels, page, store, onWall, onPixel }) {
-    super({ canvas, labels, groups: ["track", "beam", "shell", "rulings", "drape"] });
+    super({ canvas, labels, groups: ["ground", "track", "beam", "shell", "rulings", "drape"] });
     Object.assign(this, { page, store, onWall, onPixel });
     this.listen();
   }
@@ -50,10 +51,23 @@ export class World extends Stage {
     this.showModel(look.scene, this.page.scenes[look.scene ?? -1]);
     this.setBuildings();
     this.place = this.placing();
+    this.drawGround();
     this.drawTrack();
     this.drawRulings();
     this.drawDrape();
     this.showPulse();
+  }
+
+  /** Level ground under the whole pass, behind everything: the beam's footprint lies on it where the scene ends. */
+  drawGround() {
+    const group = this.groups.ground;
+    cleared(group);
+    const corners = passGround(this.look, 0.5 * this.radius).map(vector);
+    const geometry = new THREE.BufferGeometry().setFromPoints(corners).setIndex([0, 1, 2, 0, 2, 3]);
+    const material = new THREE.MeshBasicMaterial({ color: GROUND, side: THREE.DoubleSide, depthTest: false, depthWrite: false });
+    const sheet = new THREE.Mesh(geometry, material);
+    sheet.renderOrder = -1;
+    group.add(sheet);
   }
 
   /** Map from true positions to drawn positions of the platform. */

@@ -138,7 +138,7 @@ class _BlockPulses:
         raw = RawData(data, self._labels, "compressed", radar.as_recorded(), request=scene.image, flown=flown)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SarmitsubaWarning)  # the run itself issues them
-            return focus(raw, grid).data
+            return focus(raw, grid, range_window="rectangular", azimuth_window="rectangular").data
 
     def seconds(self, clock: Clock) -> float:
         """Seconds for lattices, tracing and synthesis of the whole run, extrapolated from its blocks in the middle."""

@@ -8,6 +8,7 @@ import numpy as np
 from sarmitsuba.effects.plan import Decision, EffectsPlan
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.memory import in_bytes
+from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.both_ways import NOTHING
@@ -126,7 +127,7 @@ def explain(scene: SceneLike, *, predicted: bool = True) -> Explanation:
     scene : as loaded, a scene file, or the name of a shipped scene
     predicted : whether to make the prediction, which traces a part of the run
     """
-    scene = Scene.of(scene)
+    scene = with_endless_ground(Scene.of(scene))
     if predicted:
         return Explanation(scene, *predict(scene, both_ways=True))
     return Explanation(scene, plan_scene(scene), None)

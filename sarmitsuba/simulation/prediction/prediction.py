@@ -13,6 +13,7 @@ from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.focuser import EXACT
+from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.pilot import plan_scene
@@ -141,6 +142,7 @@ def predict(
     Assumes that all batches cost the same. Ignores reading the scene, writing the results, and passes of rays beyond
     the first.
     """
+    scene = with_endless_ground(scene)
     run = Run(scene, plan=plan, clock=clock)
     seconds, planned, needs = dict(run.timer.seconds), run.plan, run.needs()
     memory = needs.memory

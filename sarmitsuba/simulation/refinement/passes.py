@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from sarmitsuba.arrays import C64
-from sarmitsuba.constants import RAY_ERROR_ORDER
+from sarmitsuba.constants import DEFAULT_WINDOW, RAY_ERROR_ORDER
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw_data import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError
@@ -68,8 +68,8 @@ def refine(
     time_limit: float | None = None,
     state: Path | str | None = None,
     grid: ImageGrid | None = None,
-    range_window: str = "rectangular",
-    azimuth_window: str = "rectangular",
+    range_window: str = DEFAULT_WINDOW,
+    azimuth_window: str = DEFAULT_WINDOW,
     max_passes: int = 1000,
     progress: Progress | None = None,
     ready: Ready | None = None,

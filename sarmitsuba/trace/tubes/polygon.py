@@ -23,6 +23,10 @@ INNER_UP_TO = 2.0
 # phase over a tube (rad) beyond which float32 cannot represent it (and sines of its sums leave -1 ... 1): such tubes
 # graze a facet or were spread by curved mirrors, and their return is set to zero
 MOST_PHASE = 1e6
+# displacement of a part outwards, per length of an edge over its area, tubes: see :func:`part_integral`
+END_SHIFT = 1.0 / 24.0
+# least area, of a tube, by which a part's first moment is divided: slivers return next to nothing from anywhere
+LEAST_PART = 0.02
 # least chance of a ray to hit a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
@@ -66,7 +70,7 @@ class Polygon:
     ----------
     sides : (alpha, beta) of start and end of each; absent sides have zero length
     edges : properties of the sides from the fifth on, which lie on edges of the facet
-    rim : phase reference where the part is not exact, see :class:`sarmitsuba.trace.tubes.tube.Patch`
+    rim : phase reference where the part is not exact and not in phase, see :class:`sarmitsuba.trace.tubes.tube.Patch`
     weight : of its area
     exact : the parts of all rays tile the facet; the first four sides are common with parts of other rays
     """
@@ -139,7 +143,7 @@ class Bounds:
     ----------
     lines : half-planes whose intersection is the facet
     extent : of the tube, limited by the facets hit so far
-    rim : phase reference where the part is not exact
+    rim : phase reference where the part is not exact and not in phase
     exact : the lines bound a convex part of a flat facet on all sides
     """
 
@@ -394,6 +398,16 @@ def part_integral(
 
     the term of the common end: the remaining terms belong to the corners of the facet.
 
+    A part that is not exact (behind a mirror, on a curved surface) whose phase changes by less than 1 rad returns as a
+    whole. Its phase centre then is its centroid, moved outwards by (edges :math:`\ell_n` with outer normals
+    :math:`\nu_n`, area A, in tubes)
+
+    .. math:: \frac{1}{24 A} \sum_n \ell_n \nu_n
+
+    A sum of any smooth f over parts is a midpoint rule: the moments :math:`\tfrac1{24} \nabla^2 f` of the cells within
+    the facet, left out by it, are a flux through the facet's edges, :math:`\tfrac1{24} \oint \partial_\nu f`, which
+    these displacements add. Beyond 2 rad the part returns from its rim.
+
     Parameters
     ----------
     q : rad/m
@@ -416,13 +430,18 @@ def part_integral(
     normal = dr.cross(u, v)
     flat = dr.norm(dr.cross(q, normal)) * dr.rcp(dr.maximum(dr.norm(normal), 1e-30))  # q along the facet
     uncut = kept(flat * longest)
-    total, twice_area, moment = mi.Complex2f(0.0, 0.0), mi.Float(0.0), mi.Float(0.0)
+    total, twice_area = mi.Complex2f(0.0, 0.0), mi.Float(0.0)
+    moment_u, moment_v, outwards_u, outwards_v = (mi.Float(0.0) for _ in range(4))
     place_u, place_v, sum_of_moduli = mi.Float(0.0), mi.Float(0.0), mi.Float(1e-20)
     for n, (ax, ay, bx, by) in enumerate(piece.sides):
         start, end = qu * ax + qv * ay, qu * bx + qv * by
         twice = ax * by - bx * ay
         twice_area += twice
-        moment += twice * (start + end)
+        moment_u += twice * (ax + bx)
+        moment_v += twice * (ay + by)
+        if n >= 4:
+            outwards_u += by - ay
+            outwards_v += ax - bx
         half = 0.5 * (end - start)
         short = dr.abs(half) < 0.05
         filled = dr.select(
@@ -454,13 +473,18 @@ def part_integral(
             sum_of_moduli += modulus
     total = mi.Complex2f(total.imag, -total.real) * dr.rcp(dr.select(small, 1.0, squared))
     area = 0.5 * twice_area
-    x = moment * (1.0 / 6.0) * dr.rcp(dr.maximum(area, 1e-9))
+    x = (qu * moment_u + qv * moment_v) * (1.0 / 6.0) * dr.rcp(dr.maximum(area, 1e-9))
     filled = dr.select(small, mi.Complex2f(1.0 - 0.5 * x * x, x) * area, total) * piece.weight
     filled = dr.select(told, filled, 0.0)
     scale = dr.rcp(sum_of_moduli)
+    in_phase, per_area = _kept(dr.sqrt(squared), None), dr.rcp(dr.maximum(area, LEAST_PART))
     place = tuple(
-        dr.select(piece.exact, mean * scale, rim)
-        for mean, rim in zip((place_u, place_v), piece.rim, strict=True)
+        dr.select(
+            piece.exact, mean * scale, dr.lerp(rim, per_area * (moment / 6.0 + END_SHIFT * step), in_phase)
+        )
+        for mean, rim, moment, step in zip(
+            (place_u, place_v), piece.rim, (moment_u, moment_v), (outwards_u, outwards_v), strict=True
+        )
     )
     s, c = dr.sincos(-(qu * place[0] + qv * place[1]))
     return filled * mi.Complex2f(c, s), place[0], place[1]

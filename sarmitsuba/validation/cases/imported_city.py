@@ -11,6 +11,7 @@ from sarmitsuba import theory
 from sarmitsuba.arrays import F64
 from sarmitsuba.constants import EARTH_FLATTENING, EARTH_RADIUS
 from sarmitsuba.importing.convert import import_scene
+from sarmitsuba.importing.facades import FacadeOptions
 from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.settings import TraceSettings
@@ -80,7 +81,9 @@ def imported_city(quick: bool = False) -> Case:
         with tempfile.TemporaryDirectory() as folder:
             source, output = Path(folder) / "city.geojson", Path(folder) / "city.xml"
             source.write_text(text)
-            import_scene(source, output, ImportOptions(materials=MATERIALS))
+            import_scene(
+                source, output, ImportOptions(materials=MATERIALS, facades=FacadeOptions.read("none", 1, {}))
+            )
             given = {f"sar_antenna.{name}": str(value) for name, value in parameters.items()}
             film = {"image_grid": "slant", "image_extent_azimuth": "140", "image_extent_range": "150"}
             given |= {f"range_film.{name}": value for name, value in film.items()}

@@ -221,7 +221,13 @@ def orbit_points(quick: bool = False) -> Case:
                 else:
                     changes["azimuth_resolution"] = 3.0
                 scene = orbit_scene(mission, 1000 + 100 * m + seed, point, extent, **changes)
-                image = focus(simulate(scene), request=scene.image, focuser="auto,error=-50")
+                image = focus(
+                    simulate(scene),
+                    request=scene.image,
+                    focuser="auto,error=-50",
+                    range_window="rectangular",
+                    azimuth_window="rectangular",
+                )
                 found = point_target_in(image)
                 grid = image.grid
                 line = point - grid.origin

@@ -130,7 +130,9 @@ def circular_response(quick: bool = False) -> Case:
             },
             points=(PointTarget("point", place, 1.0),),
         )
-        image = focus(simulate(scene), request=scene.image)
+        image = focus(
+            simulate(scene), request=scene.image, range_window="rectangular", azimuth_window="rectangular"
+        )
         away = np.linalg.norm(image.grid.positions() - place, axis=-1).ravel()
         order = np.argsort(away)[:: max(1, away.size // 600)]
         radar = scene.radar

@@ -52,7 +52,7 @@ def _radar(look: float, heading: float, cell: float, **more: object) -> RadarDes
 
 def _image(scene: Scene) -> SarImage:
     with unwarned():
-        return render(scene)
+        return render(scene, range_window="rectangular", azimuth_window="rectangular")
 
 
 def layer(quick: bool = False) -> Case:

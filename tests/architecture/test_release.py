@@ -1,0 +1,60 @@
+"""A release has one version, and says what changed under it."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from sarmitsuba.version import __version__
+from tools.release import ReleaseError, cut_changelog, cut_citation, python_blocks, version_of
+
+ROOT = Path(__file__).parents[2]
+CHANGES = (
+    "# Changelog\n\n## Unreleased: 1.2.0\n\n### Added\n\n- A thing.\n\n## 1.1.0 - 2025-01-02\n\n- Older.\n"
+)
+
+
+def test_one_source_of_the_version() -> None:
+    assert version_of(ROOT) == __version__
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    headings = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    # before the release, after it, or on the way to the next
+    assert headings[0] == f"Unreleased: {__version__}" or headings[1].startswith(f"{__version__} - ")
+
+
+def test_the_changelog_is_cut() -> None:
+    text = cut_changelog(CHANGES, "1.2.0", "2026-03-04")
+    assert text == CHANGES.replace("## Unreleased: 1.2.0", "## Unreleased\n\n## 1.2.0 - 2026-03-04")
+    real = cut_changelog((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), __version__, "2026-03-04")
+    assert f"## {__version__} - 2026-03-04\n\n### " in real
+
+
+@pytest.mark.parametrize(
+    ("text", "version", "message"),
+    [
+        (CHANGES, "1.1.0", "1.1.0 has been released"),
+        (CHANGES, "1.3.0", 'no section "## Unreleased: 1.3.0"'),
+        (CHANGES.replace("### Added\n\n- A thing.\n\n", ""), "1.2.0", "nothing stands under"),
+        (CHANGES + CHANGES, "1.2.0", "no section"),
+    ],
+)
+def test_what_cannot_be_cut_is_said(text: str, version: str, message: str) -> None:
+    with pytest.raises(ReleaseError, match=re.escape(message)):
+        cut_changelog(text, version, "2026-03-04")
+
+
+def test_the_citation_has_version_and_day() -> None:
+    text = cut_citation("a: b\nversion: 0.9.0\nlicense: X\n", "1.2.0", "2026-03-04")
+    assert text == "a: b\nversion: 1.2.0\ndate-released: 2026-03-04\nlicense: X\n"
+    assert cut_citation(text, "1.3.0", "2027-01-01").count("date-released") == 1
+    with pytest.raises(ReleaseError, match="no line version"):
+        cut_citation("a: b\n", "1.2.0", "2026-03-04")
+
+
+def test_the_readme_has_python_that_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the release tries it, on a scene that takes less."""
+    (block,) = python_blocks((ROOT / "README.md").read_text(encoding="utf-8"))
+    assert '"tower"' in block
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block.replace('"tower"', '"point"'), "README.md", "exec"), {})  # the picture keeps its name
+    assert (tmp_path / "tower.png").is_file()

@@ -1,0 +1,266 @@
+"""Level ground goes on beyond its rim: pixels at the rim of a patch against those of ground ten times as wide."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sarmitsuba import cli
+from sarmitsuba.arrays import F64, I64
+from sarmitsuba.errors import RadarError, SceneError
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.scene.endless_ground import level_rim, with_endless_ground
+from sarmitsuba.scene.motion import Motion
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import Method, Switch, TraceSettings
+from sarmitsuba.simulation.far_field import Aspects
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.turntable import rcs_sweep
+
+HALF = 30.0
+L_BAND, X_BAND = 1.3e9, 9.6e9
+
+
+def square(half: float, corners: int = 4) -> tuple[F64, I64]:
+    """A level square, or another regular polygon, as triangles about its first corner."""
+    angle = 2.0 * np.pi * (np.arange(corners) + 0.5) / corners
+    points = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1) * half / np.cos(np.pi / corners)
+    rest = np.arange(1, corners - 1)
+    return points, np.stack([0 * rest, rest, rest + 1], axis=1)
+
+
+def scene_with(
+    half: float,
+    switch: Switch,
+    *,
+    material: str = "asphalt",
+    frequency: float = L_BAND,
+    heading: float = 1.0,
+    polarisation: str = "VV",
+    method: Method = "hybrid",
+    box: tuple[float, float] | None = None,
+    corners: int = 4,
+    resolution: float = 1.0,
+) -> Scene:
+    """A patch of ground, with a block on it or without, in an image larger than a patch of 60 m."""
+    meshes = [SceneMesh(*square(half, corners), material, "ground")]
+    if box is not None:
+        v, f = cube()
+        block = v * np.array([2.0, 2.5, 2.0]) + np.array([*box, 2.0])
+        meshes.append(SceneMesh(block, f, "concrete", "block"))
+    return build_scene(
+        meshes,
+        radar=RadarDescription(
+            slant_range=5000.0,
+            look_angle_deg=40.0,
+            center_frequency=frequency,
+            bandwidth=150e6,
+            azimuth_resolution=resolution,
+            polarisation=polarisation,
+            heading_deg=heading,
+            aim_x=0.0,
+            aim_y=0.0,
+            aim_z=0.0,
+        ),
+        film=FilmDescription(
+            image_grid="ground",
+            image_extent_azimuth=90.0,
+            image_extent_range=90.0,
+            pixel_spacing_azimuth=0.5 * resolution,
+            pixel_spacing_range=0.75,
+        ),
+        settings=TraceSettings(method=method, endless_ground=switch),
+    )
+
+
+def image_of(scene: Scene) -> SarImage:
+    return render(scene, range_window="taylor", azimuth_window="taylor")
+
+
+def power_and_depth(image: SarImage, half: float = HALF) -> tuple[F64, F64]:
+    """Power of every pixel, and its distance inside the rim of a square patch, m."""
+    power = np.abs(image.data.reshape(-1, *image.data.shape[-2:])[0]) ** 2
+    return power, half - np.abs(image.grid.positions()[..., :2]).max(axis=-1)
+
+
+def change_db(image: SarImage, other: SarImage, inside: float) -> float:
+    """Energy of the difference of two images relative to the second, dB, of pixels so far inside the rim, m."""
+    _, depth = power_and_depth(other)
+    a, b = (x.data.reshape(-1, *x.data.shape[-2:])[0][depth > inside] for x in (image, other))
+    return float(10.0 * np.log10(np.sum(np.abs(a - b) ** 2) / np.sum(np.abs(b) ** 2) + 1e-30))
+
+
+@pytest.mark.parametrize("polarisation", ["VV", "HH"])
+def test_the_rim_of_a_patch_of_asphalt_is_no_line(polarisation: str) -> None:
+    """A patch of 60 m within the image, one degree off broadside, against its own middle and against 600 m."""
+    wide = image_of(scene_with(10.0 * HALF, "auto", polarisation=polarisation))
+    ends = image_of(scene_with(HALF, "off", polarisation=polarisation))
+    goes_on = image_of(scene_with(HALF, "auto", polarisation=polarisation))
+    level = {}
+    for name, image in (("wide", wide), ("ends", ends), ("goes on", goes_on)):
+        power, depth = power_and_depth(image)
+        rim = np.abs(depth) < 1.0
+        level[name] = 10.0 * np.log10(power[rim].mean() / power[(depth > 4.0)].mean())
+    # tol: clutter ends at the rim, over a cell of 1.2 m: between that of the middle and 6 dB less
+    assert level["wide"] - 6.0 < level["goes on"] < level["wide"]
+    assert level["ends"] > level["wide"] + 2.0  # the line that this is about
+    # tol: side lobes of taylor, -35 dB, in two dimensions, of the clutter that the patch does not have beyond its rim
+    assert change_db(goes_on, wide, 4.0) < -29.0
+
+
+@pytest.mark.parametrize("method", ["hybrid", "image"])
+def test_metal_ground_under_a_block_is_that_of_ten_times_the_size(method: Method) -> None:
+    """Fringe currents at the rim of metal, and double bounces of a block near the rim."""
+    images = {
+        (half, switch): image_of(
+            scene_with(
+                half, switch, material="pec", frequency=X_BAND, heading=3.0, method=method, box=(-26.0, 3.0)
+            )
+        )
+        for half, switch in ((10.0 * HALF, "auto"), (HALF, "off"), (HALF, "auto"))
+    }
+    wide, ends, goes_on = images.values()
+    whole = -np.inf
+    # tol: rounding of float32 positions; metal has no clutter, so that all of the image agrees
+    assert change_db(goes_on, wide, whole) < -60.0
+    assert change_db(ends, wide, whole) > -15.0
+
+
+def test_methods_raw_and_raster_know_it() -> None:
+    """Raw data as hybrid; raster, without a coherent return, is the same to the bit."""
+    raw = {
+        half: image_of(scene_with(half, "auto", method="raw", heading=17.0, resolution=4.0))
+        for half in (10.0 * HALF, HALF)
+    }
+    assert change_db(raw[HALF], raw[300.0], 4.0) < -23.0  # tol: as above, of cells four times as long
+    raster = [image_of(scene_with(HALF, switch, method="raster")).data for switch in ("auto", "off")]
+    np.testing.assert_array_equal(*raster)
+
+
+def test_ground_continues_without_clutter_and_says_so_once() -> None:
+    scene = scene_with(HALF, "auto")
+    grown = with_endless_ground(scene)
+    added = sorted(set(grown.geometry.face_material[scene.geometry.n_faces :].tolist()))
+    assert [grown.materials[i].diffuse_law for i in added] == ["none"]
+    own = scene.materials[int(scene.geometry.face_material[0])]
+    assert [grown.materials[i].permittivity for i in added] == [own.permittivity]
+    said = [note for note in grown.notes if "endless_ground = off" in note]
+    assert len(said) == 1 and '"ground" at z = 0 m, without clutter' in said[0]
+    assert with_endless_ground(grown) is grown  # it reaches beyond all rays
+
+
+@pytest.mark.parametrize("corners", [3, 5, 16])
+def test_polygons_grow_to_beyond_the_rays(corners: int) -> None:
+    scene = scene_with(HALF, "auto", corners=corners, heading=40.0)
+    rim = level_rim(with_endless_ground(scene).geometry)
+    assert rim is not None and len(rim.vertex) == corners
+    half = 0.5 * np.hypot(scene.image.extent_azimuth, scene.image.extent_range)
+    assert rim.distances(np.array([scene.image.center_x, scene.image.center_y])).min() > 1.2 * half
+
+
+def test_what_is_no_ground_ends_where_it_ends() -> None:
+    def grows(scene: Scene) -> bool:
+        return with_endless_ground(scene) is not scene
+
+    assert grows(scene_with(HALF, "auto")) and not grows(scene_with(HALF, "off"))
+    small = scene_with(4.0, "auto")
+    lone_metal = scene_with(HALF, "auto", material="pec")
+    rough = scene_with(HALF, "auto", material="soil", frequency=X_BAND)
+    for scene in (small, lone_metal):
+        assert not grows(scene)
+        assert grows(replace(scene, settings=replace(scene.settings, endless_ground="on")))
+    assert not grows(rough)
+    assert grows(scene_with(HALF, "auto", material="pec", box=(0.0, 0.0)))
+    # a wall on the rim, a shape beyond it, a pit below it, and ground that moves
+    ground = SceneMesh(*square(HALF), "asphalt", "ground")
+    v = np.array([[-30.0, -30, 0], [30, -30, 0], [30, -30, 5], [-30, -30, 5]])
+    f = np.array([[0, 1, 2], [0, 2, 3]])
+    moving = replace(ground, motion=Motion(velocity=(0.0, 1.0, 0.0)))
+    for meshes in (
+        [ground, SceneMesh(v, f, "concrete")],
+        [ground, SceneMesh(v + np.array([0.0, -9.0, 1.0]), f, "concrete")],
+        [ground, SceneMesh(v + np.array([0.0, 9.0, -4.0]), f, "concrete")],
+        [moving],
+    ):
+        assert not grows(build_scene(meshes, radar=RadarDescription(center_frequency=L_BAND)))
+
+
+GROUND = """<scene version="3.0.0"><integrator type="sar_path"/>
+<sensor type="sar_antenna"><float name="slant_range" value="5000"/><float name="heading_deg" value="17"/>
+<float name="bandwidth" value="150e6"/><float name="azimuth_resolution" value="1"/>
+<float name="aim_x" value="0"/><float name="aim_y" value="0"/><float name="aim_z" value="0"/>
+<film type="range_film"><float name="image_extent_azimuth" value="60"/>
+<float name="image_extent_range" value="60"/></film>
+</sensor>
+<shape type="cube" id="block"><transform name="to_world"><scale x="3" y="4" z="2"/><translate z="2"/></transform>
+<bsdf type="radar_material"><string name="material" value="concrete"/></bsdf></shape>
+%s</scene>"""
+WIDE = """<shape type="rectangle"><transform name="to_world"><scale x="300" y="300"/></transform>
+<bsdf type="radar_material"><string name="material" value="soil"/></bsdf></shape>"""
+
+
+def written(folder: Path, more: str) -> Path:
+    path = folder / "block.xml"
+    path.write_text(GROUND % more)
+    return path
+
+
+def test_ground_asked_for_is_that_of_a_wide_rectangle(tmp_path: Path) -> None:
+    """By the shape and by ``ground``: the same pixels as a rectangle of 600 m; the image stays that of the block."""
+    alone = load_scene(written(tmp_path, ""))
+    wide = render(load_scene(written(tmp_path, WIDE)))
+    shape = load_scene(
+        written(tmp_path, '<shape type="radar_ground"><string name="material" value="soil"/></shape>')
+    )
+    option = load_scene(written(tmp_path, ""), ground="soil")
+    assert shape.image == option.image == alone.image
+    assert shape.replace(look_angle_deg=30.0).image == alone.replace(look_angle_deg=30.0).image
+    for scene in (shape, option):
+        # tol: rounding of float32 positions of ground of another size
+        assert change_db(render(scene), wide, -np.inf) < -60.0
+
+
+def test_ground_at_a_level_of_an_extent(tmp_path: Path) -> None:
+    numbers = '<float name="level" value="-1.5"/><float name="extent" value="40"/>'
+    bsdf = '<bsdf type="radar_material"><string name="material" value="grass"/></bsdf>'
+    scene = load_scene(written(tmp_path, f'<shape type="radar_ground" id="lawn">{numbers}{bsdf}</shape>'))
+    low, high = scene.geometry.bounds
+    assert low.tolist() == [-20.0, -20.0, -1.5] and high[:2].tolist() == [20.0, 20.0]
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        ("", "one of a bsdf and"),
+        ('<string name="material" value="soil"/><float name="level" value="nan"/>', "level"),
+        ('<string name="material" value="soil"/><float name="extent" value="-3"/>', "extent = -3"),
+        ('<float name="material" value="3"/>', "is not a name"),
+        ('<string name="material" value="sooil"/>', "sooil"),
+        ('<string name="material" value="soil"/><float name="size" value="3"/>', 'unknown parameter "size"'),
+    ],
+)
+def test_wrong_ground_is_refused_in_one_line(tmp_path: Path, inside: str, said: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(written(tmp_path, f'<shape type="radar_ground">{inside}</shape>'))
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_second_ground_and_a_cross_section_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="is ground at z = 0 m already"):
+        load_scene(written(tmp_path, WIDE), ground="soil")
+    scene = load_scene(written(tmp_path, ""), ground="soil")
+    with pytest.raises(RadarError, match="ground without end"):
+        rcs_sweep(scene, Aspects(np.zeros(1), np.full(1, 0.5)))
+
+
+def test_ground_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = written(tmp_path, "")
+    assert cli.main(["explain", str(path), "--plan-only", "--ground", "asphalt"]) == 0
+    said = capsys.readouterr().out
+    assert "asphalt has its typical surface" in said and "laid at z = 0 m" in said
