@@ -89,9 +89,9 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "cost_check",
         "Recommended settings",
-        f"`python -m sarmitsuba cost` on {name} with a budget of {budget:g} processor seconds and {TARGETS[0]:g} dB wanted; "
-        f"swept on {found.piece}; errors of the sweeps against {found.reference}. Errors estimated and measured are of "
-        f"{found.proof.text}, seconds of the whole scene. The other wanted errors are looked up in the same study. "
+        f"`python -m sarmitsuba cost` on {name} with a budget of {budget:g} processor seconds and {TARGETS[0]:g} dB "
+        f"wanted; swept on {found.piece}; errors of the sweeps against {found.reference}. "
+        f"Errors estimated and measured are of {found.proof.text}, seconds of the whole scene. The other wanted errors are looked up in the same study. "
         "Every recommendation is then run again, with rays that nothing in the study used.",
     )
     lines = [line.strip("| ").split(" | ") for line in table(found)]
