@@ -91,7 +91,8 @@ def run(quick: bool) -> harness.Report:
         "Recommended settings",
         f"`python -m sarmitsuba cost` on {name} with a budget of {budget:g} processor seconds and {TARGETS[0]:g} dB "
         f"wanted; swept on {found.piece}; errors of the sweeps against {found.reference}. "
-        f"Errors estimated and measured are of {found.proof.text}, seconds of the whole scene. The other wanted errors are looked up in the same study. "
+        f"Errors estimated and measured are of {found.proof.text}, seconds of the whole scene. "
+        "The other wanted errors are looked up in the same study. "
         "Every recommendation is then run again, with rays that nothing in the study used.",
     )
     lines = [line.strip("| ").split(" | ") for line in table(found)]
