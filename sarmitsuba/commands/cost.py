@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--budget",
         type=float,
         metavar="S",
-        help="seconds to spend on measuring, besides compiling (default: 15 times a run of the scene, at least 60)",
+        help="processor seconds for measuring, besides compiling (default: 15 times a run of the scene, at least 60)",
     )
     parser.add_argument("-o", "--output", metavar="OUT", help=f"folder for {RECORD}, {TEXT} and {PLOT}")
     parser.add_argument(
@@ -125,7 +125,8 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         *table(report),
         "",
         *_skipped(report),
-        f"the scene's own settings on the whole scene: {report.full_seconds:.2f} s (measured)",
+        f"the scene's own settings on the whole scene: {report.full_seconds:.2f} s "
+        f"({'measured' if report.own.measured else 'predicted'})",
         f"cheapest combinations (m: measured; errors are of {report.proof.text}, relative to "
         f"{report.estimated_against}; the unmarked ones are estimated from the measured ones):",
     ]
@@ -158,7 +159,9 @@ def _text(report: "CostReport", name: str, command: str) -> str:
     else:
         lines.append("not checked: the time budget ran out first")
     lines.append(f"  {command} {found.options()} -o OUT")
-    lines.append("  (seconds cover simulating and focusing, not start-up, reading, compiling and writing)")
+    lines.append(
+        "  (processor seconds for simulating and focusing, not start-up, reading, compiling and writing)"
+    )
     compiling = f" and {report.compile_seconds:.0f} s of compiling" if report.compile_seconds >= 1.0 else ""
     again = f"; {report.reused} trials of an earlier one were not repeated" if report.reused else ""
     lines.append(f"this study took {report.seconds:.0f} s of {report.budget:.0f} s{compiling}{again}")

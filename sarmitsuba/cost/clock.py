@@ -1,4 +1,4 @@
-"""Clocks of a cost study: time of this machine, or computed from the work for a machine of given speed."""
+"""Clocks of a cost study: processor seconds of this machine, or computed from the work for a machine of given speed."""
 
 import time
 from collections.abc import Mapping
@@ -29,10 +29,15 @@ class StudyClock(Protocol):
         ...
 
 
-class WallClock:
-    """Seconds of this machine: elapsed, or with ``time.process_time`` those of its processors."""
+class MeasuredClock:
+    """Seconds of this machine's processors, of all threads of the process, which other programs change little.
 
-    def __init__(self, source: Clock = time.perf_counter) -> None:
+    Parameters
+    ----------
+    source : ``time.perf_counter`` measures elapsed seconds instead
+    """
+
+    def __init__(self, source: Clock = time.process_time) -> None:
         self.source = source
         self._compiling = 0.0
 

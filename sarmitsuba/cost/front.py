@@ -1,6 +1,7 @@
 """Measurement of the Pareto front, starting near the wanted error."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ def measure_front(
     target_error_db: float,
     deadline: float,
     progress: Callable[[], None],
+    own: int | None = None,
 ) -> list[Candidate]:
     """Measure the combinations on the Pareto front within the time, those near the target first.
 
@@ -28,6 +30,7 @@ def measure_front(
     target_error_db : wanted error
     deadline : on the proof's clock
     progress : called after every run
+    own : index of the scene's own setting, whose seconds are measured already; None: it is not measured
 
     Returns
     -------
@@ -35,11 +38,15 @@ def measure_front(
     """
     measured: dict[int, ProofRun] = {}
     skipped: set[int] = set()
+    if own is not None:
+        measured[own] = replace(proof.measure(predicted[own].changes), seconds=predicted[own].seconds)
+        progress()
     while True:
         candidates = corrected(predicted, measured)
         index = {id(c): i for i, c in enumerate(candidates)}
         front = pareto(candidates)
-        chosen = recommend(candidates, target_error_db).setting
+        mine = candidates[own] if own is not None else None
+        chosen = recommend(candidates, target_error_db, own=mine).setting
         place = next((i for i, c in enumerate(front) if c is chosen), len(front) - 1)
         near = [chosen, *front[max(0, place - 1) : place + 2]]
         # the recommendation, the next cheaper, the next better, then the combination farthest from any measured one
@@ -56,5 +63,5 @@ def measure_front(
         if proof.cost(pick.seconds) > (left if any(pick is c for c in near) else FAR_SHARE * left):
             skipped.add(index[id(pick)])
             continue
-        measured[index[id(pick)]] = proof.measure(pick.changes)
+        measured[index[id(pick)]] = proof.measure(pick.changes, expected=pick.seconds)
         progress()

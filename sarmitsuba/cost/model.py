@@ -13,6 +13,9 @@ from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 # error that counts as zero: float32 rounding and the error of the reference
 FLOOR_DB = -80.0
+# ratio of measured over modelled seconds, over the median of its method's, beyond which it is an outlier; at least, and
+# in mean deviations from the median
+OUTLIER, DEVIATIONS = 1.5, 4.0
 # stages whose time depends on a parameter; other differences between two runs are disturbances
 AFFECTS = {
     "ray_spacing": ("rays", "launch grid"),
@@ -107,7 +110,8 @@ class CostModel:
 def corrected(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) -> list[Candidate]:
     """Candidates with measured values, or predictions corrected by the nearest measured candidate of their method.
 
-    If none of the method was measured, the error is corrected by the median of all corrections.
+    The seconds of measured candidates that are outliers among those of their method correct none. If none of the method
+    was measured, the error is corrected by the median of all corrections.
 
     Parameters
     ----------
@@ -115,6 +119,7 @@ def corrected(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) 
     measured : runs by index into ``predicted``
     """
     out = []
+    odd = _outliers(predicted, measured)
     for i, candidate in enumerate(predicted):
         if i in measured:
             check = measured[i]
@@ -125,6 +130,10 @@ def corrected(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) 
         if same:
             j = min(same, key=lambda k: _distance(candidate.changes, predicted[k].changes))
             error += measured[j].error_db - predicted[j].error_db
+            j = min(
+                (k for k in same if k not in odd),
+                key=lambda k: _distance(candidate.changes, predicted[k].changes),
+            )
             seconds *= measured[j].seconds / predicted[j].seconds
         elif measured:
             error += float(np.median([m.error_db - predicted[k].error_db for k, m in measured.items()]))
@@ -132,10 +141,28 @@ def corrected(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) 
     return out
 
 
+def _outliers(predicted: Sequence[Candidate], measured: Mapping[int, ProofRun]) -> set[int]:
+    """Measured candidates whose seconds no other one of at least three of their method confirms."""
+    by_method: dict[Value, list[int]] = {}
+    for j in measured:
+        by_method.setdefault(predicted[j].changes["method"], []).append(j)
+    out: set[int] = set()
+    for same in by_method.values():
+        if len(same) < 3:
+            continue
+        ratios = np.log([measured[j].seconds / predicted[j].seconds for j in same])
+        off = np.abs(ratios - np.median(ratios))
+        most = max(float(np.log(OUTLIER)), DEVIATIONS * float(np.median(off)))
+        out |= {j for j, far in zip(same, off, strict=True) if far > most}
+    return out
+
+
 def _distance(a: Changes, b: Changes) -> float:
     """Distance of two settings: octaves of ray spacing and interval, steps of counted values, one for the focuser."""
     total = 0.0
     for key, value in a.items():
+        if key not in b:
+            continue  # the scene's own setting leaves it automatic
         if key in ("ray_spacing", "key_pulse_interval"):
             total += abs(float(np.log2(float(value) / float(b[key]))))
         elif key in ("max_depth", "gridding_width"):

@@ -12,8 +12,10 @@ from sarmitsuba.scene.scene import Scene
 
 Image = C64 | C128
 
-# runs shorter than this are repeated, s, and the faster one counts: disturbances only lengthen them
+# runs shorter than this are repeated, s
 STEADY = 1.0
+# factor of the expected seconds, either way, beyond which longer ones are repeated
+DEVIATES = 1.25
 # number of the first lattices of the reference, not used by any trial
 REFERENCE_PASS = 1000
 
@@ -92,16 +94,19 @@ class Proof:
         """Seconds for :meth:`measure` of a setting that takes ``seconds`` for the whole scene."""
         return seconds * ((2.0 if seconds < STEADY else 1.0) + (self.field is not self.scene))
 
-    def measure(self, changes: Changes, pass_index: int = 0) -> ProofRun:
-        """Error on the field and seconds on the whole scene, with these lattices."""
+    def measure(self, changes: Changes, pass_index: int = 0, expected: float | None = None) -> ProofRun:
+        """Error on the field and seconds on the whole scene, with these lattices.
+
+        Short runs, and those that deviate from the ``expected`` seconds, are repeated
+        (:meth:`sarmitsuba.cost.trials.Trials.steady`).
+        """
         setting = self.base.but(**changes)
         trial = self.trials.run(self.field, setting, self.grid, pass_index=pass_index)
         error = self.reference.error_db(trial.image)
         if self.field is not self.scene:
             trial = self.trials.run(self.scene, setting, pass_index=pass_index)
         seconds = trial.seconds
-        if seconds < STEADY:
-            seconds = min(
-                seconds, self.trials.run(self.scene, setting, pass_index=pass_index, again=1).seconds
-            )
+        off = max(seconds / expected, expected / seconds) if expected and seconds > 0.0 else 1.0
+        if seconds < STEADY or off > DEVIATES:
+            seconds = self.trials.steady(self.scene, setting, pass_index=pass_index).seconds
         return ProofRun(error, seconds)

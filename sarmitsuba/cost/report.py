@@ -119,6 +119,7 @@ class CostReport:
     budget : s, of the study
     skipped : sweeps that the budget left no time for, or cut short
     reused : trials of an earlier study that were not repeated
+    own : the scene's own setting
     seconds : of the whole study, without compiling
     compile_seconds : of compiling
     """
@@ -136,6 +137,7 @@ class CostReport:
     budget: float
     skipped: tuple[str, ...]
     reused: int
+    own: Candidate
     seconds: float
     compile_seconds: float
 
@@ -147,7 +149,7 @@ class CostReport:
 
     def recommend(self, target_error_db: float) -> Recommendation:
         """Cheapest setting for another error, from the existing measurements."""
-        return recommend(self.candidates, target_error_db, self.skipped)
+        return recommend(self.candidates, target_error_db, self.skipped, self.own)
 
     def verify(self, recommendation: Recommendation) -> ProofRun:
         """Run a recommendation with lattices not used for any estimate."""
@@ -155,16 +157,24 @@ class CostReport:
 
 
 def recommend(
-    candidates: Sequence[Candidate], target_error_db: float, skipped: Sequence[str] = ()
+    candidates: Sequence[Candidate],
+    target_error_db: float,
+    skipped: Sequence[str] = (),
+    own: Candidate | None = None,
 ) -> Recommendation:
     """Cheapest combination that meets the target by its estimate, or the most accurate one.
+
+    None that is slower than the scene's own setting and no more accurate.
 
     Parameters
     ----------
     candidates : all combinations
     target_error_db : wanted error
     skipped : sweeps that were left out or cut short, for the remark
+    own : the scene's own setting, one of the combinations
     """
+    if own is not None:
+        candidates = [c for c in candidates if c is own or not beaten(c, own)]
     front = pareto(candidates)
     good = [c for c in front if c.error_db <= target_error_db]
     if not good:
@@ -185,6 +195,11 @@ def recommend(
         else:
             remark = "nothing cheaper was found: the remaining time is common to all runs"
     return Recommendation(target_error_db, chosen, True, remark)
+
+
+def beaten(candidate: _Rated, own: _Rated) -> bool:
+    """Whether a setting is slower than another and no more accurate."""
+    return candidate.seconds > own.seconds and candidate.error_db >= own.error_db
 
 
 def pareto(candidates: Sequence[_R]) -> list[_R]:

@@ -6,18 +6,28 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.cost.clock import StudyClock, WallClock
+from sarmitsuba.cost.clock import MeasuredClock, StudyClock
 from sarmitsuba.cost.front import measure_front
 from sarmitsuba.cost.model import CostModel
-from sarmitsuba.cost.proof import Proof, Reference
-from sarmitsuba.cost.report import CHECK_PASS, Candidate, CostReport, pareto, recommend, reference_text
-from sarmitsuba.cost.sweeps import LEAST_DEPTH, NO_MORE_DB, Sweeps, held, sweep_all, whole_stages
+from sarmitsuba.cost.proof import Proof, ProofRun, Reference
+from sarmitsuba.cost.report import (
+    CHECK_PASS,
+    Candidate,
+    CostReport,
+    Recommendation,
+    beaten,
+    pareto,
+    recommend,
+    reference_text,
+)
+from sarmitsuba.cost.sweeps import LEAST_DEPTH, NO_MORE_DB, Sweeps, held, raw_seconds, sweep_all, whole_stages
 from sarmitsuba.cost.swept_piece import SWEEP_SHARE, field_of_proof, piece_to_sweep
-from sarmitsuba.cost.trial import Trial, TrialSetting
+from sarmitsuba.cost.trial import Changes, Trial, TrialSetting
 from sarmitsuba.cost.trials import Trials
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing.focuser import DEFAULT
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import examine, plan_in, plan_scene
@@ -34,7 +44,14 @@ SWEEP_FACTOR = 0.5
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """Task and budget of a study; ``depth``: bounces of the references, ``unseen``: energy of later ones."""
+    """Task and budget of a study.
+
+    Parameters
+    ----------
+    depth, unseen : bounces of the references, and relative energy of later ones
+    whole : run of the plain setting on the whole scene
+    own_seconds : of the scene's own setting
+    """
 
     scene: Scene
     plan: EffectsPlan
@@ -46,6 +63,7 @@ class _Task:
     budget: float
     trials: Trials
     whole: Trial
+    own_seconds: float
     begin: float
     report: Callable[[], None]
 
@@ -72,11 +90,11 @@ def study_cost(
     ----------
     scene : as loaded; its settings are the plain setting
     target_error_db : energy of the error over that of the image, dB
-    budget : s, without compiling; scenes are swept on a piece from the middle of the image that fits it; 0:
-        ``BUDGET_RUNS`` times the run of the whole scene, at least ``LEAST_BUDGET``
+    budget : s of the processor, without compiling; scenes are swept on a piece from the middle of the image that fits
+        it; 0: ``BUDGET_RUNS`` times the run of the whole scene, at least ``LEAST_BUDGET``
     progress : called after every run
-    clock : time source; default: elapsed time. With :class:`sarmitsuba.cost.clock.WorkClock` time is computed from the
-        work, and the budget allows the same runs everywhere
+    clock : time source; default: processor seconds of all threads. With :class:`sarmitsuba.cost.clock.WorkClock` time
+        is computed from the work, and the budget allows the same runs everywhere
     state : file that keeps every finished trial; those of the same study in it are not repeated. None: none
     run_hash : of the study, for ``state``
     say : called with a line where ``state`` has trials of another study, which are dropped
@@ -101,6 +119,10 @@ def study_cost(
     by these runs. Finally the recommendation is run once more with other lattices. Errors of the scattering model are
     not included.
 
+    Seconds to which others are compared, short ones and those that deviate are measured twice, and a third time where
+    the two differ. The scene's own setting is one of the combinations, and no slower one that is not more accurate is
+    recommended: a recommendation that its last run shows to be such a one gives way to the next.
+
     A reference has all bounces that the scene needs by its plan, also where the scene sets fewer. What the pilot finds
     in later ones is added to every error.
     """
@@ -108,7 +130,7 @@ def study_cost(
         raise DataError(
             f"{scene.name}: cost: the scene has no mesh, and the time for ideal points is negligible"
         )
-    trials = Trials(clock or WallClock(), state, run_hash)
+    trials = Trials(clock or MeasuredClock(), state, run_hash)
     try:
         if str(trials):
             say(str(trials))
@@ -122,11 +144,8 @@ def _study(task: _Task) -> CostReport:
     spacings = task.sampling.spacings
     sweeps, piece_text, converged = _sweep(task)
     proof = _proof(task, sweeps, piece_text, converged)
-    candidates = _candidates(task, sweeps.model, proof)
-    recommendation = recommend(candidates, task.target_error_db, sweeps.skipped)
-    check = None
-    if task.spent + proof.cost(recommendation.setting.seconds) < task.budget:
-        check = proof.measure(recommendation.setting.changes, CHECK_PASS)
+    candidates = _candidates(task, sweeps, proof)
+    recommendation, check = _checked(task, candidates, sweeps.skipped, proof)
     return CostReport(
         rows=tuple(sweeps.rows),
         candidates=tuple(candidates),
@@ -135,15 +154,36 @@ def _study(task: _Task) -> CostReport:
         proof=proof,
         piece=piece_text,
         check=check,
-        full_seconds=sweeps.whole.seconds,
+        full_seconds=candidates[-1].seconds,
         reference=reference_text(spacings, SWEEP_FACTOR, task.depth, task.unseen),
         estimated_against=reference_text(spacings, proof.factor, task.depth, task.unseen),
         budget=task.budget,
         skipped=tuple(sweeps.skipped),
         reused=task.trials.reused,
+        own=candidates[-1],
         seconds=task.spent,
         compile_seconds=task.trials.compile_seconds,
     )
+
+
+def _checked(
+    task: _Task, candidates: list[Candidate], skipped: list[str], proof: Proof
+) -> tuple[Recommendation, ProofRun | None]:
+    """Recommendation, and its run with other lattices where the budget allows.
+
+    Where that shows it to be slower than the scene's own setting and no more accurate, it is a candidate with these
+    figures, and the next one is recommended.
+    """
+    own = candidates[-1]
+    while True:
+        found = recommend(candidates, task.target_error_db, skipped, own)
+        best = found.setting
+        if task.spent + proof.cost(best.seconds) >= task.budget:
+            return found, None
+        check = proof.measure(best.changes, CHECK_PASS, best.seconds)
+        if best is own or not own.measured or not beaten(check, own):
+            return found, check
+        candidates[candidates.index(best)] = Candidate(best.changes, check.error_db, check.seconds, True)
 
 
 def _task(scene: Scene, target_error_db: float, budget: float, progress: Progress, trials: Trials) -> _Task:
@@ -162,8 +202,12 @@ def _task(scene: Scene, target_error_db: float, budget: float, progress: Progres
         }
     )
 
-    whole = trials.run(scene, base)
-    budget = budget or max(LEAST_BUDGET, BUDGET_RUNS * whole.seconds)
+    own = own_changes(scene, sampling, plan.max_depth)
+    # first, with its warnings; where they are the same, its echoes are focused again below
+    trials.run(scene, base if own["method"] == "raw" else base.but(**own))
+    whole = trials.steady(scene, base)
+    run = whole if own["method"] == "raw" else trials.steady(scene, base.but(**own))
+    budget = budget or max(LEAST_BUDGET, BUDGET_RUNS * run.seconds)
 
     def report() -> None:
         progress("cost", min(trials.clock.now() - begin, budget), budget, {"trials": float(trials.count)})
@@ -171,8 +215,28 @@ def _task(scene: Scene, target_error_db: float, budget: float, progress: Progres
     trials.done = report
     depth, unseen = reference_depth(scene, plan)
     return _Task(
-        scene, plan, sampling, base, depth, unseen, target_error_db, budget, trials, whole, begin, report
+        scene,
+        plan,
+        sampling,
+        base,
+        depth,
+        unseen,
+        target_error_db,
+        budget,
+        trials,
+        whole,
+        run.seconds,
+        begin,
+        report,
     )
+
+
+def own_changes(scene: Scene, sampling: SamplingPlan, depth: int) -> Changes:
+    """The scene's own setting, with the automatic values of its method."""
+    method = scene.settings.method
+    spacings = (sampling.of_one_look() if method == "image" else sampling).spacings
+    own: dict[str, float | str] = {"method": method, "max_depth": depth, **spacings.at(1.0)}
+    return own | {"focuser": DEFAULT} if method in ("hybrid", "raw") else own
 
 
 def reference_depth(scene: Scene, plan: EffectsPlan) -> tuple[int, float]:
@@ -264,10 +328,19 @@ def _proof(task: _Task, sweeps: Sweeps, piece_text: str, converged: Reference) -
     return Proof(task.scene, field, grid, bare, against, factor, where, task.trials)
 
 
-def _candidates(task: _Task, model: CostModel, proof: Proof) -> list[Candidate]:
-    """All combinations, measured or corrected."""
+def _candidates(task: _Task, sweeps: Sweeps, proof: Proof) -> list[Candidate]:
+    """All combinations, measured or corrected, the scene's own setting as the last.
+
+    Of method ``raw`` it is predicted.
+    """
     deadline = task.begin + LAST_SHARE * task.budget
-    found = measure_front(model.combine(), proof, task.target_error_db, deadline, task.report)
+    own = own_changes(task.scene, task.sampling, task.plan.max_depth)
+    model, raw = sweeps.model, own["method"] == "raw"
+    energy = sum(model.energy(k, own[k]) for k in ("ray_spacing", "max_depth"))
+    seconds = raw_seconds(sweeps) if raw else task.own_seconds
+    combinations = [*model.combine(), Candidate(own, 10.0 * float(np.log10(energy)), seconds)]
+    last = None if raw else len(combinations) - 1
+    found = measure_front(combinations, proof, task.target_error_db, deadline, task.report, last)
     # the recommended options must switch off the same as the study
     off = {k: False for k in ("keep_orders", "keep_subsets") if getattr(task.scene.settings, k)}
     return [replace(c, changes={**c.changes, **off}) for c in found]

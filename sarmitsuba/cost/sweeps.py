@@ -28,6 +28,8 @@ DEPTHS = (1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512,
 SPACINGS = (1.0, 0.71, 1.41, 2.0, 2.83)
 IMAGE_SPACINGS = (1.0, 1.19, 1.41, 1.68, 2.0, 2.38, 2.83, 3.36, 4.0, 4.76, 5.66)
 COARSEST = 16.0
+# factor of the reference's seconds of a stage beyond which a sample is repeated; s of a stage too short for timing
+SAME, TIMED = 1.15, 0.01
 # error of a number of bounces below which more are not run, dB
 NO_MORE_DB = -60.0
 # wanted errors of factorised backprojection beside its own
@@ -97,12 +99,28 @@ class Sweeps:
 
     def run(self, **changes: Value) -> Trial:
         """Run the plain setting with changes, on the piece."""
+        return self.trials.run(self.scene, self.setting(changes), self.grid)
+
+    def setting(self, changes: Mapping[str, Value]) -> TrialSetting:
+        """The plain setting with changes."""
         same = {k: v for k, v in changes.items() if self.base.changes.get(k, self.model.plain.get(k)) != v}
-        return self.trials.run(self.scene, self.base.but(**same), self.grid)
+        return self.base.but(**same)
+
+    def timed(self, parameter: str, **changes: Value) -> Trial:
+        """Run it, and again where the seconds that the parameter decides on are not those of the reference.
+
+        A sample that is as the reference's does no harm; any other may be the parameter's or a disturbance.
+        """
+        trial, then = self.run(**changes), self.now or self.plain
+        stages = {"trace" if s in ("launches", "rays") else s for s in AFFECTS.get(parameter, ())}
+        if not any(_deviates(trial.stages.get(s, 0.0), then.stages.get(s, 0.0)) for s in stages):
+            return trial
+        setting = self.setting(changes)
+        return self.trials.steady(self.scene, setting, self.grid, refocus=parameter == "focuser")
 
     def refresh(self, **changes: Value) -> None:
         """Setting to which ratios refer from here on."""
-        self.now = self.run(**changes)
+        self.now = self.trials.steady(self.scene, self.setting(changes), self.grid)
 
     def extend(self, factors: list[float], factor: float, error_db: float) -> None:
         """Continue with coarser rays while the coarsest are better than wanted."""
@@ -156,12 +174,12 @@ class Sweeps:
         if self.late(parameter):
             return
         self.refresh()
-        reference = self.run(**{parameter: best})
+        reference = self.timed(parameter, **{parameter: best})
         self.note(parameter, best, reference, FLOOR_DB, "reference of its sweep")
         for value in values:
             if self.late(parameter):
                 break
-            trial = self.run(**{parameter: value})
+            trial = self.timed(parameter, **{parameter: value})
             error = trial.error_db(reference.image)
             self.note(parameter, value, trial, error)
             if parameter == "max_depth" and error < NO_MORE_DB:
@@ -235,7 +253,7 @@ def _focusers(study: Sweeps, scene: Scene) -> None:
         focuser = parse_focuser(name)
         if any(focuser.objection(*part) for part in parts):
             continue  # the focuser does not support the grid or the track
-        trial = study.run(focuser=name)
+        trial = study.timed("focuser", focuser=name)
         stated = [focuser.error_db(*part) for part in parts]
         remark = f"states at most {stated[1]:.1f} dB for the whole" if np.isfinite(stated[1]) else ""
         grows = stated[1] - stated[0] if np.isfinite(stated).all() else 0.0
@@ -281,7 +299,7 @@ def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
             return
         try:
             study.now = trial = study.run(method=name)
-            whole = trial if study.scene is scene else study.trials.run(scene, study.base.but(method=name))
+            whole = study.trials.steady(scene, study.base.but(method=name))
         except SarmitsubaError:
             continue  # ideal points only, or a scene that the method does not support
         if name == "raster":
@@ -306,14 +324,17 @@ def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
 def _raw_row(study: Sweeps) -> None:
     """Add method raw: its time follows from that of a key pulse; its error is not measured."""
     plain = study.plain
-    keys = max(1, plain.statistics.key_pulses)
-    factor = study.scene.radar.track.n_pulses / keys
+    factor = study.scene.radar.track.n_pulses / max(1, plain.statistics.key_pulses)
     seconds = sum(t * (factor if s == "trace" else 1.0) for s, t in plain.stages.items())
-    full = sum(
+    remark = "time predicted from the key pulses'"
+    study.rows.append(Row("method", "raw", FLOOR_DB, seconds, raw_seconds(study), float("nan"), remark))
+
+
+def raw_seconds(study: Sweeps) -> float:
+    """Seconds of method raw for the whole scene, as those of its key pulses."""
+    factor = study.n_pulses / max(1, study.whole.statistics.key_pulses)
+    return sum(
         t * (factor if s in ("launches", "rays") else 1.0) for s, t in study.model.full["hybrid"].items()
-    )
-    study.rows.append(
-        Row("method", "raw", FLOOR_DB, seconds, full, float("nan"), "time predicted from the key pulses'")
     )
 
 
@@ -324,7 +345,7 @@ def whole_stages(
 
     They are separated by a second run with an eighth of the rays; of the common time the smaller one counts.
     """
-    sparse = trials.run(scene, held(setting, full).but(**spacings.at(8.0**0.5)))
+    sparse = trials.steady(scene, held(setting, full).but(**spacings.at(8.0**0.5)))
     same = {
         k: min(v, sparse.stages.get(k, v))
         for k, v in full.stages.items()
@@ -337,6 +358,12 @@ def held(setting: TrialSetting, trial: Trial) -> TrialSetting:
     """Setting with the blocks of a trial: automatic ones are shorter for wider rays."""
     interval = trial.key_pulse_interval
     return setting.but(key_pulse_interval=interval) if interval > 1 else setting
+
+
+def _deviates(seconds: float, reference: float) -> bool:
+    """Whether a stage long enough to be timed takes another time than that of the reference."""
+    low, high = sorted((seconds, reference))
+    return high > TIMED and high > SAME * low
 
 
 def _stages_of(trial: Trial, launch_seconds: float) -> dict[str, float]:

@@ -50,7 +50,7 @@ def piece_to_sweep(
     while True:
         share, pulses = steps[index]
         piece = scene if share >= 1.0 else crop(scene, share, pulses)
-        plain = trials.run(piece, base)
+        plain = trials.steady(piece, base)
         if plain.seconds <= 1.5 * allowed or index == len(steps) - 1:
             break
         fall = plain.seconds / allowed / (share**2 * pulses)

@@ -11,7 +11,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64
 from sarmitsuba.backend import dr
-from sarmitsuba.cost.clock import StudyClock, WallClock
+from sarmitsuba.cost.clock import MeasuredClock, StudyClock
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
@@ -30,7 +30,7 @@ from sarmitsuba.timing import Clock, StageTimer
 Value = float | str
 Changes = Mapping[str, Value]
 
-WALL_CLOCK = WallClock()
+MEASURED_CLOCK = MeasuredClock()
 _TRACE_FIELDS = {f.name for f in fields(TraceSettings)}
 
 
@@ -143,7 +143,7 @@ def run_trial(
     grid: ImageGrid | None = None,
     *,
     pass_index: int = 0,
-    clock: StudyClock = WALL_CLOCK,
+    clock: StudyClock = MEASURED_CLOCK,
     prepared: Prepared | None = None,
     echoes_of: Trial | None = None,
 ) -> Trial:

@@ -19,6 +19,8 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.statistics import TraceStatistics
 
 _FIRST = "cost study"
+# two runs agree whose seconds differ by less than this factor; a third decides between others
+AGREE = 1.1
 
 
 class Trials:
@@ -67,15 +69,46 @@ class Trials:
         *,
         pass_index: int = 0,
         again: int = 0,
+        refocus: bool = False,
     ) -> Trial:
-        """The trial of a setting on a part of the scene, run once; ``again``: number of a repetition."""
+        """The trial of a setting on a part of the scene, run once.
+
+        Parameters
+        ----------
+        again : number of a repetition
+        refocus : whether a repetition focuses the same echoes again, where they are still held
+        """
         part = _part(scene)
         key = _key(part, setting, pass_index, again)
         if key not in self._made:
             kept = self._kept(key, setting, scene, grid)
-            self._made[key] = kept or self._run(key, part, scene, setting, grid, pass_index, again)
+            echoes = 0 if refocus else again
+            self._made[key] = kept or self._run(key, part, scene, setting, grid, pass_index, echoes)
             self.done()
         return self._made[key]
+
+    def steady(
+        self,
+        scene: Scene,
+        setting: TrialSetting,
+        grid: ImageGrid | None = None,
+        *,
+        pass_index: int = 0,
+        refocus: bool = False,
+    ) -> Trial:
+        """The trial by its seconds of two runs, the faster one, or of three if two differ: the one in the middle.
+
+        A run is slower where another program disturbs it. One that compiled kernels may be faster, where more was
+        subtracted for compiling than it took.
+        """
+
+        def made(again: int) -> Trial:
+            return self.run(scene, setting, grid, pass_index=pass_index, again=again, refocus=refocus)
+
+        runs = sorted((made(again) for again in range(2)), key=lambda trial: trial.seconds)
+        if runs[1].seconds <= AGREE * runs[0].seconds:
+            return runs[0]
+        return sorted((*runs, made(2)), key=lambda trial: trial.seconds)[1]
 
     @property
     def count(self) -> int:

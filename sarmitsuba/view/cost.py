@@ -35,7 +35,7 @@ def cost_figure(
     axes.axhline(target_db, color="C3", lw=0.8, ls="--", label=f"wanted: {target_db:g} dB")
     axes.plot(*chosen, "*", ms=14, color="C1", label="recommended")
     axes.set_xscale("log")
-    axes.set_xlabel("time, whole scene (s)")
+    axes.set_xlabel("processor time, whole scene (s)")
     axes.set_ylabel("error of the image (dB)")
     axes.set_title(title, parse_math=False)
     axes.grid(alpha=0.3, which="both")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene
-from sarmitsuba.cost.clock import WallClock, WorkClock
+from sarmitsuba.cost.clock import MeasuredClock, WorkClock
 from sarmitsuba.cost.model import CostModel, corrected
 from sarmitsuba.cost.proof import ProofRun, Reference
 from sarmitsuba.cost.report import Candidate, options_of, pareto, recommend
@@ -171,6 +171,7 @@ def test_the_reference_does_not_obey_the_scenes_own_limit() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*echoes of objects that shadow or mirror each other")
 def test_the_recommendation_for_a_groove_has_its_bounces() -> None:
     """Errors stated are those against a run with more bounces and denser rays than any of the study."""
     scene = v_groove(18.0)
@@ -190,7 +191,7 @@ def test_the_recommendation_for_a_groove_has_its_bounces() -> None:
 
 def test_compiling_is_not_counted() -> None:
     seconds = 0.0
-    clock = WallClock(lambda: seconds)
+    clock = MeasuredClock(lambda: seconds)
     begin, seconds = clock.now(), 7.0
     assert clock.stages({"trace": 1.0}, Work(rays=1.0), 5.5) == {"trace": 1.0}
     assert clock.now() - begin == pytest.approx(1.5)
