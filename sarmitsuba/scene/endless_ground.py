@@ -30,7 +30,7 @@ def with_endless_ground(scene: Scene) -> Scene:
     Coherent ray tubes on a plane cancel with their neighbours, except at its rim: there the sum has the return of a
     plate's edge, and on metal its fringe currents. A rim is taken as that of ground where it is a closed level outline
     around the whole scene, at its lowest level, and at least ``LEAST_WIDTH`` and ``LEAST_CELLS`` wide; of metal, where
-    something stands on it. Triangles of the same surface continue it, without its diffuse return, to beyond the rays'
+    a mesh stands on it. Triangles of the same surface continue it, without its diffuse return, to beyond the rays'
     launch window, where these fade out. Walls near the rim are mirrored by that ground, too.
 
     Notes
@@ -181,7 +181,7 @@ def _is_ground(scene: Scene, rim: Rim, used: list[Material]) -> bool:
     if rim.width < max(LEAST_WIDTH, LEAST_CELLS * cell):
         return False
     above = scene.geometry.bounds[1, 2] > rim.height + LEAST_WIDTH * LEVEL + LEAST_LEVEL
-    if any(m.metallic for m in used) and not (above or len(scene.places)):
+    if any(m.metallic for m in used) and not above:
         return False
     look = np.array([image.center_x, image.center_y, image.height]) - radar.track.center_position
     cosine = -look[2] / np.linalg.norm(look)

@@ -159,10 +159,7 @@ def check_an_effect(example: Example, folder: Path) -> None:
     """A line in the plan, a switch in the scene file and the table, and points that leave the echoes."""
     assert "point_targets" in INTEGRATOR.markdown()
     on = load_scene(write(folder, shape=POINT))
-    # the plate is no ground that goes on: nothing of it would return
-    off = load_scene(
-        write(folder, integrator=example.xml[0], shape=POINT), parameters={"sar_path.endless_ground": "off"}
-    )
+    off = load_scene(write(folder, integrator=example.xml[0], shape=POINT))
     bare = load_scene(write(folder))
     assert [plan_effects(s, warn=False).on("point_targets") for s in (on, off, bare)] == [True, False, False]
     seen = simulate(on)
