@@ -164,7 +164,7 @@ INTEGRATOR = ParamTable(
             "string",
             "auto",
             "whether level ground at the lowest level goes on beyond its rim, which then returns no echo; auto: where "
-            "it is wide and surrounds the scene and, if metal, something stands on it; on: any level sheet; off: none",
+            "it is wide and surrounds the scene and, if metal, a mesh stands on it; on: any level sheet; off: none",
             choices=("auto", "on", "off"),
         ),
     ),

@@ -175,7 +175,7 @@ def _encloses(rim: Rim, geometry: Geometry, scene: Scene) -> bool:
 
 
 def _is_ground(scene: Scene, rim: Rim, used: list[Material]) -> bool:
-    """Whether a level sheet is ground by its size, with a coherent return; metal by what stands on it."""
+    """Whether a level sheet is ground by its size, with a coherent return; metal by the meshes on it."""
     radar, image = scene.radar, scene.image
     cell = radar.waveform.range_cell
     if rim.width < max(LEAST_WIDTH, LEAST_CELLS * cell):
