@@ -15,6 +15,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
 from sarmitsuba.mesh.thin_rims import metal_edges
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.trace import field
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.leg import Leg
@@ -57,16 +58,14 @@ def edges_of(
     cell : m, bound on the length of a piece
     spacing : m between the rays of surfaces: pieces are as long, or ``LONGEST`` wavelengths where that is more
     """
-    visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
-    moving = np.zeros(geometry.n_faces, dtype=bool)
+    visible = VisibleFaces.of(geometry, materials)
+    corners, still = visible.corners, np.ones(geometry.n_faces, dtype=bool)
     for _, faces in geometry.moving_meshes():
-        moving[faces] = True
-    corners = geometry.vertices[geometry.faces[visible]]
-    metal = np.array([m.metallic for m in materials], dtype=bool)[geometry.face_material[visible]]
-    metal &= ~moving[visible]
+        still[faces] = False
+    metal = visible.metal & still[visible.face]
     if not metal.any():
         return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
-    edges = metal_edges(corners, metal, wavelength, geometry.face_mesh[visible])
+    edges = metal_edges(corners, metal, wavelength, visible.shape)
     longest = min(max(LONGEST * wavelength, spacing), cell)
     scene = intersector(corners.astype(np.float32))
     edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))

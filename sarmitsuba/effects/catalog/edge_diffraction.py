@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128, F64, I64
+from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.edge_bound import Aperture, EdgeBounds, edge_bounds
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
@@ -19,6 +19,7 @@ from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import SharpEdges
 from sarmitsuba.mesh.thin_rims import metal_edges
+from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # antenna positions, distributed over all, and edges with the largest bounds whose fringe coefficients are computed
 POSITIONS, EDGES = 9, 2000
@@ -66,7 +67,7 @@ class EdgeDiffraction(Effect):
             return Assessment(False, "method raster has no coherent return", -np.inf)
         if not decided["coherent"].on:
             return Assessment(False, "nothing coherent", -np.inf)
-        found = _Metal.of(context)
+        found = VisibleFaces.of(context.scene.geometry, context.scene.materials)
         if found.metal.sum() > MOST_FACES:
             return Assessment(
                 False, f"{found.metal.sum()} metal faces are too many to look for edges", float("nan")
@@ -100,23 +101,6 @@ class EdgeDiffraction(Effect):
     ) -> Mapping[str, FlagValue]:
         """Flag of the separate launch of edges."""
         return {"edge_diffraction": on}
-
-
-@dataclass(frozen=True, eq=False)
-class _Metal:
-    """Corners (n, 3, 3) of all visible triangles, m, which of them are metal, and the number of each one's shape."""
-
-    corners: F64
-    metal: NDArray[np.bool_]
-    shape: I64
-
-    @staticmethod
-    def of(context: SceneContext) -> "_Metal":
-        geometry, materials = context.scene.geometry, context.scene.materials
-        visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
-        metal = np.array([m.metallic for m in materials], dtype=bool)[geometry.face_material[visible]]
-        corners = np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64)
-        return _Metal(corners, metal, geometry.face_mesh[visible])
 
 
 @dataclass(frozen=True)
@@ -227,7 +211,7 @@ def _doubled_normals(corners: F64) -> F64:
     return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
-def _reference(found: _Metal, context: SceneContext, decided: Mapping[str, Decision]) -> _Compared:
+def _reference(found: VisibleFaces, context: SceneContext, decided: Mapping[str, Decision]) -> _Compared:
     """Clutter of a cell, or the peak of the image, and the energy of the image."""
     pilot, tolerance = context.pilot, context.tolerance_db
     if pilot is not None and pilot.total > 0.0:
@@ -264,7 +248,7 @@ def _clutter(context: SceneContext) -> tuple[float, str, float, float]:
     return best * sampling.cell**2, "of the clutter of a cell", CELL_BELOW_CLUTTER_DB, energy
 
 
-def _facets(found: _Metal, context: SceneContext) -> tuple[float, float]:
+def _facets(found: VisibleFaces, context: SceneContext) -> tuple[float, float]:
     """Largest physical-optics RCS of a metal plane, or of a cell of it, m^2: at any position, and in the mean."""
     corners = found.corners[found.metal]
     normal = _doubled_normals(corners)
