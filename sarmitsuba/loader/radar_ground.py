@@ -14,8 +14,9 @@ from sarmitsuba.mesh.tessellate import rectangle
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.endless_ground import DEPTH, level_rim, reach_of
+from sarmitsuba.scene.endless_ground import level_rim, reach_of
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.ground_outline import DEPTH
 
 PLUGIN, MATERIAL = "radar_ground", "material"
 # distance from which two level surfaces are two, m

@@ -4,22 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.arrays import F64, I32, I64
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.welding import weld
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.ground_outline import LEAST_LEVEL, LEVEL, SLAB, Rim, outline
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.units import db_from_power
 
 # smallest width of a rim that is taken as that of ground, m, and in resolution cells: smaller level sheets are targets
 LEAST_WIDTH, LEAST_CELLS = 10.0, 10.0
-# a rim is level and outermost within this share of its size, and at least this, m: rounding of float32 files
-LEVEL, LEAST_LEVEL = 1e-6, 1e-4
-# depth below the rim up to which it is the lowest level, m: walls of buildings begin below their ground
-DEPTH = 2.0
+# share of the scene's bounds, seen from above, that a sheet covers with faces inclined by less than 45 degrees if it is
+# taken as ground
+LEAST_SHARE = 0.5
+# largest sine of the angle between neighbouring sides of one straight rim
+_STRAIGHT = 1e-3
+# width of the gap at the outer end of the frame between two parts, m
+_GAP = 1e-5
 # smallest cosine of the incidence angle for lengths on the ground
 _GRAZING = 0.05
 
@@ -29,67 +32,35 @@ def with_endless_ground(scene: Scene) -> Scene:
 
     Coherent ray tubes on a plane cancel with their neighbours, except at its rim: there the sum has the return of a
     plate's edge, and on metal its fringe currents. A rim is taken as that of ground where it is a closed level outline
-    around the whole scene, at its lowest level, and at least ``LEAST_WIDTH`` and ``LEAST_CELLS`` wide; of metal, where
-    a mesh stands on it. Triangles of the same surface continue it, without its diffuse return, to beyond the rays'
-    launch window, where these fade out. Walls near the rim are mirrored by that ground, too.
+    around the whole scene, at its lowest level, and at least ``LEAST_WIDTH`` and ``LEAST_CELLS`` wide; of metal, or of
+    a slab, where a mesh stands on it. Triangles of the same surface continue it, without its diffuse return, to beyond
+    the rays' launch window, where these fade out. Walls near the rim are mirrored by that ground, too. Ground of
+    several parts, which meet there at any corners and at heights that differ by kerbs, continues with the material and
+    the height of each part; steps between them are open.
 
     Notes
     -----
-    Ground with maps of its properties, slabs, moving meshes, rims in several parts and outlines that are not seen whole
-    from their centroid end where they end. So does ground in method ``raster``, which has no coherent return, and
-    ground too rough for one: less than ``tolerance_db`` of a smooth one's. ``endless_ground`` of the settings is
-    ``off``, or ``on`` for lone metal and small level sheets.
+    Sloping rims, ground with maps of its properties, moving meshes, parts that do not meet and outlines that are not
+    seen whole from a point inside end where they end, and a note says that their echo is in the image. So does, without
+    a note, ground in method ``raster``, which has no coherent return, and ground too rough for one: less than
+    ``tolerance_db`` of a smooth one's. ``endless_ground`` of the settings is ``off``, or ``on`` for lone metal, lone
+    slabs and small level sheets.
     """
     switch, geometry = scene.settings.endless_ground, scene.geometry
     if switch == "off" or scene.settings.method == "raster" or geometry.n_faces == 0:
         return scene
-    rim = level_rim(geometry)
-    if rim is None or _encloses(rim, geometry, scene):
+    rim = outline(geometry)
+    if isinstance(rim, str):
+        return _said(scene, _open_rim(scene, rim))
+    if _encloses(rim.distances(_center(scene)), scene):
         return scene
     of = geometry.face_material[rim.face]
     used = [scene.materials[i] for i in np.unique(of)]
-    if any(m.invisible or m.thickness or m.maps is not None for m in used):
-        return scene
     if switch == "auto" and not _is_ground(scene, rim, used):
         return scene
+    if any(m.invisible or m.thickness or m.maps is not None for m in used):
+        return _said(scene, _open_rim(scene, "has a material with maps or a thickness"))
     return _continued(scene, rim, of)
-
-
-class Rim:
-    """Level outline of a mesh, counter-clockwise from above.
-
-    Parameters
-    ----------
-    vertex : (n,) corners in turn
-    face : (n,) face at the side from each corner to the next
-    points : (n, 3) m, places of the corners
-    """
-
-    def __init__(self, vertex: I64, face: I64, points: F64) -> None:
-        self.vertex, self.face, self.points = vertex, face, points
-        x, y = points[:, :2].T
-        x_next, y_next = np.roll(x, -1), np.roll(y, -1)
-        cross = x * y_next - x_next * y
-        self.area = 0.5 * float(cross.sum())
-        moment = np.array([(x + x_next) @ cross, (y + y_next) @ cross])
-        self.centroid: F64 = moment / (6.0 * self.area) if self.area > 0.0 else points[:, :2].mean(axis=0)
-
-    @property
-    def height(self) -> float:
-        """Its level, m."""
-        return float(self.points[:, 2].mean())
-
-    @property
-    def width(self) -> float:
-        """Smaller side of its bounds, m."""
-        return float(np.ptp(self.points[:, :2], axis=0).min())
-
-    def distances(self, center: F64) -> F64:
-        """Distances (n,) of the lines of its sides from a point (2,), m, positive inside."""
-        a = self.points[:, :2]
-        along = np.roll(a, -1, axis=0) - a
-        to = center - a
-        return np.asarray((along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0]) / np.linalg.norm(along, axis=1))
 
 
 def reach_of(image: ImageRequest, radar: Radar, geometry: Geometry) -> float:
@@ -106,88 +77,86 @@ def reach_of(image: ImageRequest, radar: Radar, geometry: Geometry) -> float:
 
 def level_rim(geometry: Geometry) -> Rim | None:
     """Closed level outline around all shapes at their lowest level; None where there is none."""
-    still = np.ones(geometry.n_faces, dtype=bool)
-    for _, rows in geometry.moving_meshes():
-        still[rows] = False
-    faces = geometry.faces[still].astype(np.int64)
-    if not len(faces):
-        return None
-    number = np.flatnonzero(still)
-    v = geometry.vertices
-    used = v[faces.reshape(-1)]
-    low, high = used.min(axis=0), used.max(axis=0)
-    slack = max(LEVEL * float((high - low)[:2].max()), LEAST_LEVEL)
-    extreme = used[[*used[:, :2].argmin(axis=0), *used[:, :2].argmax(axis=0)], 2]
-    level = float(extreme.min())
-    if low[2] < level - DEPTH:
-        return None
-    # faces with a side at that level; those in it, and others that may stand on its rim
-    at = np.abs(v[:, 2] - level) <= slack
-    near = at[faces].sum(axis=1) >= 2
-    faces, number = faces[near], number[near]
-    flat = at[faces].all(axis=1)
-    if not flat.any():
-        return None
-    corners = v[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
-    faces = np.where((flat & (across < 0.0))[:, None], faces[:, ::-1], faces)
-    label = np.full(len(v), -1, dtype=np.int64)
-    named = np.unique(faces)
-    label[named] = weld(np.round(v[named] / slack))
-    start, end = label[faces].reshape(-1), label[np.roll(faces, -1, axis=1)].reshape(-1)
-    here = at[faces].reshape(-1) & at[np.roll(faces, -1, axis=1)].reshape(-1)
-    n = int(label.max()) + 1
-    key = np.minimum(start, end) * n + np.maximum(start, end)
-    _, inverse, count = np.unique(key[here], return_inverse=True, return_counts=True)
-    alone = np.flatnonzero(here)[count[inverse.reshape(-1)] == 1]
-    alone = alone[np.repeat(flat, 3)[alone]]
-    loop = _loop(start[alone], end[alone], label, faces.reshape(-1)[alone], v)
-    if loop is None:
-        return None
-    sides = alone[loop]
-    vertex = faces.reshape(-1)[sides]
-    rim = Rim(vertex, number[sides // 3], v[vertex])
-    outer = np.concatenate(
-        [rim.points[:, :2].min(axis=0) - low[:2], high[:2] - rim.points[:, :2].max(axis=0)]
-    )
-    if rim.area <= 0.0 or (np.abs(outer) > slack).any() or (rim.distances(rim.centroid) <= 0.0).any():
-        return None
-    return rim
+    rim = outline(geometry)
+    return rim if isinstance(rim, Rim) else None
 
 
-def _loop(start: I64, end: I64, label: I64, vertex: I64, v: F64) -> I64 | None:
-    """Rows of the sides of the outline that has the westernmost corner, in turn; None where it branches or is open."""
-    if not start.size or np.unique(start).size < start.size:
-        return None
-    following = dict(zip(start.tolist(), range(start.size), strict=True))
-    first = int(np.argmin(v[vertex, 0]))
-    rows, row = [first], following.get(int(end[first]))
-    while row is not None and row != first and len(rows) <= start.size:
-        rows.append(row)
-        row = following.get(int(end[row]))
-    return np.array(rows) if row == first else None
+def _center(scene: Scene) -> F64:
+    """Middle (2,) of the image, m."""
+    return np.array([scene.image.center_x, scene.image.center_y])
 
 
-def _encloses(rim: Rim, geometry: Geometry, scene: Scene) -> bool:
-    """Whether the ground already reaches beyond all rays."""
-    center = np.array([scene.image.center_x, scene.image.center_y])
-    return bool((rim.distances(center) >= reach_of(scene.image, scene.radar, geometry) / 2.0).all())
+def _encloses(distances: F64, scene: Scene) -> bool:
+    """Whether ground that ends at distances from the middle of the image, m, reaches beyond all rays."""
+    return bool((distances >= reach_of(scene.image, scene.radar, scene.geometry) / 2.0).all())
 
 
 def _is_ground(scene: Scene, rim: Rim, used: list[Material]) -> bool:
-    """Whether a level sheet is ground by its size, with a coherent return; metal by the meshes on it."""
+    """Whether a level sheet is ground by its size, with a coherent return; metal and slabs by the meshes on it."""
+    if not _is_wide(rim.width, scene):
+        return False
+    top = float(rim.points[:, 2].max())
+    above = scene.geometry.bounds[1, 2] > top + LEAST_WIDTH * LEVEL + LEAST_LEVEL
+    if (rim.slab or any(m.metallic for m in used)) and not above:
+        return False
+    return _is_coherent(scene, used)
+
+
+def _is_wide(width: float, scene: Scene) -> bool:
+    return width >= max(LEAST_WIDTH, LEAST_CELLS * scene.radar.waveform.range_cell)
+
+
+def _is_coherent(scene: Scene, used: list[Material]) -> bool:
+    """Whether the smoothest of some materials has a coherent return as level ground."""
     radar, image = scene.radar, scene.image
-    cell = radar.waveform.range_cell
-    if rim.width < max(LEAST_WIDTH, LEAST_CELLS * cell):
-        return False
-    above = scene.geometry.bounds[1, 2] > rim.height + LEAST_WIDTH * LEVEL + LEAST_LEVEL
-    if any(m.metallic for m in used) and not above:
-        return False
     look = np.array([image.center_x, image.center_y, image.height]) - radar.track.center_position
     cosine = -look[2] / np.linalg.norm(look)
     k = 2.0 * np.pi / radar.waveform.wavelength
     loss = np.exp(-np.square(2.0 * k * cosine * min(m.rms_height for m in used)))
     return bool(db_from_power(loss) >= scene.settings.tolerance_db)
+
+
+def _said(scene: Scene, note: str) -> Scene:
+    return scene if not note or note in scene.notes else replace(scene, notes=(*scene.notes, note))
+
+
+def _open_rim(scene: Scene, why: str) -> str:
+    """Note on ground whose rim ends in the image, and why; empty where no sheet is ground by its size and its meshes.
+
+    Such sheets are open meshes, or closed ones that are flat, which together cover ``LEAST_SHARE`` of the scene.
+    """
+    geometry = scene.geometry
+    corner, mesh, n = geometry.vertices[geometry.faces], geometry.face_mesh, len(geometry.mesh_names)
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    level = np.abs(normal[:, 2]) > np.hypot(normal[:, 0], normal[:, 1])
+    plan = np.bincount(mesh, 0.5 * np.abs(normal[:, 2]) * level, n)
+    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+    np.minimum.at(low, mesh, corner.min(axis=1))
+    np.maximum.at(high, mesh, corner.max(axis=1))
+    size = high - low
+    closed = geometry.closed_bodies() & (size[:, 2] > SLAB * size[:, :2].min(axis=1))
+    sheet = ~closed & (plan >= LEAST_SHARE * np.bincount(mesh, 0.5 * np.linalg.norm(normal, axis=1), n))
+    for _, rows in geometry.moving_meshes():
+        sheet[mesh[rows]] = False
+    if not sheet.any():
+        return ""
+    west_south, east_north = low[sheet, :2].min(axis=0), high[sheet, :2].max(axis=0)
+    if plan[sheet].sum() < LEAST_SHARE * np.prod(np.ptp(geometry.bounds, axis=0)[:2]):
+        return ""
+    center, largest = _center(scene), int(np.argmax(np.where(sheet, plan, 0.0)))
+    distances = np.concatenate([center - west_south, east_north - center])
+    used = [scene.materials[i] for i in np.unique(geometry.face_material[sheet[mesh] & level])]
+    lone = bool(sheet.all()) and (n == 1 or np.ptp(geometry.bounds[:, 2]) <= LEAST_LEVEL)
+    if not _is_wide(float((east_north - west_south).min()), scene) or _encloses(distances, scene):
+        return ""
+    if (lone and any(m.metallic for m in used)) or not _is_coherent(scene, used):
+        return ""
+    need = reach_of(scene.image, scene.radar, geometry) / 2.0
+    return (
+        f'{scene.name}: the rim of the ground "{geometry.mesh_names[largest]}" {why}, so that it ends there, and the '
+        f"echo of this edge is in the image; give it one level rim around all shapes, or extend it to {need:.3g} m "
+        "from the middle of the image"
+    )
 
 
 def _continued(scene: Scene, rim: Rim, of: I32) -> Scene:
@@ -210,16 +179,15 @@ def _continued(scene: Scene, rim: Rim, of: I32) -> Scene:
                 texture_length=0.0,
             )
         )
-    center = np.array([scene.image.center_x, scene.image.center_y])
-    reach = reach_of(scene.image, scene.radar, geometry) + float(np.linalg.norm(center - rim.centroid))
-    # the outline grows about its centroid until all its sides are farther than the reach
-    factor = max(reach / float(rim.distances(rim.centroid).min()), 1.0) + 1.0
-    outer = rim.points.copy()
-    outer[:, :2] = rim.centroid + factor * (outer[:, :2] - rim.centroid)
-    n, first = len(rim.vertex), len(geometry.vertices)
-    a = np.arange(n)
-    b = np.roll(a, -1)
-    faces = np.concatenate([np.stack([a, n + a, n + b], axis=1), np.stack([a, n + b, b], axis=1)])
+    reach = reach_of(scene.image, scene.radar, geometry) + float(np.linalg.norm(_center(scene) - rim.center))
+    # the outline grows about its center until all its sides are farther than the reach
+    factor = max(reach / float(rim.distances(rim.center).min()), 1.0) + 1.0
+    z = rim.points[:, 2]
+    far = [np.column_stack([xy, z]) for xy in _outer(rim, of, factor)]
+    corners = np.concatenate([rim.points, rim.ends, *far])
+    n, first = len(z), len(geometry.vertices)
+    a, b, a_out, b_out = np.arange(4 * n).reshape(4, n)
+    faces = np.concatenate([np.stack([a, a_out, b_out], axis=1), np.stack([a, b_out, b], axis=1)])
     names = (*geometry.mesh_names, "endless ground")
     values = {
         name: np.concatenate([rows, np.full((2 * n, *rows.shape[1:]), np.nan)])
@@ -227,7 +195,7 @@ def _continued(scene: Scene, rim: Rim, of: I32) -> Scene:
     }
     grown = replace(
         geometry,
-        vertices=np.concatenate([geometry.vertices, rim.points, outer]),
+        vertices=np.concatenate([geometry.vertices, corners]),
         faces=np.concatenate([geometry.faces, (first + faces).astype(np.int32)]),
         face_material=np.append(geometry.face_material, np.tile([row_of[i] for i in of.tolist()], 2)).astype(
             np.int32
@@ -242,10 +210,37 @@ def _continued(scene: Scene, rim: Rim, of: I32) -> Scene:
         mesh_motion=(*geometry.mesh_motion, STILL) if geometry.mesh_motion else (),
         corner_values=values,
     )
-    shape = geometry.mesh_names[int(geometry.face_mesh[rim.face[0]])]
+    shapes = list(dict.fromkeys(geometry.mesh_names[i] for i in geometry.face_mesh[rim.face].tolist()))
+    shape = f'"{shapes[0]}"' + (f" and {len(shapes) - 1} more" if len(shapes) > 1 else "")
     note = (
-        f'{scene.name}: the ground goes on beyond the level rim of "{shape}" at z = '
+        f"{scene.name}: the ground goes on beyond the level rim of {shape} at z = "
         f"{rim.height + scene.offset[2]:.4g} m, without clutter, so that the rim returns no echo; set endless_ground = "
         "off of sar_path to let it end there"
     )
     return replace(scene, geometry=grown, materials=tuple(materials), notes=(*scene.notes, note))
+
+
+def _outer(rim: Rim, of: I32, factor: float) -> tuple[F64, F64]:
+    """Outer ends of a frame about a rim, (n, 2) each, m, at the start and at the end of each side.
+
+    Corners move away from the center; where two parts, materials or heights meet on a straight side, the line between
+    them goes on square to it. Frames of two parts, in which tubes end at the side between them, have no side in common.
+    """
+    p = rim.points[:, :2]
+    outer = np.asarray(rim.center + factor * (p - rim.center))
+    along = rim.ends[:, :2] - p
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    before = np.roll(along, 1, axis=0)
+    turn = np.abs(before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0])
+    apart = rim.part != np.roll(rim.part, 1)
+    other = apart | (of != np.roll(of, 1)) | (rim.points[:, 2] != np.roll(rim.points[:, 2], 1))
+    cut = other & (turn < _STRAIGHT) & (np.einsum("ni,ni->n", before, along) > 0.0)
+    corner = np.flatnonzero(~cut)
+    for i in np.flatnonzero(cut).tolist() if corner.size else []:
+        k = int(np.searchsorted(corner, i))
+        first, last = outer[corner[k - 1]], outer[corner[k % corner.size]]
+        side = last - first
+        share = float((p[i] - first) @ side / (side @ side))
+        outer[i] = first + np.clip(share, 0.0, 1.0) * side
+    ends = outer - np.where(apart, _GAP, 0.0)[:, None] * before
+    return outer, np.roll(ends, -1, axis=0)

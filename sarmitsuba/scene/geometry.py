@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.scene.motion import STILL, Motion
@@ -145,6 +146,13 @@ class Geometry:
         order = np.argsort(height)
         share = np.cumsum(area[order])
         return float(height[order][np.searchsorted(share, 0.25 * share[-1])])
+
+    def closed_bodies(self) -> NDArray[np.bool_]:
+        """(n_meshes,) True for meshes that enclose a volume."""
+        corner = self.vertices[self.faces]
+        return (
+            self._outward(corner, np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])) != 0.0
+        )
 
     def _outward(self, corner: F64, normal: F64) -> F64:
         """For each mesh 1 where normals of a closed body point outwards, -1 where inwards, 0 for open meshes.

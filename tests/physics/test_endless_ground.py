@@ -16,6 +16,7 @@ from sarmitsuba.mesh.tessellate import cube
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.endless_ground import level_rim, with_endless_ground
+from sarmitsuba.scene.ground_outline import outline
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, Switch, TraceSettings
@@ -33,6 +34,9 @@ def square(half: float, corners: int = 4) -> tuple[F64, I64]:
     points = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1) * half / np.cos(np.pi / corners)
     rest = np.arange(1, corners - 1)
     return points, np.stack([0 * rest, rest, rest + 1], axis=1)
+
+
+NARROW = FilmDescription(image_grid="ground", image_extent_azimuth=90.0, image_extent_range=90.0)
 
 
 def scene_with(
@@ -77,6 +81,39 @@ def scene_with(
         ),
         settings=TraceSettings(method=method, endless_ground=switch),
     )
+
+
+def sheet(x: tuple[float, float], y: tuple[float, float], z: float, material: str, name: str) -> SceneMesh:
+    """A level rectangle, a mirror."""
+    v = np.array([[x[0], y[0], z], [x[1], y[0], z], [x[1], y[1], z], [x[0], y[1], z]])
+    return SceneMesh(v, np.array([[0, 1, 2], [0, 2, 3]]), {"material": material, "smooth": True}, name)
+
+
+def slab(x: tuple[float, float], y: tuple[float, float], z: float, material: str, name: str) -> SceneMesh:
+    """The same rectangle as the top of a closed body 0.3 m thick."""
+    v, f = cube()
+    size = np.array([np.ptp(x), np.ptp(y), 0.3]) / 2.0
+    place = np.array([np.mean(x), np.mean(y), z - 0.15])
+    return SceneMesh(v * size + place, f, {"material": material, "smooth": True}, name)
+
+
+def in_parts(rng: np.random.Generator, half: float, far: float, *, steps: float = 0.0, slabs: bool = False):  # type: ignore[no-untyped-def]
+    """Meshes of ground of a square of ``2 half`` in drawn parts, and of the same with its outer parts ``far`` wide.
+
+    Two rows, each cut at places of its own, so that corners of one lie on sides of the other.
+    """
+    materials = ["concrete", "wet_ground", "marble", "asphalt", *([] if steps or slabs else ["pec"])]
+    y_cut = float(rng.uniform(-0.5, 0.5) * half)
+    own, wide = [], []
+    for row, (y, y_wide) in enumerate((((-half, y_cut), (-far, y_cut)), ((y_cut, half), (y_cut, far)))):
+        cuts = np.sort(rng.uniform(-0.8, 0.8, 2) * half)
+        for i, (a, b) in enumerate(zip([-half, *cuts], [*cuts, half], strict=True)):
+            x_wide = (-far if i == 0 else a, far if i == 2 else b)
+            material, z = str(rng.choice(materials)), float(rng.uniform(0.0, steps))
+            make = slab if slabs else sheet
+            own.append(make((a, b), y, z, material, f"part {row}{i}"))
+            wide.append(sheet(x_wide, y_wide, z, material, f"part {row}{i}"))
+    return own, wide
 
 
 def image_of(scene: Scene) -> SarImage:
@@ -132,6 +169,111 @@ def test_metal_ground_under_a_block_is_that_of_ten_times_the_size(method: Method
     assert change_db(ends, wide, whole) > -15.0
 
 
+def seen(
+    meshes: list[SceneMesh],
+    rng: np.random.Generator,
+    switch: Switch = "auto",
+    method: Method = "hybrid",
+    **radar: object,
+) -> Scene:
+    """Ground with a block on it near the rim, where metal radar draws its heading from ``rng``."""
+    v, f = cube()
+    block = v * np.array([2.0, 2.5, 2.0]) + np.array([-22.0, 3.0, 2.5])
+    given: dict[str, object] = {"azimuth_resolution": 3.0, "polarisation": "VV", **radar}
+    return build_scene(
+        [*meshes, SceneMesh(block, f, {"material": "concrete", "smooth": True}, "block")],
+        radar=RadarDescription(
+            slant_range=5000.0,
+            look_angle_deg=40.0,
+            center_frequency=L_BAND,
+            bandwidth=75e6,
+            heading_deg=float(rng.uniform(0.0, 360.0)),
+            aim_x=0.0,
+            aim_y=0.0,
+            aim_z=0.0,
+            **given,  # type: ignore[arg-type]
+        ),
+        film=NARROW,
+        settings=TraceSettings(method=method, endless_ground=switch, ray_spacing=0.15),
+    )
+
+
+KINDS = {
+    "parts": {},
+    "kerbs": {"steps": 0.3},
+    "slabs": {"slabs": True},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_ground_in_parts_and_slabs_goes_on_as_drawn_wide_ground(kind: str, seed: int) -> None:
+    """Adjoining meshes of drawn materials, heights and cuts, against rectangles that reach 600 m out, along the rim.
+
+    Not at the ends of the lines between parts, which bound tubes, and not at the block: lattices turn with the scene's
+    edges, so that these differ by their sampling error.
+    """
+    own, wide = in_parts(np.random.default_rng(seed), HALF, 600.0, **KINDS[kind])
+    goes_on, reference, ends = (
+        image_of(seen(meshes, np.random.default_rng(seed), switch, "image"))
+        for meshes, switch in ((own, "auto"), (wide, "off"), (own, "off"))
+    )
+    xy = reference.grid.positions()[..., :2]
+    corners = np.concatenate([np.asarray(mesh.vertices)[:, :2] for mesh in own])
+    meet = corners[np.abs(corners).min(axis=1) < HALF - 1e-6]
+    away = np.linalg.norm(xy[..., None, :] - meet, axis=-1).min(axis=-1) > 7.0
+    away &= np.linalg.norm(xy - np.array([-22.0, 3.0]), axis=-1) > 14.0
+    rim = away & (np.abs(HALF - np.abs(xy).max(axis=-1)) < 4.0)
+    assert rim.sum() > 300
+    left, echo = (np.square(np.abs(x.data[0] - reference.data[0])[rim]).sum() for x in (goes_on, ends))
+    # tol: side lobes of the lines between parts, by their sampling error; of the rim's own echo less than a hundredth
+    assert 0.0 < echo and left < 0.01 * echo
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_outline_of_drawn_parts_is_that_of_the_square(seed: int) -> None:
+    """Area, corners, and the material of each part at the rim, turned by a drawn angle."""
+    rng = np.random.default_rng(seed)
+    own, _ = in_parts(rng, HALF, 600.0, steps=0.2 * (seed % 2), slabs=seed % 3 == 0)
+    angle = float(rng.uniform(0.0, 2.0 * np.pi))
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]]
+    )
+    turned = [replace(mesh, vertices=np.asarray(mesh.vertices) @ turn.T) for mesh in own]
+    scene = seen(turned, rng)
+    rim = outline(scene.geometry)
+    assert not isinstance(rim, str)
+    assert rim.area == pytest.approx(4.0 * HALF**2, rel=1e-6)  # tol: float32 corners
+    assert rim.slab == (seed % 3 == 0)
+    middle = 0.5 * (rim.points + rim.ends) @ turn
+    for place, face in zip(middle, rim.face, strict=True):
+        part = own[int(scene.geometry.face_mesh[face])]
+        low, high = np.asarray(part.vertices).min(axis=0), np.asarray(part.vertices).max(axis=0)
+        assert (place[:2] > low[:2] - 1e-4).all() and (place[:2] < high[:2] + 1e-4).all()
+        assert place[2] == pytest.approx(high[2], abs=1e-4)  # the top of a slab
+
+
+def test_a_rim_that_is_not_level_is_said_to_echo() -> None:
+    """Terrain, also with a map of its material; not beyond the rays, nor where it is too rough to echo."""
+    x = np.linspace(-HALF, HALF, 13)
+    y_all, x_all = np.meshgrid(x, x)
+    v = np.stack([x_all, y_all, np.sin(x_all / 9.0) * np.cos(y_all / 11.0)], axis=-1).reshape(-1, 3)
+    first = (13 * np.arange(12)[:, None] + np.arange(12)).ravel()
+    f = np.stack([first, first + 13, first + 14, first, first + 14, first + 1], axis=1).reshape(-1, 3)
+
+    def notes(mesh: SceneMesh, switch: Switch = "auto") -> list[str]:
+        scene = with_endless_ground(seen([mesh], np.random.default_rng(1), switch))
+        assert with_endless_ground(scene) is scene
+        return [note for note in scene.notes if "the echo of this edge is in the image" in note]
+
+    hill = SceneMesh(v, f, "asphalt", "hill")
+    said = notes(hill)
+    assert len(said) == 1 and '"hill" is not level' in said[0] and "extend it to" in said[0]
+    assert not notes(hill, "off")
+    assert not notes(replace(hill, vertices=v * np.array([20.0, 20.0, 1.0])))
+    assert not notes(replace(hill, material={"material": "soil", "rms_height": 0.1}))
+
+
 def test_methods_raw_and_raster_know_it() -> None:
     """Raw data as hybrid; raster, without a coherent return, is the same to the bit."""
     raw = {
@@ -159,14 +301,16 @@ def test_ground_continues_without_clutter_and_says_so_once() -> None:
 def test_polygons_grow_to_beyond_the_rays(corners: int) -> None:
     scene = scene_with(HALF, "auto", corners=corners, heading=40.0)
     rim = level_rim(with_endless_ground(scene).geometry)
-    assert rim is not None and len(rim.vertex) == corners
+    assert rim is not None and len(rim.points) == corners
     half = 0.5 * np.hypot(scene.image.extent_azimuth, scene.image.extent_range)
     assert rim.distances(np.array([scene.image.center_x, scene.image.center_y])).min() > 1.2 * half
 
 
+def grows(scene: Scene) -> bool:
+    return with_endless_ground(scene).geometry is not scene.geometry
+
+
 def test_what_is_no_ground_ends_where_it_ends() -> None:
-    def grows(scene: Scene) -> bool:
-        return with_endless_ground(scene) is not scene
 
     assert grows(scene_with(HALF, "auto")) and not grows(scene_with(HALF, "off"))
     small = scene_with(4.0, "auto")
@@ -182,13 +326,18 @@ def test_what_is_no_ground_ends_where_it_ends() -> None:
     v = np.array([[-30.0, -30, 0], [30, -30, 0], [30, -30, 5], [-30, -30, 5]])
     f = np.array([[0, 1, 2], [0, 2, 3]])
     moving = replace(ground, motion=Motion(velocity=(0.0, 1.0, 0.0)))
-    for meshes in (
-        [ground, SceneMesh(v, f, "concrete")],
-        [ground, SceneMesh(v + np.array([0.0, -9.0, 1.0]), f, "concrete")],
-        [ground, SceneMesh(v + np.array([0.0, 9.0, -4.0]), f, "concrete")],
-        [moving],
+    for why, *meshes in (
+        ("has a wall on it", ground, SceneMesh(v, f, "concrete")),
+        ("does not surround", ground, SceneMesh(v + np.array([0.0, -9.0, 1.0]), f, "concrete")),
+        ("above the lowest shape", ground, SceneMesh(v + np.array([0.0, 9.0, -4.0]), f, "concrete")),
+        ("", moving),
     ):
-        assert not grows(build_scene(meshes, radar=RadarDescription(center_frequency=L_BAND)))
+        scene = with_endless_ground(
+            build_scene(meshes, radar=RadarDescription(center_frequency=L_BAND), film=NARROW)
+        )
+        assert not grows(scene)
+        said = [note for note in scene.notes if "the echo of this edge is in the image" in note]
+        assert len(said) == bool(why) and all(why in note and "\n" not in note for note in said)
 
 
 GROUND = """<scene version="3.0.0"><integrator type="sar_path"/>
