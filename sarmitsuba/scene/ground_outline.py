@@ -25,7 +25,7 @@ NOT_LEVEL = "is not level"
 BELOW = f"lies more than {DEPTH:g} m above the lowest shape"
 APART = "is in parts that lie apart or overlap"
 BEYOND = "does not surround all shapes"
-WALL = "has a wall on it"
+WALL = "has a wall or a body on it"
 THICK = "is that of a body, not of a sheet or a thin slab"
 HIDDEN = "is not seen whole from one place inside"
 
@@ -93,7 +93,7 @@ class Rim:
         found = scipy.optimize.linprog(
             [0.0, 0.0, -1.0], A_ub=rows, b_ub=normal @ middle - offset, bounds=bounds
         )
-        return middle + found.x[:2] if found.success else middle
+        return np.asarray(middle + found.x[:2] if found.success else middle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +273,7 @@ def _outermost(parts: _Sides, slack: float) -> I64 | None:
         turn = (direction[ahead] - angle + np.pi - 1e-6) % (2.0 * np.pi)
         i = ahead[int(np.argmin(turn))]
         if walk and i == walk[0]:
-            return rows[np.array(walk)]
+            return np.asarray(rows[np.array(walk)])
         walk.append(i)
         at, angle = int(last[rows[i]]), float(direction[i])
     return None
