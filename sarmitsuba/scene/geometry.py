@@ -150,9 +150,8 @@ class Geometry:
     def closed_bodies(self) -> NDArray[np.bool_]:
         """(n_meshes,) True for meshes that enclose a volume."""
         corner = self.vertices[self.faces]
-        return (
-            self._outward(corner, np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])) != 0.0
-        )
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        return np.asarray(self._outward(corner, normal) != 0.0)
 
     def _outward(self, corner: F64, normal: F64) -> F64:
         """For each mesh 1 where normals of a closed body point outwards, -1 where inwards, 0 for open meshes.

@@ -127,7 +127,7 @@ def power_and_depth(image: SarImage, half: float = HALF) -> tuple[F64, F64]:
 
 
 def change_db(image: SarImage, other: SarImage, inside: float) -> float:
-    """Energy of the difference of two images, of all channels, relative to the second, dB, of pixels so far inside the rim, m."""
+    """Energy of the difference of two images relative to the second, dB, of pixels so far inside the rim, m."""
     _, depth = power_and_depth(other)
     a, b = (x.data.reshape(-1, *x.data.shape[-2:])[:, depth > inside] for x in (image, other))
     return float(10.0 * np.log10(np.sum(np.abs(a - b) ** 2) / np.sum(np.abs(b) ** 2) + 1e-30))
