@@ -12,6 +12,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import beam_turn, flight
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.radar.radar import Radar
 
 # range bins kept before and behind those of the image, for the side lobes of a range window
@@ -201,11 +202,14 @@ def page_grid(grid: ImageGrid) -> tuple[Header, Arrays]:
     Returns
     -------
     header : ``nx``, ``ny``, ``kind`` (``slant`` or ``ground``), ``origin``, ``along``, ``across`` (m and unit vectors
-        from the image's centre, scene axes), ``center`` (of the image, m, frame of the user's file)
+        from the image's centre, scene axes), ``center`` (of the image, m, frame of the user's file), ``axes`` (labels
+        of ``azimuth`` and ``range``, as in pictures)
     arrays : ``rows``, ``columns`` (float64, m along and across from ``origin``), ``azimuth``, ``range`` (float64, m, as
-        in the image's own axes)
+        pictures count them: on the ground in coordinates of the scene, see
+        :class:`sarmitsuba.image.shown_axes.ShownAxes`)
     """
-    center = page_center(grid)
+    center, axes = page_center(grid), ShownAxes.of(grid)
+    across, up = axes.shown(grid.azimuth, grid.range)
     start = grid.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, grid.height])
     header: Header = {
         "nx": grid.shape[1],
@@ -215,11 +219,12 @@ def page_grid(grid: ImageGrid) -> tuple[Header, Arrays]:
         "along": grid.along.tolist(),
         "across": grid.across.tolist(),
         "center": (center + grid.offset).tolist(),
+        "axes": {"along": axes.azimuth_label, "across": axes.range_label},
     }
     arrays: Arrays = {
         "rows": grid.azimuth,
         "columns": grid.across_distance(),
-        "azimuth": grid.azimuth,
-        "range": grid.range,
+        "azimuth": up,
+        "range": across,
     }
     return header, arrays

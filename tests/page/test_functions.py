@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import RegularGridInterpolator
 
 import sarmitsuba.page
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.page.localise import on_plane
+from sarmitsuba.page.quantised_profiles import page_grid
 from sarmitsuba.page.side_lobes import side_lobes
 from sarmitsuba.page.write import Packer
 from sarmitsuba.radar.antenna import Antenna
@@ -53,6 +55,184 @@ def test_sources_pass_the_linter() -> None:
     files = sorted(str(path) for path in WEB.glob("*.js"))
     run = subprocess.run([program, "-c", str(config), *files], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout
+
+
+# ---------------------------------------------------------------- image_math.js
+
+
+def drawn_grid(rng: np.random.Generator, kind: str) -> ImageGrid:
+    """A grid of drawn heading, place, spacing and, in slant range, look angle about one place of the scene."""
+    heading, look = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.5, 1.0)
+    along = np.array([np.sin(heading), np.cos(heading), 0.0])
+    across = np.array([along[1], -along[0], 0.0])
+    rows, columns = (int(n) for n in rng.integers(30, 50, 2))
+    azimuth = rng.uniform(0.4, 0.8) * (np.arange(rows) - rows / 2)
+    steps = rng.uniform(0.4, 0.8) * (np.arange(columns) - columns / 2)
+    place = np.array([*rng.uniform(-3.0, 3.0, 2), 2.0])
+    slant = 9e3 / np.cos(look)
+    origin = place if kind == "ground" else place - 9e3 * np.tan(look) * across + np.array([0.0, 0.0, 9e3])
+    range_ = steps if kind == "ground" else slant + steps * np.sin(look)
+    offset = np.array([100.0, -50.0, 0.0])
+    return ImageGrid(
+        "ground" if kind == "ground" else "slant", azimuth, range_, origin, along, across, 2.0, offset=offset
+    )
+
+
+def page_values(grid: ImageGrid) -> dict[str, Any]:
+    header, arrays = page_grid(grid)
+    return {**header, **{name: values.tolist() for name, values in arrays.items()}}
+
+
+@pytest.mark.parametrize("kinds", [("ground", "ground"), ("slant", "slant"), ("slant", "ground")])
+def test_values_at_the_pixels_of_another_image_are_those_of_the_same_ground(
+    kinds: tuple[str, str], in_node: Node
+) -> None:
+    """Two images of drawn headings and look angles, against SciPy's interpolation at the pixels' scene positions."""
+    rng = np.random.default_rng(21)
+    script = """
+    const { atPixelsOf } = await import("sarmitsuba/image_math.js");
+    return atPixelsOf(Float32Array.from(values), own, other);
+    """
+    for _ in range(3):
+        own, other = (drawn_grid(rng, kind) for kind in kinds)
+        values = rng.uniform(size=own.shape)
+        out = in_node(script, values=values.ravel().tolist(), own=page_values(own), other=page_values(other))
+        got = np.array(out, dtype=np.float64).reshape(other.shape)
+        away = other.positions() - own.origin * [1.0, 1.0, 0.0]
+        place = np.stack([away @ own.along, away @ own.across], axis=-1)
+        want = RegularGridInterpolator((own.azimuth, own.across_distance()), values, bounds_error=False)(
+            place
+        )
+        inside = np.isfinite(want)
+        assert 0.2 < inside.mean() < 1.0
+        np.testing.assert_allclose(got[inside], want[inside], atol=1e-5)  # tol: float32 values
+        # half a pixel more at the edges, and nothing beyond
+        beyond = np.zeros(other.shape, dtype=bool)
+        for axis, at in zip((own.azimuth, own.across_distance()), np.moveaxis(place, -1, 0), strict=True):
+            first, last = axis[1] - axis[0], axis[-1] - axis[-2]
+            beyond |= (at < axis[0] - 0.51 * first) | (at > axis[-1] + 0.51 * last)
+        assert beyond.any() and np.isnan(got[beyond]).all()
+
+
+def test_an_image_at_its_own_pixels_is_itself(in_node: Node) -> None:
+    grid = drawn_grid(np.random.default_rng(22), "slant")
+    values = np.random.default_rng(23).uniform(size=grid.shape).astype(np.float32)
+    script = """
+    const { atPixelsOf } = await import("sarmitsuba/image_math.js");
+    return atPixelsOf(Float32Array.from(values), own, own);
+    """
+    got = in_node(script, values=values.ravel().tolist(), own=page_values(grid))
+    np.testing.assert_allclose(
+        np.reshape(got, grid.shape), values, atol=1e-5
+    )  # tol: places of 9 km in float64
+
+
+def test_axes_count_in_coordinates_of_the_scene_either_way(in_node: Node) -> None:
+    """Numbers and labels are those of pictures; an axis that falls has its marks at the same pixels."""
+    script = """
+    const { axisTicks, lengthOf, perMetre } = await import("sarmitsuba/image_math.js");
+    const ticks = [axisTicks(grid.range, 600, 70), axisTicks(grid.azimuth, 400, 45)];
+    return [...ticks, lengthOf(grid.range), perMetre(grid, 600, 400)];
+    """
+    rows, columns = 0.5 * np.arange(61) - 15.0, 0.5 * np.arange(81) - 20.0
+    offset = np.array([1000.0, 2000.0, 0.0])
+    for turn in (1.0, -1.0):
+        along, across = np.array([0.0, turn, 0.0]), np.array([turn, 0.0, 0.0])
+        grid = ImageGrid(
+            "ground", rows, columns, np.array([7.0, 3.0, 0.0]), along, across, 0.0, offset=offset
+        )
+        values = page_values(grid)
+        assert values["axes"] == {
+            "along": "y of the scene (m), azimuth",
+            "across": "x of the scene (m), ground range",
+        }
+        points = grid.positions() + offset
+        np.testing.assert_allclose(values["range"], points[0, :, 0], atol=1e-9)
+        np.testing.assert_allclose(values["azimuth"], points[:, 0, 1], atol=1e-9)
+        across_ticks, up_ticks, length, scale = in_node(script, grid=values)
+        assert length == pytest.approx(40.5) and scale == pytest.approx(min(600 / 40.5, 400 / 30.5))
+        for ticks, shown, size in ((across_ticks, points[0, :, 0], 600), (up_ticks, points[:, 0, 1], 400)):
+            assert len(ticks) >= 3
+            for tick in ticks:
+                pixel = tick["place"] / size * len(shown) - 0.5
+                at = np.interp(pixel, np.arange(len(shown)), shown)
+                assert at == pytest.approx(tick["value"], abs=1e-6)
+                assert tick["value"] % tick["step"] == pytest.approx(0.0, abs=1e-9)
+
+
+# as much of a document as the comparison of two images asks for: elements 500 x 400 that keep their children
+DOCUMENT = """
+class Element {
+  constructor(tag) {
+    Object.assign(this, { tag, children: [], style: {}, hidden: false, clientWidth: 500, clientHeight: 400 });
+    this.classList = { toggle() {}, add() {} };
+  }
+  append(...nodes) { this.children.push(...nodes.filter((node) => node instanceof Element)); }
+  setAttribute(name, value) { this[name] = value; }
+  addEventListener() {}
+  querySelectorAll() {
+    return this.children.flatMap((node) => [...(node.type === "radio" ? [node] : []), ...node.querySelectorAll()]);
+  }
+  getContext() {
+    const image = (width, height) => ({ data: { buffer: new ArrayBuffer(4 * width * height) } });
+    return new Proxy({}, { get: (_, name) => (name === "createImageData" ? image : () => {}), set: () => true });
+  }
+}
+const element = (tag) => new Element(tag);
+globalThis.document = { createElement: element, getElementById: () => null, head: element("head") };
+globalThis.window = { devicePixelRatio: 1 };
+globalThis.getComputedStyle = () => ({});
+globalThis.ResizeObserver = class { observe() {} };
+globalThis.matchMedia = () => ({ matches: true });
+"""
+
+
+def test_two_looks_have_one_scale_and_a_difference_on_the_ground(in_node: Node) -> None:
+    """Images of other extents and look angles: equal scales, and levels of the second at the first's pixels."""
+    rng = np.random.default_rng(24)
+    first, second = drawn_grid(rng, "slant"), drawn_grid(rng, "slant")
+    amplitude = rng.uniform(0.5, 2.0, second.shape)
+    script = (
+        DOCUMENT
+        + """
+    const { createComparison } = await import("sarmitsuba/compare.js");
+    const image = (values) => ({
+      layers: [{ order: 0, re: Float32Array.from(values), im: new Float32Array(values.length) }], cellArea: null,
+    });
+    const pair = createComparison(element("div"), {
+      first: { title: "One", grid: own, image: image(ones) },
+      second: { title: "Two", grid: other, image: image(values) },
+    });
+    const scales = () => [pair.first, pair.second].map((view) => view.perMetre);
+    const out = { side: scales(), fitting: [pair.first, pair.second].map((view) => view.fittingPerMetre) };
+    for (const mode of ["ratio", "complex"]) {
+      pair.setMode(mode);
+      out[mode] = [pair.text.textContent, pair.holders[1].hidden, pair.first.perMetre];
+    }
+    return { ...out, levels: pair.secondDb };
+    """
+    )
+    got = in_node(
+        script,
+        own=page_values(first),
+        other=page_values(second),
+        ones=np.ones(first.shape[0] * first.shape[1]).tolist(),
+        values=amplitude.ravel().tolist(),
+    )
+    assert got["fitting"][0] != pytest.approx(got["fitting"][1], rel=0.005)
+    assert got["side"] == [min(got["fitting"])] * 2
+    text, alone, scale = got["ratio"]
+    assert "same places of the ground" in text and alone and scale == got["fitting"][0]
+    text, alone, scale = got["complex"]
+    assert "complex difference cannot be shown" in text and not alone and scale == min(got["fitting"])
+    away = first.positions() - second.origin * [1.0, 1.0, 0.0]
+    place = np.stack([away @ second.along, away @ second.across], axis=-1)
+    axes = (second.azimuth, second.across_distance())
+    want = 10.0 * np.log10(RegularGridInterpolator(axes, amplitude**2, bounds_error=False)(place))
+    levels = np.array(got["levels"], dtype=np.float64).reshape(first.shape)
+    inside = np.isfinite(want)
+    assert inside.mean() > 0.2
+    np.testing.assert_allclose(levels[inside], want[inside], atol=1e-4)  # tol: float32 dB
 
 
 # ---------------------------------------------------------------- localise.js

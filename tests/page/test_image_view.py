@@ -11,6 +11,7 @@ from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import coherence
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.page.quantised_profiles import page_grid, page_profiles
 
 SHOW = """
@@ -122,7 +123,9 @@ def test_the_cursor_says_where_it_stands(kind: str, bench: Any) -> None:
     level = 20.0 * np.log10(np.abs(layers[0][row, column]))
     said = bench.page.locator(".sar-readout").inner_text()
     assert f"x {point[0]:.1f} m, y {point[1]:.1f} m" in said
-    assert f"azimuth {grid.azimuth[row]:.1f} m, {kind} range {grid.range[column]:.1f} m" in said
+    across, up = ShownAxes.of(grid).shown(grid.azimuth[row], grid.range[column])
+    since = " from the scene's origin" if kind == "ground" else ""
+    assert f"azimuth{since} {up:.1f} m, {kind} range{since} {across:.1f} m" in said
     assert f"RCS {level:.1f} dBm²" in said
     bench.page.mouse.click(x, y)
     # by keys: two to the right, ten down
@@ -242,7 +245,7 @@ def test_flicker_goes_by_itself_where_motion_is_welcome(bench: Any) -> None:
         bench.page.wait_for_function(f"pair.first.caption.textContent === '{title}'")
 
 
-def test_images_of_other_pixels_are_linked_but_not_subtracted(bench: Any) -> None:
+def test_images_of_other_pixels_have_one_scale_and_a_difference_in_db(bench: Any) -> None:
     grid, other = a_grid(), a_grid(50, 30)
     rng = np.random.default_rng(14)
     a, b = planes(rng, (0,), grid.shape)[0], planes(rng, (0,), other.shape)[0]
@@ -259,7 +262,21 @@ def test_images_of_other_pixels_are_linked_but_not_subtracted(bench: Any) -> Non
     assert bench.run("return pair.second.cursor;") is None
     assert "not imaged" in bench.page.locator(".sar-readout").first.inner_text()
     bench.page.get_by_label("Complex difference").check()
-    assert "cannot be shown" in bench.page.locator(".sar-pair > p").inner_text()
+    assert "complex difference cannot be shown" in bench.page.locator(".sar-pair > p").inner_text()
+    # the smaller scale of both, 25 m by 10 m and 20 m by 20 m beside each other
+    scales = bench.run(
+        "return [pair.first, pair.second].map((view) => [view.perMetre, view.fittingPerMetre]);"
+    )
+    assert scales[0][0] == scales[1][0] == min(fitting for _, fitting in scales)
+    bench.page.get_by_label("Difference in dB").check()
+    assert "same places of the ground" in bench.page.locator(".sar-pair > p").inner_text()
+    got = np.array(bench.run(FIRST)).reshape(*grid.shape, 4).astype(int)
+    # both grids start at one pixel and have one spacing: the second covers the first 30 columns
+    ratio = 20.0 * np.log10(np.abs(a[:, :30]) / np.abs(b[:40]))
+    lit = np.maximum(np.abs(a[:, :30]), np.abs(b[:40])) > 1e-2 * 1.01
+    orange, blue = got[:, :30, 0] > got[:, :30, 2] + 20, got[:, :30, 2] > got[:, :30, 0] + 20
+    assert orange[lit & (ratio > 3.0)].all() and blue[lit & (ratio < -3.0)].all()
+    assert (got[:, 31:, :3] == 0).all()  # not imaged by the second
 
 
 REFOCUS = """

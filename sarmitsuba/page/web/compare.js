@@ -1,6 +1,6 @@
 // Comparison of two images of one scene: side by side with a common cursor, alternating, or their difference.
 
-import { complexDifference, decibels, likeness, paintGrey, paintRatio } from "sarmitsuba/image_math.js";
+import { atPixelsOf, complexDifference, decibels, likeness, paintGrey, paintRatio } from "sarmitsuba/image_math.js";
 import { createImageView, make, slider, useStyle } from "sarmitsuba/image_view.js";
 
 const STYLE = `
@@ -56,7 +56,23 @@ class Comparison {
       onCursor: (_, point) => other().setCursor(point && other().pixelOf(point)),
       onRange: (black, white) => other().setRange(black, white),
       onPaint: (view) => this.painted(view),
+      onFit: () => this.fit(),
     };
+  }
+
+  /** Give both pictures the smaller of their scales while they are side by side. */
+  fit() {
+    if (!this.first || !this.second || this.fitting) return;
+    const both = [this.first, this.second];
+    const scales = both.map((view) => view.fittingPerMetre).filter(Boolean);
+    const most = this.holders[1].hidden ? Infinity : Math.min(...scales);
+    this.fitting = true; // placing a view asks again
+    for (const view of both) {
+      if (view.mostPerMetre === most) continue;
+      view.mostPerMetre = most;
+      view.place();
+    }
+    this.fitting = false;
   }
 
   /** Show the same orders in the second view as in the first, and update their comparison. */
@@ -93,17 +109,40 @@ class Comparison {
     return corners.every((corner) => near(this.first.pointOf(corner), this.second.pointOf(corner)) < 0.01 * step + 1e-6);
   }
 
+  /** Whether levels of both have one unit. */
+  get commensurable() {
+    const unit = ({ image }) => (image.calibrated === false ? "uncalibrated" : image.cellArea ? "sigma0" : "RCS");
+    return unit(this.first) === unit(this.second);
+  }
+
+  /** Whether a mode other than side by side can be shown. */
+  canShow(mode) {
+    return this.alike || (mode !== "complex" && this.commensurable);
+  }
+
+  /** The second image, dB, at the pixels of the first; its power is interpolated where the pixels differ. */
+  get secondDb() {
+    const { db } = this.second;
+    if (this.alike) return db;
+    if (this.interpolated?.of !== db) {
+      const power = atPixelsOf(db.map((value) => 10 ** (value / 10)), this.second.grid, this.first.grid);
+      this.interpolated = { of: db, db: power.map((value) => 10 * Math.log10(value)) };
+    }
+    return this.interpolated.db;
+  }
+
   /** Show the images "side" by side, in turn ("flicker"), or their difference ("ratio" in dB, "complex"). */
   setMode(mode) {
     clearInterval(this.timer);
     this.mode = mode;
     this.swapped = false;
     for (const node of this.modes.querySelectorAll("input[type=radio]")) node.checked = node.value === mode;
-    const single = mode !== "side" && this.alike;
+    const single = mode !== "side" && this.canShow(mode);
     this.holders[1].hidden = single;
     this.frame.classList.toggle("one", single);
     this.colours.node.hidden = mode !== "ratio";
     this.pause.hidden = mode !== "flicker" || !single;
+    this.first.place();
     this.first.setPainter(single ? (canvas) => this.paintBoth(canvas) : null);
     if (mode === "flicker" && single && !matchMedia("(prefers-reduced-motion: reduce)").matches) this.start();
     this.say();
@@ -135,12 +174,12 @@ class Comparison {
     const { first, second } = this;
     const { nx } = first.grid;
     if (this.mode === "ratio") {
-      paintRatio(canvas, first.db, second.db, nx, first.black, this.most);
+      paintRatio(canvas, first.db, this.secondDb, nx, first.black, this.most);
     } else if (this.mode === "complex") {
       const db = decibels(complexDifference(first.sum, second.sum), nx, first.image.cellArea ?? null);
       paintGrey(canvas, db, nx, first.black, first.white);
     } else {
-      paintGrey(canvas, this.swapped ? second.db : first.db, nx, first.black, first.white);
+      paintGrey(canvas, this.swapped ? this.secondDb : first.db, nx, first.black, first.white);
     }
   }
 
@@ -148,10 +187,12 @@ class Comparison {
   say() {
     const [a, b] = this.titles;
     const names = { flicker: this.swapped ? b : a, ratio: `${a} over ${b}`, complex: `${a} minus ${b}` };
-    this.first.caption.textContent = (this.alike && names[this.mode]) || a;
+    this.first.caption.textContent = (this.canShow(this.mode) && names[this.mode]) || a;
     this.pause.textContent = `Show ${this.swapped ? a : b}`;
-    if (!this.alike && this.mode !== "side") {
-      this.text.textContent = "The two images have different pixels: their difference cannot be shown.";
+    if (this.mode !== "side" && !this.canShow(this.mode)) {
+      this.text.textContent = this.commensurable
+        ? "The two images have different pixels: their complex difference cannot be shown, their difference in dB can."
+        : "The levels of the two images have different units: their difference cannot be shown.";
       return;
     }
     let text = MODES[this.mode][1];
@@ -160,6 +201,9 @@ class Comparison {
     }
     if (this.mode === "complex") {
       text = "Magnitude of the complex difference of both images, on their dB scale.";
+    }
+    if (!this.alike && this.mode !== "side") {
+      text += ` ${b} is shown at the pixels of ${a}, at the same places of the ground; black also where it does not reach.`;
     }
     this.text.textContent = this.alike ? `${text} ${this.figures()}` : text;
   }

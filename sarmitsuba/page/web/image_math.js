@@ -1,4 +1,4 @@
-// Arithmetic on complex images [row][column] on one grid: sums of layers, decibels, differences.
+// Arithmetic on images [row][column]: sums of layers, decibels, differences, values at the pixels of another grid, scales.
 
 /**
  * Coherent sum of layers.
@@ -103,4 +103,72 @@ function paint(canvas, rows, columns, colour) {
 export function roundLength(length) {
   const power = 10 ** Math.floor(Math.log10(length));
   return power * [5, 2, 1].find((step) => step * power <= length * (1 + 1e-9));
+}
+
+/** Length of an axis of pixels, from edge to edge, m; 1 for a single pixel. */
+export function lengthOf(axis) {
+  return (Math.abs(axis.at(-1) - axis[0]) * axis.length) / Math.max(axis.length - 1, 1) || 1;
+}
+
+/** Scale at which an image fills a frame in true proportions, pixels of the frame per metre. */
+export function perMetre(grid, width, height) {
+  return Math.min(width / lengthOf(grid.range), height / lengthOf(grid.azimuth));
+}
+
+/** Round values on an axis of pixels, either way, with their places in CSS pixels, at least `apart` from each other. */
+export function axisTicks(axis, length, apart) {
+  const scale = length / lengthOf(axis);
+  const turn = axis.at(-1) < axis[0] ? -1 : 1;
+  const wanted = apart / scale;
+  const power = 10 ** Math.floor(Math.log10(wanted));
+  const step = power * [1, 2, 5, 10].find((value) => value * power >= wanted * (1 - 1e-9));
+  const [low, high] = turn > 0 ? [axis[0], axis.at(-1)] : [axis.at(-1), axis[0]];
+  const out = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) {
+    out.push({ value: k * step || 0, step, place: turn * (k * step - axis[0]) * scale + 0.5 * (length / axis.length) });
+  }
+  return out;
+}
+
+/** Place of a value on a rising axis, in steps; NaN beyond its ends, where half a step more belongs to them. */
+function placeOn(axis, value) {
+  const last = axis.length - 1;
+  if (last === 0) return Math.abs(value - axis[0]) < 1e-6 ? 0 : NaN;
+  let [low, high] = [0, last];
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (axis[middle] <= value) low = middle;
+    else high = middle;
+  }
+  const place = low + (value - axis[low]) / (axis[high] - axis[low]);
+  return place < -0.5 || place > last + 0.5 ? NaN : Math.min(Math.max(place, 0), last);
+}
+
+/**
+ * Values at the pixels of another grid, bilinear between the four pixels around the same place of the ground.
+ * @param {Float32Array} values at the pixels of `own`, [row][column]
+ * @param {object} own, other: grids as in image_view.js; the height of their planes is not compared
+ * @returns {Float32Array} at the pixels of `other`; NaN where `own` does not reach
+ */
+export function atPixelsOf(values, own, other) {
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1];
+  const apart = [0, 1].map((i) => other.center[i] + other.origin[i] - own.center[i] - own.origin[i]);
+  const [up, across] = [own.along, own.across].map((axis) => ({
+    start: dot(apart, axis),
+    row: dot(other.along, axis),
+    column: dot(other.across, axis),
+  }));
+  const out = new Float32Array(other.nx * other.ny);
+  for (let i = 0; i < other.ny; i++) {
+    for (let j = 0; j < other.nx; j++) {
+      const [y, x] = [other.rows[i], other.columns[j]];
+      const row = placeOn(own.rows, up.start + y * up.row + x * up.column);
+      const column = placeOn(own.columns, across.start + y * across.row + x * across.column);
+      const [r, c] = [Math.min(Math.floor(row), own.ny - 2), Math.min(Math.floor(column), own.nx - 2)].map((k) => Math.max(k, 0));
+      const [v, u] = [row - r, column - c];
+      const at = (a, b) => values[Math.min(r + a, own.ny - 1) * own.nx + Math.min(c + b, own.nx - 1)];
+      out[i * other.nx + j] = (1 - v) * ((1 - u) * at(0, 0) + u * at(0, 1)) + v * ((1 - u) * at(1, 0) + u * at(1, 1));
+    }
+  }
+  return out;
 }

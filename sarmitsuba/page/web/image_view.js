@@ -5,9 +5,9 @@
 //   large (default 1); cellArea Float32Array(nx) m^2 for sigma0, or null for RCS; calibrated: false
 //   for levels in unknown units }
 // grid: as in backprojector.js, with kind "slant" | "ground", center [3] m, azimuth Float64Array(ny), range
-//   Float64Array(nx): what the axes say
+//   Float64Array(nx): numbers of the axes, and axes { along, across } their labels
 
-import { decibels, paintGrey, quantile, roundLength, sumOf } from "sarmitsuba/image_math.js";
+import { axisTicks, decibels, lengthOf, paintGrey, perMetre, quantile, roundLength, sumOf } from "sarmitsuba/image_math.js";
 
 const STYLE = `
 .sar-view { display: flex; flex-direction: column; gap: 4px; min-width: 0; min-height: 0; height: 100%; margin: 0; }
@@ -70,9 +70,11 @@ export function slider(name, { low, high, step, value, unit }, call) {
 export const bounces = (order) => (order === 0 ? "all" : order === 1 ? "1 bounce" : `${order} bounces`);
 
 class ImageView {
-  constructor(element, { title = "", image, grid, controls = true, axes, onPick, onCursor, onRange, onPaint }) {
+  constructor(element, { title = "", image, grid, controls = true, axes, onPick, onCursor, onRange, onPaint, onFit }) {
     useStyle();
-    Object.assign(this, { axes, onPick, onCursor, onRange, onPaint });
+    Object.assign(this, { axes, onPick, onCursor, onRange, onPaint, onFit });
+    /** Bound on the scale, CSS pixels per metre: views beside each other share one. */
+    this.mostPerMetre = Infinity;
     /** Pixels, first row at the top: for a texture too. */
     this.canvas = make("canvas", { class: "sar-pixels", tabindex: 0, role: "application" });
     this.drawing = make("canvas", { class: "sar-drawing", "aria-hidden": "true" });
@@ -279,18 +281,24 @@ class ImageView {
     const { row, column } = this.cursor;
     const { azimuth, range, nx } = this.grid;
     const names = this.names();
-    const step = Math.abs((range.at(-1) - range[0]) / Math.max(range.length - 1, 1)) || 1;
+    const step = lengthOf(range) / range.length || 1;
     const text = (value) => value.toFixed(Math.max(1, Math.ceil(-Math.log10(step))));
     const [x, y] = this.pointOf(this.cursor).map(text);
+    // axes that are x and y of the scene say nothing more
+    const more = [[names.along[0], azimuth[row]], [names.across[0], range[column]]]
+      .filter(([name]) => name)
+      .map(([name, value]) => `${name} ${text(value)} m`);
     this.readout.textContent =
-      `x ${x} m, y ${y} m; ${names.along[0]} ${text(azimuth[row])} m, ${names.across[0]} ${text(range[column])} m; ` +
+      `${[`x ${x} m, y ${y} m`, more.join(", ")].filter(Boolean).join("; ")}; ` +
       `${this.quantity()} ${this.levelText(row * nx + column)}${this.more(this.cursor)}`;
   }
 
-  /** Names of the axes: short, and in full. */
+  /** Names of the axes: short, empty where it is x or y of the scene, and in full. */
   names() {
-    const range = `${this.grid.kind} range`;
-    return this.axes ?? { along: ["azimuth", "azimuth (m), flight →"], across: [range, `${range} (m), away from the radar →`] };
+    if (this.axes) return this.axes;
+    const { along, across } = this.grid.axes;
+    const short = (label) => (/^[xy] of the scene/.test(label) ? "" : label.replace(/ \(m\)/, ""));
+    return { along: [short(along), `${along}, flight →`], across: [short(across), `${across}, away from the radar →`] };
   }
 
   quantity() {
@@ -306,14 +314,21 @@ class ImageView {
 
   // ---- drawing over the pixels ---------------------------------------------------------------------------------------
 
+  /** Scale at which the picture fills the stage, CSS pixels per metre; null while it is not shown. */
+  get fittingPerMetre() {
+    const { clientWidth: width, clientHeight: height } = this.stage;
+    if (!width || !height) return null;
+    return perMetre(this.grid, width - MARGIN.left - MARGIN.right, height - MARGIN.top - MARGIN.bottom);
+  }
+
   /** Fit the pixels into the stage in true proportions, and the drawing over them. */
   place() {
+    this.onFit?.();
     const { stage, canvas, drawing, grid } = this;
     const [width, height] = [stage.clientWidth, stage.clientHeight];
     if (!width || !height) return;
-    const extent = (axis) => Math.abs(axis.at(-1) - axis[0]) * (axis.length / Math.max(axis.length - 1, 1)) || 1;
-    const [x, y] = [extent(grid.range), extent(grid.azimuth)];
-    this.perMetre = Math.min((width - MARGIN.left - MARGIN.right) / x, (height - MARGIN.top - MARGIN.bottom) / y);
+    this.perMetre = Math.min(this.fittingPerMetre, this.mostPerMetre);
+    const [x, y] = [lengthOf(grid.range), lengthOf(grid.azimuth)];
     this.box = { left: MARGIN.left, top: MARGIN.top, width: x * this.perMetre, height: y * this.perMetre };
     for (const [name, value] of Object.entries(this.box)) canvas.style[name] = `${value}px`;
     canvas.classList.toggle("near", this.box.width > 3 * grid.nx);
@@ -357,13 +372,13 @@ class ImageView {
     const bottom = box.top + box.height;
     const digits = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
     context.textAlign = "center";
-    for (const { place, value, step } of ticks(grid.range, box.width, 70)) {
+    for (const { place, value, step } of axisTicks(grid.range, box.width, 70)) {
       context.fillRect(box.left + place - 0.5, bottom, 1, 4);
       context.fillText(value.toFixed(digits(step)), box.left + place, bottom + 16);
     }
     context.fillText(this.names().across[1], box.left + box.width / 2, bottom + 32);
     context.textAlign = "right";
-    for (const { place, value, step } of ticks(grid.azimuth, box.height, 45)) {
+    for (const { place, value, step } of axisTicks(grid.azimuth, box.height, 45)) {
       context.fillRect(box.left - 4, bottom - place - 0.5, 4, 1);
       context.fillText(value.toFixed(digits(step)), box.left - 6, bottom - place + 4);
     }
@@ -400,25 +415,11 @@ function nearest(axis, value) {
   return Math.abs(axis[best] - value) <= 0.5 * step * (1 + 1e-6) ? best : null;
 }
 
-/** Round values on an axis of pixels with their places in CSS pixels, at least `apart` from each other. */
-function ticks(axis, length, apart) {
-  const spacing = axis.length > 1 ? axis[1] - axis[0] : 1;
-  const perMetre = length / (axis.length * Math.abs(spacing));
-  const wanted = apart / perMetre;
-  const power = 10 ** Math.floor(Math.log10(wanted));
-  const step = power * [1, 2, 5, 10].find((value) => value * power >= wanted * (1 - 1e-9));
-  const out = [];
-  for (let k = Math.ceil(axis[0] / step - 1e-9); k * step <= axis.at(-1) + 1e-9 * step; k++) {
-    out.push({ value: k * step || 0, step, place: (k * step - axis[0]) * perMetre + 0.5 * (length / axis.length) });
-  }
-  return out;
-}
-
 /**
  * @param {HTMLElement} element in which the view is put; its height bounds the picture's
  * @param {object} options title; image, grid: see the head of this file; controls: false leaves sliders and switches
- *   away; axes: { along, across } of [name, label], in place of azimuth and range; onPick(pixel, point),
- *   onCursor(pixel | null, point | null), onRange(black, white), onPaint(view)
+ *   away; axes: { along, across } of [name, label], in place of the grid's; onPick(pixel, point),
+ *   onCursor(pixel | null, point | null), onRange(black, white), onPaint(view), onFit() before the picture is placed
  */
 export function createImageView(element, options) {
   return new ImageView(element, options);
