@@ -1,5 +1,6 @@
 """Every command line in the documentation is one that the program takes."""
 
+import argparse
 import re
 import shlex
 from pathlib import Path
@@ -42,3 +43,28 @@ def test_documented_commands_are_taken(capsys: pytest.CaptureFixture[str]) -> No
             f"{page}: no case {case}" for case in getattr(args, "case", None) or () if case not in cases
         ]
     assert not wrong, "\n".join(wrong)
+
+
+def test_table_of_options_is_that_of_the_parser() -> None:
+    """Options of every command in docs/commands.md, against those that the program takes: none more, none less."""
+    parser = build_parser()
+    commands_of = next(
+        action.choices for action in parser._actions if isinstance(action, argparse._SubParsersAction)
+    )
+    taken = {
+        (name, option)
+        for name, command in commands_of.items()
+        for action in command._actions
+        for option in action.option_strings[-1:]  # the long one; of a switch with its opposite, that
+    }
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    rows = [
+        [re.findall(r"`([^`]+)`", cell) for cell in line.split(" | ")[:2]]
+        for line in page.splitlines()
+        if line.startswith("| `--")
+    ]
+    documented = [
+        (name, option) for options, names in rows for name in names or commands_of for option in options
+    ]
+    assert len(set(documented)) == len(documented) > 150
+    assert set(documented) == taken
