@@ -19,11 +19,13 @@ class Typical:
     rms_height : m
     law : diffuse law; ``none``: a mirror
     level_db : of the law; at 10 GHz for ``constant_gamma``
+    absorbs : whether power that the mirror loses to the roughness may be lost; False for metal
     """
 
     rms_height: float
     law: str
     level_db: float
+    absorbs: bool = True
 
     @property
     def smooth(self) -> bool:

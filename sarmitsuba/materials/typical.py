@@ -16,18 +16,23 @@ ORDINARY_CORRELATION = 10.0
 # Hz, of the gamma values
 GAMMA_FREQUENCY = 10e9
 
+# rad, incidence at which metal scatters what its mirror loses
+_LOSS_ANGLE = math.radians(40.0)
+
 # k s up to which the laws of a height spectrum are used without being asked for
 _MOST_KS_SMALL_SLOPE, _MOST_KS_IEM = 1.0, 3.0
 
 # of materials without an own entry: plaster, boards, plastic
 OTHER = Typical(0.003, "lambert", -13.0)
 IDEAL = Typical(0.0, "none", 0.0)
+# Sheets and bodywork: far smoother than 1 mm, which stands for rivets, seams and dirt
+METAL = Typical(0.001, "lambert", -4.0, absorbs=False)
 TYPICAL: dict[str, Typical] = {
     "vacuum": IDEAL,
     "pec": IDEAL,
     "concrete": Typical(0.003, "lambert", -13.0),
     "brick": Typical(0.008, "lambert", -8.0),
-    "metal": Typical(0.004, "lambert", -4.0),
+    "metal": METAL,
     "glass": Typical(0.0005, "lambert", -30.0),
     "window_glass": Typical(0.0005, "lambert", -30.0),
     "low_e_glass": Typical(0.0005, "lambert", -30.0),
@@ -63,7 +68,8 @@ def typical_surface(kind: str, frequency: float, rms_height: float = ORDINARY_RM
     Notes
     -----
     Levels are of the X band and spread by 5 dB and more from place to place, with moisture, growth and wear; those of
-    ``lambert`` are the same at every frequency. Ignores cross-polarisation, texture and polarisation.
+    ``lambert`` are the same at every frequency but for metal, which absorbs nothing: its level is at least that of the
+    power which the mirror loses to the roughness. Ignores cross-polarisation, texture and polarisation.
 
     References
     ----------
@@ -77,7 +83,7 @@ def typical_surface(kind: str, frequency: float, rms_height: float = ORDINARY_RM
         smooth(),
         rms_height=typical.rms_height,
         diffuse_law=typical.law,
-        diffuse_level_db=_level(typical, frequency),
+        diffuse_level_db=_level(typical, frequency, typical.rms_height),
     )
 
 
@@ -102,14 +108,25 @@ def assumed_law(kind: str, rms_height: float, correlation_length: float, frequen
     typical = typical_of(kind) if kind else OTHER
     typical = TYPICAL["metal"] if typical.smooth else typical
     return replace(
-        surface, diffuse_law=typical.law, diffuse_level_db=_level(typical, frequency), correlation_length=0.0
+        surface,
+        diffuse_law=typical.law,
+        diffuse_level_db=_level(typical, frequency, rms_height),
+        correlation_length=0.0,
     )
 
 
-def _level(typical: Typical, frequency: float) -> float:
-    """Level of a typical surface at a frequency, dB."""
-    shift = 5.0 * math.log10(frequency / GAMMA_FREQUENCY) if typical.law == "constant_gamma" else 0.0
-    return typical.level_db + shift
+def _level(typical: Typical, frequency: float, rms_height: float) -> float:
+    r"""Level of a typical surface at a frequency, dB; of metal at least that of all power that its mirror loses.
+
+    .. math:: L = 4\,(1 - e^{-(2 k s \cos\theta)^2}), \quad \theta = 40°
+    """
+    if typical.law == "constant_gamma":
+        return typical.level_db + 5.0 * math.log10(frequency / GAMMA_FREQUENCY)
+    if typical.absorbs:
+        return typical.level_db
+    k = 2.0 * math.pi * frequency / SPEED_OF_LIGHT
+    lost = -math.expm1(-((2.0 * k * rms_height * math.cos(_LOSS_ANGLE)) ** 2))
+    return max(typical.level_db, 10.0 * math.log10(4.0 * lost)) if lost > 0.0 else typical.level_db
 
 
 def surface_words(surface: Material) -> str:

@@ -35,7 +35,7 @@ class Snow(ConstantMaterial):
     typical = Typical(0.01, "constant_gamma", -13.0)
 
 
-_METAL = Typical(0.004, "lambert", -4.0)
+_METAL = Typical(0.001, "lambert", -4.0, absorbs=False)
 for _name, _base, _typical in (
     ("soil", "medium_dry_ground", Typical(0.02, "constant_gamma", -12.0)),
     ("grass", "medium_dry_ground", Typical(0.02, "constant_gamma", -11.0)),
