@@ -97,7 +97,7 @@ class Rim:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sides:
+class _LevelSides:
     """Sides of level faces, directed counter-clockwise about their face.
 
     Parameters
@@ -114,8 +114,8 @@ class _Sides:
     rising: NDArray[np.bool_]
     hanging: NDArray[np.bool_]
 
-    def __getitem__(self, rows: I64 | NDArray[np.bool_]) -> "_Sides":
-        return _Sides(*(getattr(self, each.name)[rows] for each in fields(self)))
+    def __getitem__(self, rows: I64 | NDArray[np.bool_]) -> "_LevelSides":
+        return _LevelSides(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
 def outline(geometry: Geometry) -> Rim | str:
@@ -168,7 +168,7 @@ def _same_bounds(points: F64, low: F64, high: F64, slack: float) -> bool:
     return bool((beyond <= slack).all())
 
 
-def _level_sides(geometry: Geometry, number: I64, level: float, slack: float) -> _Sides:
+def _level_sides(geometry: Geometry, number: I64, level: float, slack: float) -> _LevelSides:
     """Sides of level faces near a level at which no level face of the same height is the neighbour."""
     v, faces = geometry.vertices, geometry.faces[number].astype(np.int64)
     at = np.abs(v[:, 2] - level) <= DEPTH + slack
@@ -195,7 +195,7 @@ def _level_sides(geometry: Geometry, number: I64, level: float, slack: float) ->
     _, edge = np.unique(both[shared], return_inverse=True)
     n_faces = len(faces)
     part = connected(n_faces + edge.max(initial=-1) + 1, shared // 3, n_faces + edge.reshape(-1))
-    return _Sides(
+    return _LevelSides(
         start=v[start[rows]],
         end=v[end[rows]],
         face=number[rows // 3],
@@ -205,7 +205,7 @@ def _level_sides(geometry: Geometry, number: I64, level: float, slack: float) ->
     )
 
 
-def _parted(sides: _Sides, slack: float) -> tuple[_Sides, I64]:
+def _parted(sides: _LevelSides, slack: float) -> tuple[_LevelSides, I64]:
     """Sides cut where the ends of others lie on them, seen from above, and the row of the whole of each."""
     a, along = sides.start[:, :2], (sides.end - sides.start)[:, :2]
     length = np.linalg.norm(along, axis=1)
@@ -240,7 +240,7 @@ def _plan_labels(points: F64, slack: float) -> I64:
     return weld(np.column_stack([np.round(points / slack), np.zeros(len(points))]))
 
 
-def _outermost(parts: _Sides, slack: float) -> I64 | None:
+def _outermost(parts: _LevelSides, slack: float) -> I64 | None:
     """Rows of the parts around all others, seen from above, in turn; None where they do not close.
 
     Of parts upon each other the highest counts, of equal heights one without a wall; opposite ones are no outline.
