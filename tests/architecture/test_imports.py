@@ -16,6 +16,7 @@ FLOORS = (
     ("page",),
     ("view",),
     ("cluster",),
+    ("labelling",),
     ("simulation",),
     ("analysis", "link"),
     ("focusing",),

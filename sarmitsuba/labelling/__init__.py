@@ -1,0 +1,1 @@
+"""Labels of an image's pixels: geometry, and what the echoes in them come from."""
