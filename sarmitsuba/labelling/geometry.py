@@ -214,13 +214,13 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
         "ground_position": LabelLayer(
             _of(low, in_frame, np.nan),
             "m",
-            "place of the lowest surface of the pixel, seen or not, in the frame of the scene's file; NaN: no surface",
+            "place of the lowest surface of the pixel, seen or not, in the frame of the file; NaN: no surface",
             parts=("x", "y", "height"),
         ),
         "surface_position": LabelLayer(
             _of(main, in_frame, np.nan),
             "m",
-            "place of the surface with the largest area in the pixel, in the frame of the scene's file; NaN: no surface",
+            "place of the surface with the largest area in the pixel, in the frame of the file; NaN: no surface",
             parts=("x", "y", "height"),
         ),
         "slant_position": LabelLayer(
