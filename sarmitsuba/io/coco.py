@@ -13,7 +13,7 @@ from sarmitsuba.version import __version__
 
 
 def run_lengths(mask: NDArray[np.bool_]) -> dict[str, list[int]]:
-    """Mask (rows, columns) in COCO's uncompressed form: lengths of runs of 0 and 1 in turn, column by column, 0 first."""
+    """Mask (rows, columns) in COCO's uncompressed form: runs of 0 and 1 in turn, column by column, 0 first."""
     flat = np.asarray(mask, dtype=bool).ravel(order="F")
     changes = np.flatnonzero(np.diff(flat.astype(np.int8), prepend=0))
     counts = np.diff(np.concatenate([[0], changes, [flat.size]]))

@@ -12,6 +12,7 @@ from sarmitsuba.image.labels import LabelLayer
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.labelling.fragments import Fragments, fragments
 from sarmitsuba.labelling.sight import Sight
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
@@ -70,6 +71,15 @@ class SurfacePoints:
         return out.reshape(self.shape)
 
 
+def check_labelled(radar: Radar) -> None:
+    """Raise a DataError for a track around the scene, whose image has neither one shadow nor one side of layover."""
+    if radar.all_round:
+        raise DataError(
+            "labels: the track sees the scene from opposite sides, so that its image has neither one shadow nor one "
+            "direction of layover; label an image of a part of the track"
+        )
+
+
 def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
     """Points of all surfaces of a scene that fall on the centres of an image's pixels.
 
@@ -84,11 +94,7 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
         The track goes round the scene, so that an image has no one direction of range.
     """
     radar, geometry = scene.radar, scene.geometry
-    if radar.all_round:
-        raise DataError(
-            f"{scene.name}: labels: the track sees the scene from opposite sides, so that an image has neither one "
-            "direction of layover nor one shadow; label an image of a part of the track"
-        )
+    check_labelled(radar)
     grid = grid.in_frame(scene.offset)
     placement = Placement(grid, radar)
     invisible = np.array([m.invisible for m in scene.materials], dtype=bool)
