@@ -38,7 +38,7 @@ def save_labels(
     for note in found.notes:
         console.note(f"labels: {note}")
     with folder.writing(LABELS) as path:
-        write_labels(path, found)
+        write_labels(found, path)
     layer = next(name for name in _SHAPES if name in found.layers)
     with folder.writing(COCO) as path:
         write_coco(path, found, PIXELS, layer)

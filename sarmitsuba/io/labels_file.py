@@ -32,7 +32,7 @@ _TEXTS = ("name", "material", "semantic_class")
 _WIDTHS: Mapping[str, tuple[int, ...]] = {"box": (4,), "oriented_box": (4, 2)}
 
 
-def write_labels(path: Path | str, labels: Labels) -> None:
+def write_labels(labels: Labels, path: Path | str) -> None:
     """Write labels, positions in the frame of the scene's file.
 
     Raises
