@@ -1,6 +1,7 @@
 """Layover, shadow, incidence angle and positions of the surfaces that fall into the pixels of an image."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ MASK_CODES = {
 }
 # points of one pixel closer than this, m, and in pixels, are on one surface: faces that lie on each other
 _SAME, _SAME_PIXELS = 1e-3, 0.02
+# share of the range by which that of closest approach may differ from a pixel's, for triangles without a place
+_MARGIN = 0.05
 # places in the image are rounded to this part of a pixel, so that rounding does not open gaps between triangles
 _ROUNDED = 2.0**-16
 
@@ -100,11 +103,10 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
     invisible = np.array([m.invisible for m in scene.materials], dtype=bool)
     solid = np.flatnonzero(~invisible[geometry.face_material]) if geometry.n_faces else np.zeros(0, np.int64)
     corners = geometry.vertices[geometry.faces[solid]]
-    found = [fragments(np.zeros((0, 3, 3)), _Placed(placement, STILL), grid.shape, np.zeros(3))]
+    middle, found = radar.start_stop().track.center_position, []
     for motion, rows in _by_motion(geometry, solid):
-        one = fragments(
-            corners[rows], _Placed(placement, motion), grid.shape, radar.start_stop().track.center_position
-        )
+        placed = _Placed(placement, motion)
+        one = fragments(corners[rows], placed, grid.shape, middle, placed.reached)
         found.append(Fragments(one.pixel, rows[one.face], one.point, one.area))
     points = Fragments.joined(found)
     points = points[np.argsort(points.pixel, kind="stable")]
@@ -138,6 +140,20 @@ class _Placed:
 
     placement: Placement
     motion: Motion
+
+    @cached_property
+    def _closest(self) -> tuple[float, float]:
+        """Least and largest range of closest approach in the image, with a margin for curved tracks and movement, m."""
+        found = _slant_position(self.placement.radar, self.placement.grid)[..., 1]
+        return float(found.min()) * (1.0 - _MARGIN), float(found.max()) * (1.0 + _MARGIN)
+
+    def reached(self, middle: F64, radius: F64) -> NDArray[np.bool_]:
+        """Whether spheres about points (n, 3) of radii (n,), m, may hold something of the image."""
+        track = self.placement.radar.track
+        leg = middle - track.center_position
+        closest = np.linalg.norm(leg - (leg @ track.along)[:, None] * track.along, axis=1)
+        least, largest = self._closest
+        return np.asarray((closest + radius > least) & (closest - radius < largest))
 
     def __call__(self, points: F64) -> F64:
         grid, radar = self.placement.grid, self.placement.radar
@@ -230,7 +246,7 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
             parts=("x", "y", "height"),
         ),
         "slant_position": LabelLayer(
-            _slant_position(scene, grid),
+            _slant_position(scene.radar, grid),
             "m",
             "azimuth along the track from its middle, and slant range of closest approach, of the pixel itself",
             parts=("azimuth", "slant_range"),
@@ -254,9 +270,9 @@ def _of(index: I64, values: NDArray[np.generic], none: float) -> NDArray[np.gene
     return out
 
 
-def _slant_position(scene: Scene, grid: ImageGrid) -> F64:
+def _slant_position(radar: Radar, grid: ImageGrid) -> F64:
     """Azimuth and slant range of closest approach of every pixel, (azimuth, range, 2) float64, m."""
-    track = scene.radar.track
+    track = radar.track
     leg = grid.positions() - track.center_position
     azimuth = leg @ track.along
     return np.stack([azimuth, np.sqrt(np.sum(leg**2, axis=-1) - azimuth**2)], axis=-1)
