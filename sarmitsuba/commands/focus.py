@@ -22,9 +22,13 @@ if TYPE_CHECKING:
     from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.radar import Radar
+    from sarmitsuba.scene.scene import Scene
 
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
+
+# largest distance of the tracks of raw data and of their scene, m
+_SAME_TRACK = 1e-3
 
 NAME = "focus"
 HELP = "focus saved raw data into an image"
@@ -96,6 +100,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_focus_arguments(parser)
     add_scene_picture_arguments(parser)
     parser.add_argument(
+        "--scene",
+        metavar="SCENE",
+        help="scene of the data, for --labels, --outlines and --with-view (default: that of the run in RAW's folder)",
+    )
+    parser.add_argument(
         "--autofocus-records",
         action="store_true",
         help="apply the autofocus corrections that the provider delivered with the data (data.af of Gotcha files)",
@@ -144,6 +153,12 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-chart", action="store_true", help="do not draw accuracy.png: error by cause and time by stage"
     )
     add_axes_argument(parser)
+    parser.add_argument(
+        "--labels",
+        action="store_true",
+        help="also write labels of the image's pixels: layover and shadow, incidence angle, positions, shapes "
+        "(docs/labels.md)",
+    )
     parser.add_argument(
         "--focuser",
         action=_Listing,
@@ -237,7 +252,6 @@ def _windows() -> str:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Focus."""
     from sarmitsuba.commands import results
-    from sarmitsuba.commands.picture import scene_of
     from sarmitsuba.focusing import apply_autofocus_records, image_request
     from sarmitsuba.io import read_raw
     from sarmitsuba.io.output import output_folder
@@ -256,16 +270,20 @@ def run(args: argparse.Namespace, console: Console) -> int:
         request = _request(raw, args)
         orders = any(layer.order > 0 for layer in raw.layers)
         names = results.expected_names(
-            formats, raw.channels, raw=False, image=True, orders=orders, chart=not args.no_chart
+            formats,
+            raw.channels,
+            raw=False,
+            image=True,
+            orders=orders,
+            chart=not args.no_chart,
+            labels=args.labels,
         )
         run_hash = str(raw.metadata.get(results.RUN_HASH) or _run_hash_of(Path(args.raw), raw))
         if args.focuser == _ALL:
             names += (COMPARISON,)
         folder.check(run_hash, names, force=args.force)
         check_focusing(raw.radar, request or image_request(raw), args)
-        style = PictureStyle.of(
-            args, lambda: scene_of(Path(args.raw).parent, allow_outside=args.allow_outside)
-        )
+        style = PictureStyle.of(args, lambda: _scene_of(args, raw.radar), labelled=args.labels)
         folder.clear(run_hash, keep=[Path(args.raw)])
         record: dict[str, object] = {
             "command": "focus",
@@ -283,6 +301,33 @@ def run(args: argparse.Namespace, console: Console) -> int:
         results.save_record(folder, record)
         console.say(f"{picture} ({watch.total:.1f} s)")
     return 0
+
+
+def _scene_of(args: argparse.Namespace, radar: "Radar") -> "Scene":
+    """The scene that is named, else that of the run in the folder of the raw data.
+
+    Raises
+    ------
+    DataError
+        The radar of the named scene flies elsewhere than that of the raw data.
+    """
+    import numpy as np
+
+    from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.commands.picture import scene_of
+    from sarmitsuba.loader.load import load_scene
+
+    if not args.scene:
+        return scene_of(Path(args.raw).parent, allow_outside=args.allow_outside)
+    ensure_backend()
+    scene = load_scene(args.scene, allow_outside=args.allow_outside)
+    own, told = (one.in_file_frame().track for one in (scene.radar.as_recorded(), radar))
+    if own.n_pulses != told.n_pulses or np.abs(own.position - told.position).max() > _SAME_TRACK:
+        raise DataError(
+            f"--scene {args.scene}: its radar has another track than {args.raw}; give the scene that the data were "
+            "made from, with its radar"
+        )
+    return scene
 
 
 def _run_hash_of(path: Path, raw: "RawData") -> str:
@@ -306,9 +351,12 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     from sarmitsuba.focusing.focuser import parse_focuser
     from sarmitsuba.focusing.motion_compensation import needs_compensation
     from sarmitsuba.image.shown_axes import ShownAxes
+    from sarmitsuba.labelling.geometry import check_labelled
 
     radar = radar.as_recorded()
     grid = default_grid(radar, request)
+    if args.labels:
+        check_labelled(radar)
     ShownAxes.of(grid, args.axes)
     for entry in results.Formats.parse(args.format).image:
         against = entry.objection(radar, request.grid) if entry.objection else ""

@@ -26,6 +26,8 @@ _PARTS = {
 
 # row and column, in pixels, of points (n, 3), m; NaN outside the radar's side
 Placed = Callable[[F64], F64]
+# whether spheres about points (n, 3) of radii (n,), m, may hold something of the image
+Reached = Callable[[F64, F64], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,9 @@ class Fragments:
         return Fragments(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Fragments)))
 
 
-def fragments(corners: F64, placed: Placed, shape: tuple[int, int], antenna: F64) -> Fragments:
+def fragments(
+    corners: F64, placed: Placed, shape: tuple[int, int], antenna: F64, reached: Reached | None = None
+) -> Fragments:
     """Every point of triangles whose place in the image is the centre of a pixel.
 
     A triangle is divided at the middles of its edges until the image shows each edge straight to ``BENT`` of a pixel;
@@ -67,12 +71,13 @@ def fragments(corners: F64, placed: Placed, shape: tuple[int, int], antenna: F64
     corners : (n, 3, 3) float64, m
     placed : row and column (n, 2) of points (n, 3)
     shape : rows and columns of the image
-    antenna : (3,) m; a place seen from there at which sizes are judged
+    antenna : (3,) m; sizes of triangles without a place are judged from there
+    reached : spheres that may hold something of the image; None: all
     """
     found = [_empty()]
     for start in range(0, len(corners), _CHUNK):
         rows = np.arange(start, min(start + _CHUNK, len(corners)))
-        for triangle, place, face in _straight(corners[rows], rows, placed, shape, antenna):
+        for triangle, place, face in _straight(corners[rows], rows, placed, shape, antenna, reached):
             found += list(_filled(triangle, place, face, shape))
     return Fragments.joined(found)
 
@@ -83,7 +88,7 @@ def _empty() -> Fragments:
 
 
 def _straight(
-    corners: F64, face: I64, placed: Placed, shape: tuple[int, int], antenna: F64
+    corners: F64, face: I64, placed: Placed, shape: tuple[int, int], antenna: F64, reached: Reached | None
 ) -> Iterator[tuple[F64, F64, I64]]:
     """Parts of triangles that lie in the image and are straight there: corners, places (n, 3, 2) and rows of faces."""
     stack = [(corners, placed(corners.reshape(-1, 3)).reshape(-1, 3, 2), face)]
@@ -105,6 +110,9 @@ def _straight(
             )
         edge = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
         large = edge.max(axis=1) > _SMALL * np.linalg.norm(corners[:, 0] - antenna, axis=1)
+        if reached is not None:
+            middles = corners.mean(axis=1)
+            large &= reached(middles, np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1))
         kept = np.where(known, inside, np.isfinite(every).any(axis=(1, 2)) & large)
         corners, place, middle, between = (x[kept] for x in (corners, place, middle, between))
         face, bend, known = face[kept], bend[kept], known[kept]

@@ -1,6 +1,7 @@
 """Layover, shadow, incidence angle and positions of the surfaces that fall into the pixels of an image."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from sarmitsuba.image.labels import LabelLayer
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.labelling.fragments import Fragments, fragments
 from sarmitsuba.labelling.sight import Sight
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
@@ -26,6 +28,8 @@ MASK_CODES = {
 }
 # points of one pixel closer than this, m, and in pixels, are on one surface: faces that lie on each other
 _SAME, _SAME_PIXELS = 1e-3, 0.02
+# share of the range by which that of closest approach may differ from a pixel's, for triangles without a place
+_MARGIN = 0.05
 # places in the image are rounded to this part of a pixel, so that rounding does not open gaps between triangles
 _ROUNDED = 2.0**-16
 
@@ -70,6 +74,15 @@ class SurfacePoints:
         return out.reshape(self.shape)
 
 
+def check_labelled(radar: Radar) -> None:
+    """Raise a DataError for a track around the scene, whose image has neither one shadow nor one side of layover."""
+    if radar.all_round:
+        raise DataError(
+            "labels: the track sees the scene from opposite sides, so that its image has neither one shadow nor one "
+            "direction of layover; label an image of a part of the track"
+        )
+
+
 def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
     """Points of all surfaces of a scene that fall on the centres of an image's pixels.
 
@@ -84,21 +97,16 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
         The track goes round the scene, so that an image has no one direction of range.
     """
     radar, geometry = scene.radar, scene.geometry
-    if radar.all_round:
-        raise DataError(
-            f"{scene.name}: labels: the track sees the scene from opposite sides, so that an image has neither one "
-            "direction of layover nor one shadow; label an image of a part of the track"
-        )
+    check_labelled(radar)
     grid = grid.in_frame(scene.offset)
     placement = Placement(grid, radar)
     invisible = np.array([m.invisible for m in scene.materials], dtype=bool)
     solid = np.flatnonzero(~invisible[geometry.face_material]) if geometry.n_faces else np.zeros(0, np.int64)
     corners = geometry.vertices[geometry.faces[solid]]
-    found = [fragments(np.zeros((0, 3, 3)), _Placed(placement, STILL), grid.shape, np.zeros(3))]
+    middle, found = radar.start_stop().track.center_position, []
     for motion, rows in _by_motion(geometry, solid):
-        one = fragments(
-            corners[rows], _Placed(placement, motion), grid.shape, radar.start_stop().track.center_position
-        )
+        placed = _Placed(placement, motion)
+        one = fragments(corners[rows], placed, grid.shape, middle, placed.reached)
         found.append(Fragments(one.pixel, rows[one.face], one.point, one.area))
     points = Fragments.joined(found)
     points = points[np.argsort(points.pixel, kind="stable")]
@@ -132,6 +140,20 @@ class _Placed:
 
     placement: Placement
     motion: Motion
+
+    @cached_property
+    def _closest(self) -> tuple[float, float]:
+        """Least and largest range of closest approach in the image, with a margin for curved tracks and movement, m."""
+        found = _slant_position(self.placement.radar, self.placement.grid)[..., 1]
+        return float(found.min()) * (1.0 - _MARGIN), float(found.max()) * (1.0 + _MARGIN)
+
+    def reached(self, middle: F64, radius: F64) -> NDArray[np.bool_]:
+        """Whether spheres about points (n, 3) of radii (n,), m, may hold something of the image."""
+        track = self.placement.radar.track
+        leg = middle - track.center_position
+        closest = np.linalg.norm(leg - (leg @ track.along)[:, None] * track.along, axis=1)
+        least, largest = self._closest
+        return np.asarray((closest + radius > least) & (closest - radius < largest))
 
     def __call__(self, points: F64) -> F64:
         grid, radar = self.placement.grid, self.placement.radar
@@ -214,17 +236,17 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
         "ground_position": LabelLayer(
             _of(low, in_frame, np.nan),
             "m",
-            "place of the lowest surface of the pixel, seen or not, in the frame of the scene's file; NaN: no surface",
+            "place of the lowest surface of the pixel, seen or not, in the frame of the file; NaN: no surface",
             parts=("x", "y", "height"),
         ),
         "surface_position": LabelLayer(
             _of(main, in_frame, np.nan),
             "m",
-            "place of the surface with the largest area in the pixel, in the frame of the scene's file; NaN: no surface",
+            "place of the surface with the largest area in the pixel, in the frame of the file; NaN: no surface",
             parts=("x", "y", "height"),
         ),
         "slant_position": LabelLayer(
-            _slant_position(scene, grid),
+            _slant_position(scene.radar, grid),
             "m",
             "azimuth along the track from its middle, and slant range of closest approach, of the pixel itself",
             parts=("azimuth", "slant_range"),
@@ -248,9 +270,9 @@ def _of(index: I64, values: NDArray[np.generic], none: float) -> NDArray[np.gene
     return out
 
 
-def _slant_position(scene: Scene, grid: ImageGrid) -> F64:
+def _slant_position(radar: Radar, grid: ImageGrid) -> F64:
     """Azimuth and slant range of closest approach of every pixel, (azimuth, range, 2) float64, m."""
-    track = scene.radar.track
+    track = radar.track
     leg = grid.positions() - track.center_position
     azimuth = leg @ track.along
     return np.stack([azimuth, np.sqrt(np.sum(leg**2, axis=-1) - azimuth**2)], axis=-1)

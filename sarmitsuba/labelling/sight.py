@@ -9,7 +9,7 @@ from sarmitsuba.trace.intersector import intersector
 
 # distance off a surface at which a line of sight begins, m, and in rounding errors of float32 positions
 _OFF, _ROUNDINGS = 1e-5, 8.0
-# components of directions below this are 0: Embree misses triangles where one is about 1e-18, the least that it divides by
+# components of directions below this are 0: Embree misses triangles where one is about 1e-18, its least divisor
 _LEVEL = 1e-9
 # rays traced at once
 _RAYS = 2_000_000
@@ -35,7 +35,7 @@ class Sight:
         self._off = _OFF + _ROUNDINGS * 2.0**-24 * float(np.abs(high - self._middle).max())
 
     def hidden_by(self, point: F64, face: I64, antenna: F64) -> I64:
-        """Row of the triangle that a ray from points (n, 3), m, of triangles (n,) to antennas (n, 3) meets; -1 for none.
+        """Row of the triangle that hides points (n, 3), m, of triangles (n,) from antennas (n, 3), m; -1 for none.
 
         A surface is seen from both sides.
         """
@@ -47,12 +47,13 @@ class Sight:
         """Whether nothing is above points (n, 3), m, of triangles (n,), on one side of the triangle or the other."""
         up = np.broadcast_to([0.0, 0.0, 1.0], point.shape)
         side = self._side(face, up)
-        return (self._met(point, side, up) < 0) | (self._met(point, -side, up) < 0)
+        return np.asarray((self._met(point, side, up) < 0) | (self._met(point, -side, up) < 0))
 
     def _side(self, face: I64, direction: F64) -> F64:
         """Normals (n, 3) of triangles on the side that a direction (n, 3) points to."""
         normal = self.normal[face]
-        return np.where(np.einsum("ij,ij->i", normal, direction)[:, None] < 0.0, -normal, normal)
+        away = np.einsum("ij,ij->i", normal, direction) < 0.0
+        return np.asarray(np.where(away[:, None], -normal, normal))
 
     def _met(self, point: F64, side: F64, direction: F64) -> I64:
         start = (point + self._off * side - self._middle).astype(np.float32)

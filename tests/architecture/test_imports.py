@@ -92,6 +92,7 @@ BACKEND_USERS = {
     "cost",
     "doctor",
     "focusing",
+    "labelling",
     "loader",
     "plugins",
     "simulation",

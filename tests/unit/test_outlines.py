@@ -9,8 +9,8 @@ from matplotlib.path import Path as Polygon
 
 import sarmitsuba
 from sarmitsuba.errors import DataError
-from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.focusing.placement import Placement
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.view.outlines import outlines
 from sarmitsuba.view.quicklook import quicklook
 from tests.support.scenes import POINT, small_scene
