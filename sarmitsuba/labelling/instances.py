@@ -8,7 +8,7 @@ from sarmitsuba.arrays import F64, I64
 from sarmitsuba.focusing.placement import Placement
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.labelling.geometry import surface_points
-from sarmitsuba.labelling.ground import surface_samples
+from sarmitsuba.labelling.ground_shapes import surface_samples
 from sarmitsuba.labelling.owners import SceneShapes
 from sarmitsuba.labelling.sight import Sight
 from sarmitsuba.scene.geometry import Geometry

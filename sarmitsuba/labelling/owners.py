@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64, U32
 from sarmitsuba.errors import ResourceError
-from sarmitsuba.labelling.ground import ground_shapes
+from sarmitsuba.labelling.ground_shapes import ground_shapes
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.scene.endless_ground import level_rim
 from sarmitsuba.scene.geometry import Geometry, PointTarget

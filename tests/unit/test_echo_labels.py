@@ -10,7 +10,7 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.look import adjoint_cells, form_image
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.labelling.echoes import EchoLabels, echo_labels
+from sarmitsuba.labelling.echo_labels import EchoLabels, echo_labels
 from sarmitsuba.labelling.instances import boxes
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription

@@ -22,8 +22,6 @@ from sarmitsuba.trace.path_groups import MECHANISMS
 
 # power of a shape's sums of echoes, over the strongest, down to which they count as its place in the image
 OWN_PLACE = 1e-6
-# groups that take part in the second strongest: the strongest two
-_NOBODY = 0
 
 
 @dataclass(frozen=True, eq=False)
