@@ -20,6 +20,7 @@ from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.trace.edges import FringeCurrents
 from sarmitsuba.trace.path_groups import IS_GROUND, MECHANISMS, MOST_OWNERS, PathOwners
+from sarmitsuba.trace.reflectors import Reflectors
 from sarmitsuba.trace.source import Launch
 
 # places along the sides of triangles by which the mesh of an edge is found, at most
@@ -144,9 +145,9 @@ class SceneOwners:
             owner = self._of_meshes(self._mesh[self._sides(found.middle[count])])
         elif name == "diffuse pair" and found is not None:
             owner = self._of_pairs(found.face[count])
-        elif name == "scatterer" and hasattr(found, "targets"):
+        elif isinstance(found, Reflectors):
             number = [self.shapes.number(name, target.name) for target in found.targets[count]]
-            owner = [self._owner(shape, name) for shape in number]
+            owner = np.array([self._owner(shape, name) for shape in number], dtype=np.int64)
         elif name in ("wire", "volume") and found is not None:
             owner = self._of_kind[name][found.owner[count]]
         else:

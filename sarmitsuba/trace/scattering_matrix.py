@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 
@@ -21,12 +22,14 @@ from sarmitsuba.trace.scene_tables import (
 from sarmitsuba.trace.speckle import gaussian, unit_phase
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.bistatic_dyads import Dyad
     from sarmitsuba.trace.table_rows import MaterialRow
     from sarmitsuba.trace.temporal import Age
+
+
+# random number of a scatterer from its hash and the number of an independent stream
+Drawn: TypeAlias = "Callable[[mi.UInt32, int], mi.Complex2f]"
 
 
 class Struck(Protocol):
@@ -160,7 +163,8 @@ def speckle_coefficients(
     (``<|S_hv|^2> = <|S_hh - S_vv|^2> / 4``), S_hh and S_vv keeping the law's power. ``age``: change of the
     cell since the first pass; None where nothing changes. ``term``: see :class:`sarmitsuba.trace.state.KernelSettings`.
     """
-    normal, modulus_one = (gaussian, unit_phase) if age is None else (age.gaussian, age.unit_phase)
+    normal: Drawn = gaussian if age is None else age.gaussian
+    modulus_one: Drawn = unit_phase if age is None else age.unit_phase
     if term is not None:
         normal = modulus_one = one_term(term)
     co = normal(key, 0) if flags.speckle else modulus_one(key, 0)
@@ -174,7 +178,7 @@ def speckle_coefficients(
     ]
 
 
-def one_term(term: mi.UInt32) -> Callable[[mi.UInt32, int], mi.Complex2f]:
+def one_term(term: mi.UInt32) -> Drawn:
     """Function like :func:`sarmitsuba.trace.speckle.gaussian` that is one for one stream, and zero for the others."""
 
     def number(key: mi.UInt32, stream: int) -> mi.Complex2f:

@@ -16,7 +16,7 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.leg import Leg
-from sarmitsuba.trace.scattering_matrix import one_term
+from sarmitsuba.trace.scattering_matrix import Drawn, one_term
 from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.speckle import gaussian, mix
 from sarmitsuba.trace.temporal import Age
@@ -281,7 +281,7 @@ class VolumeScatterers(Scatterers):
         four = [dr.gather(mi.Vector4f, self.table, row + (first + i)) for i in (0, 1, 4, 5)]
         size, mixed = dr.lerp(four[0], four[2], share), dr.lerp(four[1], four[3], share)
         age = Age.of(kernel, self.change, dr.gather(mi.UInt32, self.medium, index))
-        drawn = gaussian if age is None else age.gaussian
+        drawn: Drawn = gaussian if age is None else age.gaussian
         if kernel.constants.term is not None:
             drawn = one_term(kernel.constants.term)
         g1, g2, g3 = (drawn(key, i) for i in range(3))
