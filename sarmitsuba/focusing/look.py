@@ -356,4 +356,4 @@ def resample(smooth: C64, look: Look) -> C64:
                 row += flat[first + (i * grid.n_azimuth + j)] * ty
             total += row * tx
         out[start : start + _BATCH] = total
-    return out.reshape(look.image.shape)
+    return out.reshape(look.x.shape)

@@ -1,12 +1,12 @@
 """Labels of pixels from the paths whose echoes make them: mechanism, shape and material, level without speckle."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import F32, F64, I32, I64
+from sarmitsuba.arrays import F32, F64, I64
 from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.exclusive import exclusive
@@ -24,39 +24,34 @@ from sarmitsuba.trace.path_groups import MECHANISMS
 OWN_PLACE = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
 class EchoShares:
     """Powers of parts of an image, compared pixel by pixel.
 
     Parameters
+    ----------
+    shape : rows and columns of the image
+
+    Attributes
     ----------
     total : (n_azimuth, n_range) float32, m^2, sum of the powers of all parts
     first, second : (n_azimuth, n_range) number of the strongest and of the second strongest part, from 1; 0: none
     first_power, second_power : (n_azimuth, n_range) float32, m^2
     """
 
-    total: F32
-    first: I32
-    second: I32
-    first_power: F32
-    second_power: F32
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.total, self.first_power, self.second_power = (np.zeros(shape, np.float32) for _ in range(3))
+        self.first, self.second = (np.zeros(shape, np.int32) for _ in range(2))
 
-    @staticmethod
-    def none(shape: tuple[int, int]) -> "EchoShares":
-        """Comparison without a part."""
-        zero, nobody = np.zeros(shape, dtype=np.float32), np.zeros(shape, dtype=np.int32)
-        return EchoShares(zero, nobody, nobody, zero, zero)
-
-    def with_part(self, number: int, power: F32) -> "EchoShares":
-        """The comparison with one more part, of a number above 0."""
-        leads, follows = power > self.first_power, power > self.second_power
-        return EchoShares(
-            total=self.total + power,
-            first=np.where(leads, np.int32(number), self.first),
-            second=np.where(leads, self.first, np.where(follows, np.int32(number), self.second)),
-            first_power=np.where(leads, power, self.first_power),
-            second_power=np.where(leads, self.first_power, np.where(follows, power, self.second_power)),
-        )
+    def add(self, number: int, where: tuple[slice, slice], power: F32) -> NDArray[np.bool_]:
+        """Add a part of a number above 0 that has powers in some rows and columns; returns where it leads there."""
+        first, second = self.first[where], self.second[where]
+        best, next_best = self.first_power[where], self.second_power[where]
+        leads, follows = power > best, (power > next_best) & (power <= best)
+        second[leads], next_best[leads] = first[leads], best[leads]
+        first[leads], best[leads] = number, power[leads]
+        second[follows], next_best[follows] = number, power[follows]
+        self.total[where] += power
+        return np.asarray(leads)
 
     @property
     def first_share(self) -> F32:
@@ -113,8 +108,8 @@ class EchoLabels:
         present[self.groups.present] = True
         self._present = present
 
-    def parts(self, of_group: I64) -> Iterator[tuple[int, NDArray[np.complex64], NDArray[np.complex64]]]:
-        """Number, sums of echoes and image (n_channels, n_azimuth, n_range) of every part of the echoes.
+    def parts(self, of_group: I64) -> Iterator[tuple[int, NDArray[np.bool_]]]:
+        """Number and groups (n_groups,) of every part of the echoes.
 
         Parameters
         ----------
@@ -122,13 +117,20 @@ class EchoLabels:
         """
         for part in np.unique(of_group[self._present]).tolist():
             if part >= 0:
-                cells = self.groups.cells(self._present & (of_group == part))
-                yield part, cells, self.groups.image(cells)
+                yield part, self._present & (of_group == part)
 
+    def shares(self, of_group: I64) -> EchoShares:
+        """Comparison of the parts; parameters as for :meth:`parts`."""
+        out = EchoShares(self.grid.shape)
+        for number, wanted in self.parts(of_group):
+            where, power, _ = self.groups.powers_of(wanted, OWN_PLACE)
+            out.add(number + 1, where, power)
+        return out
 
-def _power(image: NDArray[np.complex64]) -> F32:
-    """Power (n_azimuth, n_range), summed over channels."""
-    return np.asarray(np.square(np.abs(image)).sum(axis=0), dtype=np.float32)
+    @property
+    def image(self) -> NDArray[np.complex64]:
+        """Image (n_channels, n_azimuth, n_range) of all groups."""
+        return self.groups.image(self.groups.cells(self._present))
 
 
 @exclusive
@@ -162,22 +164,17 @@ def echo_labels(
     del look
     layers: dict[str, LabelLayer] = {}
     shape = grid.shape
-    by_mechanism = EchoShares.none(shape)
+    by_mechanism = EchoShares(shape)
     energy = np.zeros((*shape, len(MECHANISMS)), dtype=np.float32)
-    image = np.zeros((len(echoes.groups.channels), *shape), dtype=np.complex64)
-    coherent = image.copy()
-    random = set(echoes.groups.powers)
-    for mechanism, _, part in echoes.parts(echoes.mechanism):
-        energy[..., mechanism] = _power(part)
-        by_mechanism = by_mechanism.with_part(mechanism + 1, energy[..., mechanism])
-        image += part
-        if mechanism not in random:
-            coherent += part
+    for mechanism, wanted in echoes.parts(echoes.mechanism):
+        where, power, _ = echoes.groups.powers_of(wanted, OWN_PLACE)
+        energy[(*where, mechanism)] = power
+        by_mechanism.add(mechanism + 1, where, power)
     layers |= _of_parts("mechanism", "mechanism of most of the power", by_mechanism, MECHANISMS)
     layers["mechanism_energy"] = LabelLayer(
         energy, "m^2", "power of the echoes of each mechanism, as RCS, summed over channels", parts=MECHANISMS
     )
-    instances, by_shape, own = _instances(echoes, image)
+    instances, by_shape, own = _instances(echoes)
     numbered = {i + 1: name for i, name in enumerate(echoes.shapes.names)}
     layers |= _of_parts("instance", "shape of most of the power", by_shape, echoes.shapes.names)
     layers["second_instance"] = LabelLayer(
@@ -192,8 +189,8 @@ def echo_labels(
         "1 where echoes of the shape of most of the power lie within a resolution cell, 0 in side lobes",
         {0: "no", 1: "yes"},
     )
-    layers |= _material_and_class(echoes, shape)
-    layers |= _expected(echoes, energy, coherent)
+    layers |= _material_and_class(echoes)
+    layers |= _expected(echoes, energy)
     return layers, instances, _notes(echoes)
 
 
@@ -210,18 +207,16 @@ def _of_parts(name: str, text: str, shares: EchoShares, names: Sequence[str]) ->
 
 
 def _instances(
-    echoes: EchoLabels, image: NDArray[np.complex64]
+    echoes: EchoLabels,
 ) -> tuple[tuple[LabelledInstance, ...], EchoShares, NDArray[np.bool_]]:
     """Instances, the comparison of their powers, and where the strongest one has echoes."""
     shapes, scene = echoes.shapes, echoes.scene
-    shares = EchoShares.none(echoes.grid.shape)
-    places: dict[int, NDArray[np.bool_]] = {}
-    for number, cells, part in echoes.parts(np.where(echoes.shape < shapes.n, echoes.shape, -1)):
-        shares = shares.with_part(number + 1, _power(part))
-        places[number] = echoes.groups.near(cells, OWN_PLACE)
-    own = np.zeros(echoes.grid.shape, dtype=bool)
-    for number, near in places.items():
-        own |= near & (shares.first == number + 1)
+    shares, own = EchoShares(echoes.grid.shape), np.zeros(echoes.grid.shape, dtype=bool)
+    for number, wanted in echoes.parts(np.where(echoes.shape < shapes.n, echoes.shape, -1)):
+        where, power, near = echoes.groups.powers_of(wanted, OWN_PLACE)
+        leads = shares.add(number + 1, where, power)
+        own[where] = np.where(leads, near, own[where])
+    image = echoes.image
     total = float(np.square(np.abs(image), dtype=np.float64).sum())
     energy = np.bincount(echoes.shape, echoes.groups.energies(image), shapes.n + 1)
     seen = visible_shares(scene, echoes.grid, shapes)
@@ -266,13 +261,10 @@ def _materials_of(echoes: EchoLabels) -> list[str]:
     return out
 
 
-def _material_and_class(echoes: EchoLabels, shape: tuple[int, int]) -> dict[str, LabelLayer]:
+def _material_and_class(echoes: EchoLabels) -> dict[str, LabelLayer]:
     """Layers of the dominating material, and of the dominating class where there are classes."""
     materials = echoes.owners.materials
-    found = EchoShares.none(shape)
-    of_group = echoes.owners.material[echoes.owner]
-    for number, _, part in echoes.parts(of_group):
-        found = found.with_part(number + 1, _power(part))
+    found = echoes.shares(echoes.owners.material[echoes.owner])
     layers = _of_parts("material", "material of most of the power", found, materials)
     if echoes.classes:
         names = tuple(dict.fromkeys(echoes.classes.values()))
@@ -280,20 +272,21 @@ def _material_and_class(echoes: EchoLabels, shape: tuple[int, int]) -> dict[str,
             names.index(echoes.classes[name]) if name in echoes.classes else -1
             for name in echoes.shapes.names
         ]
-        found = EchoShares.none(shape)
         of_group = np.array([*of_shape, -1])[echoes.shape]
         # shapes without a class take part in the sum of powers
-        for number, _, part in echoes.parts(np.where(of_group < 0, len(names), of_group)):
-            found = found.with_part(number + 1, _power(part))
+        found = echoes.shares(np.where(of_group < 0, len(names), of_group))
         layers |= _of_parts("class", "semantic class of most of the power", found, (*names, "no class"))
     return layers
 
 
-def _expected(echoes: EchoLabels, energy: F32, coherent: NDArray[np.complex64]) -> dict[str, LabelLayer]:
+def _expected(echoes: EchoLabels, energy: F32) -> dict[str, LabelLayer]:
     """Layers of the mean level over realisations, and of the shares of mechanisms in it."""
+    groups = echoes.groups
+    steady = ~np.isin(echoes.mechanism, list(groups.powers))
+    coherent = groups.image(groups.cells(steady))
     mean: F64 = np.square(np.abs(coherent), dtype=np.float64)
     parts = energy.copy()
-    for mechanism, power in echoes.groups.powers.items():
+    for mechanism, power in groups.powers.items():
         mean += power
         parts[..., mechanism] = power.sum(axis=0)
     area = echoes.imager.packed(coherent).cell_area
@@ -303,7 +296,7 @@ def _expected(echoes: EchoLabels, energy: F32, coherent: NDArray[np.complex64]) 
             np.moveaxis(mean / area, 0, -1).astype(np.float32),
             "1",
             "mean of sigma0 over realisations of the speckle, without noise",
-            parts=echoes.groups.channels,
+            parts=groups.channels,
         ),
         "expected_mechanism_share": LabelLayer(
             shares,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import C64, F32, F64, I64
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.focusing.look import adjoint_cells, form_image
+from sarmitsuba.focusing.look_parts import GridPart, PartImages
 from sarmitsuba.focusing.look_power import PowerResponse
 from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES
@@ -82,6 +83,7 @@ class GroupedLook:
     def __init__(self, imager: Imager, owners: PathOwners, point_owner: I64) -> None:
         self.imager, self.owners, self.look = imager, owners, imager.look
         self.radar = imager.run.scene.radar
+        self.parts = PartImages(self.look)
         self.blocks: list[Blocks] = []
         self.powers: dict[int, F32] = {}
         if imager.sampling is not None:
@@ -187,25 +189,72 @@ class GroupedLook:
         found = [np.unique(block.group) for block in self.blocks]
         return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
 
-    def cells(self, wanted: NDArray[np.bool_]) -> C64:
-        """Echoes of wanted groups (n_groups,) on the looks' grid, (n_channels, n_range, n_azimuth) complex64."""
+    def cells(self, wanted: NDArray[np.bool_], part: GridPart | None = None) -> C64:
+        """Echoes of wanted groups (n_groups,) on the looks' grid, (n_channels, n_range, n_azimuth) complex64.
+
+        Parameters
+        ----------
+        part : of the grid, that holds all of them; None: the whole
+        """
         grid = self.look.grid
-        out: C64 | None = None
+        part = part or GridPart(0, 0, grid.n_range, grid.n_azimuth)
+        own = part.of(grid)
+        out = np.zeros((len(self.channels), part.rows, part.columns), dtype=np.complex64)
         for share, blocks in self._by_share():
             edge = max(block.values.shape[-1] for block in blocks)
-            # the last tiles reach beyond the grid
-            shape = (len(self.channels), grid.n_range + edge, grid.n_azimuth + edge)
-            plane = np.zeros(shape, dtype=np.complex64)
+            # the last tiles reach beyond the grid, tiles at the rim of a part beyond that
+            plane = np.zeros((len(self.channels), part.rows + edge, part.columns + edge), dtype=np.complex64)
             for block in blocks:
                 for rows, columns, values in block.of(wanted):
-                    plane[:, rows, columns] += values
-            part = grid.filtered(
-                plane[:, : grid.n_range, : grid.n_azimuth], share, self.radar.waveform.wavelength
-            )
-            out = part if out is None else out + part
-        return (
-            np.zeros((len(self.channels), grid.n_range, grid.n_azimuth), np.complex64) if out is None else out
+                    row, column = rows.start - part.row, columns.start - part.column
+                    n = values.shape[-1]
+                    plane[:, row : row + n, column : column + n] += values
+            inner = plane[:, : part.rows, : part.columns]
+            out += own.filtered(inner, share, self.radar.waveform.wavelength)
+        return out
+
+    def powers_of(
+        self, wanted: NDArray[np.bool_], down: float
+    ) -> tuple[tuple[slice, slice], F32, NDArray[np.bool_]]:
+        """Pixels about the echoes of wanted groups (n_groups,), their power (m^2) there, and which are their place.
+
+        Parameters
+        ----------
+        down : share of the power of the strongest sum of echoes down to which they count
+
+        Returns
+        -------
+        where : rows and columns of the image
+        power : float32, summed over channels
+        near : pixels within a resolution cell of echoes
+        """
+        ends = []
+        for block in self.blocks:
+            mine = wanted[block.group]
+            if mine.any():
+                n = block.values.shape[-1]
+                row, column = block.row[mine], block.column[mine]
+                ends.append((row.min(), row.max() + n, column.min(), column.max() + n))
+        if not ends:
+            return (slice(0, 0), slice(0, 0)), np.zeros((0, 0), np.float32), np.zeros((0, 0), dtype=bool)
+        all_ends = np.array(ends)
+        low, high = all_ends.min(axis=0), all_ends.max(axis=0)
+        grid = self.look.grid
+        part = self.parts.part(
+            int(low[0]), min(int(high[1]), grid.n_range), int(low[2]), min(int(high[3]), grid.n_azimuth)
         )
+        cells = self.cells(wanted, part)
+        where, power = self.parts.power(cells, part)
+        strength = np.square(np.abs(cells)).sum(axis=0)
+        there = strength > down * float(strength.max(initial=0.0))
+        row, column = (
+            np.clip(np.round(x[where]).astype(np.int64) - first, 0, count - 1)
+            for x, first, count in (
+                (self.look.x, part.row, part.rows),
+                (self.look.y, part.column, part.columns),
+            )
+        )
+        return where, power, there[row, column] & (power > 0.0)
 
     def image(self, cells: C64) -> C64:
         """Image (n_channels, n_azimuth, n_range) complex64 of :meth:`cells`."""
@@ -241,19 +290,6 @@ class GroupedLook:
                     there = part[:, row : row + n, column : column + n]
                     out[block.group[i]] += np.vdot(there, block.values[i]).real
         return out
-
-    def near(self, cells: C64, down: float) -> NDArray[np.bool_]:
-        """Pixels (n_azimuth, n_range) within a resolution cell of echoes of :meth:`cells`.
-
-        Parameters
-        ----------
-        down : share of the power of the strongest sum down to which echoes count
-        """
-        look = self.look
-        power = np.square(np.abs(cells)).sum(axis=0)
-        there = power > down * float(power.max(initial=0.0))
-        row, column = (np.round(x).astype(np.int64) for x in (look.x, look.y))
-        return np.asarray(there[row, column])
 
 
 def _same(a: RangeFilter | None, b: RangeFilter | None) -> bool:
