@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -168,17 +169,22 @@ class SceneOwners:
 
     def _sides(self, middle: F64) -> I64:
         """Face (n,) at whose side places (n, 3), m, lie."""
+        tree, face = self._places_on_sides
+        return np.asarray(face[tree.query(middle)[1]])
+
+    @cached_property
+    def _places_on_sides(self) -> "tuple[scipy.spatial.cKDTree, I64]":
+        """Places along the sides of all triangles, and the face of each."""
         geometry = self.run.scene.geometry
         corners = geometry.vertices[geometry.faces]
         side = np.roll(corners, -1, axis=1) - corners
         length = np.linalg.norm(side, axis=2)
-        count = np.maximum(1, np.ceil(_SIDES * length / max(float(length.sum()), 1e-300))).astype(np.int64)
-        row = np.repeat(np.arange(count.size), count.reshape(-1))
-        place = np.arange(row.size) - np.repeat(np.cumsum(count) - count.reshape(-1), count.reshape(-1))
-        share = (place + 0.5) / count.reshape(-1)[row]
-        points = corners.reshape(-1, 3)[row] + share[:, None] * side.reshape(-1, 3)[row]
-        _, nearest = scipy.spatial.cKDTree(points).query(middle)
-        return np.asarray(row[nearest] // 3)
+        share = _SIDES * length / max(float(length.sum()), 1e-300)
+        count = np.maximum(1, np.ceil(share)).astype(np.int64).reshape(-1)
+        row = np.repeat(np.arange(count.size), count)
+        along = (np.arange(row.size) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[row]
+        points = corners.reshape(-1, 3)[row] + along[:, None] * side.reshape(-1, 3)[row]
+        return scipy.spatial.cKDTree(points), row // 3
 
 
 def _beside_mesh(scene: Scene) -> "dict[str, Sequence[WireTarget | Volume | ScattererTarget | PointTarget]]":

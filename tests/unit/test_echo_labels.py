@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.arrays import C64, F64
+from sarmitsuba.arrays import C64, F64, I64
+from sarmitsuba.backend import dr
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.look import adjoint_cells, form_image
@@ -18,8 +19,12 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.image import Imager
+from sarmitsuba.simulation.point_taps import point_taps
+from sarmitsuba.simulation.pulses import AntennaStates
+from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.trace.path_groups import MECHANISMS
+from sarmitsuba.trace.state import COHERENT, RECIPROCAL
 from tests.support.scenes import shipped
 
 # float32 grids of parts and of the whole, in other orders of summation
@@ -337,3 +342,97 @@ def test_powers_of_a_part_are_those_of_its_whole_image(mode: str) -> None:
         assert np.abs(found - whole).max() < 1e-5 * whole.max()
         # almost all energy lies at the echoes
         assert power[near].sum() > 0.9 * whole.sum()
+
+
+@pytest.mark.parametrize(
+    "seed", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)]
+)
+@exclusive
+def test_groups_are_those_of_recorded_chains(seed: int) -> None:
+    """Owners and mechanisms from every path's recorded chain of hits in NumPy, and its sums spread one by one."""
+    scene = town(n=3, seed=seed, polarisation="HH,VV")
+    echoes = EchoLabels(scene, grid_of(scene), {})
+    imager, look = echoes.imager, echoes.imager.look
+    assert imager.sampling is not None and look.grid.n_looks == 1
+    tracer = imager.run.tracer(imager.sampling, antenna_pattern=False)
+    states = AntennaStates(look.grid.position, look.grid.velocity, slice(0, 1))
+    geometry = imager.run.scene.geometry
+    corners = geometry.vertices[geometry.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    upward = np.abs(normal[:, 2]) / np.linalg.norm(normal, axis=1)
+    mesh = np.where(geometry.face_mesh < len(scene.geometry.mesh_names), geometry.face_mesh, 0)
+    wanted: dict[tuple[int, str], C64] = {}
+    for launch in tracer.launches(imager.rays(0)[0], 1):
+        recording = Recording(launch.part.rays, 2, (2_000_000, 1_000_000))
+        _, state = launch.record(
+            tracer.kernel_of(launch.part.grid, states, recording), scene.radar.antenna, recording
+        )
+        dr.eval(state, recording.memory)
+        assert recording.whole
+        rows = recording.rows()
+        kind, order = rows.labels[:, 1].astype(int), rows.labels[:, 2].astype(int)
+        turn = np.where(kind == RECIPROCAL, (order + 1) // 2, order)
+        _, chain = rows.chains(turn)
+        face = np.where(chain >= 0, tracer.trace_scene.geometry_faces[np.maximum(chain, 0)], -1)
+        keys = [
+            _named_group(f[f >= 0], mesh, upward, k, o) for f, k, o in zip(face, kind, order, strict=True)
+        ]
+        for key in set(keys):
+            pick = np.array([other == key for other in keys])
+            r, s = rows.lengths[pick, 0], rows.lengths[pick, 1]
+            amplitude = rows.amplitudes[pick].T.astype(np.complex128)
+            taps = point_taps(look.grid, 0, r, s, amplitude, scene.radar.waveform.wavelength)
+            part = np.stack([taps.on(look.grid, values) for values in taps.values])
+            wanted[key] = wanted.get(key, np.zeros_like(part)) + part
+    whole = np.linalg.norm(sum(wanted.values()))
+    seen = set()
+    for group in echoes.groups.present.tolist():
+        key = (int(echoes.shape[group]), MECHANISMS[int(echoes.mechanism[group])])
+        found = echoes.groups.cells(np.arange(echoes.owner.size) == group)
+        assert np.linalg.norm(found - wanted[key]) < 1e-4 * whole, key
+        seen.add(key)
+    # tiles hold the echoes in the grid; what the table has beside them lies outside of it
+    assert all(not np.any(part) for key, part in wanted.items() if key not in seen)
+    assert {"diffuse", "diffuse after mirror", "single bounce"} <= {name for _, name in seen}
+    assert len({shape for shape, _ in seen}) == 4
+
+
+def _named_group(faces: I64, mesh: I64, upward: F64, kind: int, order: int) -> tuple[int, str]:
+    """Shape and mechanism of a chain of faces; shape 0 is the ground."""
+    shapes = mesh[faces].tolist()
+    owner = next((shape for shape in reversed(shapes) if shape), 0)
+    if kind != COHERENT:
+        return owner, "diffuse" if order == 1 else "diffuse after mirror"
+    level = any(
+        shape == 0 or upward[f] > np.cos(np.radians(30.0)) for f, shape in zip(faces, shapes, strict=True)
+    )
+    wall = any(shape and upward[f] < 0.5 for f, shape in zip(faces, shapes, strict=True))
+    names = {
+        1: "single bounce",
+        2: "wall and ground" if level and wall else "double bounce",
+        3: "triple bounce",
+    }
+    return owner, names.get(order, "multiple bounces")
+
+
+def test_scenes_that_one_look_cannot_show_say_so() -> None:
+    """A track round the scene: no labels of echoes, and one line with the reason."""
+    given = {name: value for name, value in SMALL.items() if name != "azimuth_resolution"}
+    radar = RadarDescription(mode="circular", arc_deg=360.0, look_angle_deg=40.0, **given)
+    film = FilmDescription(image_extent_azimuth=10.0, image_extent_range=10.0)
+    scene = build_scene([ground(60.0, CLUTTER)], radar=radar, film=film)
+    layers, instances, notes = echo_labels(scene, grid_of(scene), {})
+    assert not layers and not instances
+    assert len(notes) == 1 and "left out" in notes[0] and "method" in notes[0]
+
+
+def test_classes_decide_what_is_ground() -> None:
+    """A wall called ground leaves its double bounce to the floor, which is called a building."""
+    scene = shipped("dihedral")
+    layers, instances, _ = echo_labels(scene, grid_of(scene), {"floor": "building", "wall": "ground"})
+    assert [i.semantic_class for i in instances] == ["building", "ground"]
+    assert instances[0].energy_share > 0.99
+    names = layers["class"].codes
+    power = layers["mechanism_energy"].values.sum(axis=-1)
+    peak = np.unravel_index(int(power.argmax()), power.shape)
+    assert names[int(layers["class"].values[peak])] == "building"
