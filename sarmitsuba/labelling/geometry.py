@@ -1,6 +1,6 @@
 """Layover, shadow, incidence angle and positions of the surfaces that fall into the pixels of an image."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -144,7 +144,9 @@ class _Placed:
     @cached_property
     def _closest(self) -> tuple[float, float]:
         """Least and largest range of closest approach in the image, with a margin for curved tracks and movement, m."""
-        found = _slant_position(self.placement.radar, self.placement.grid)[..., 1]
+        grid = self.placement.grid
+        ends = replace(grid, azimuth=grid.azimuth[[0, -1]], range=grid.range[[0, -1]])
+        found = _slant_position(self.placement.radar, ends)[..., 1]
         return float(found.min()) * (1.0 - _MARGIN), float(found.max()) * (1.0 + _MARGIN)
 
     def reached(self, middle: F64, radius: F64) -> NDArray[np.bool_]:
