@@ -14,6 +14,7 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.labelling.fragments import Fragments, fragments
 from sarmitsuba.labelling.sight import Sight
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
@@ -215,7 +216,7 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
     low = points.first(np.where(points.seen | points.open, 0.0, 1e9) + height)
     face_mesh = scene.geometry.face_mesh
     names = {0: "none"} | {i + 1: name for i, name in enumerate(scene.geometry.mesh_names)}
-    shape = _of(main, face_mesh[found.face] + 1, 0)
+    shape = np.where(seen > 0, _of(main, face_mesh[found.face] + 1, 0), 0)
     dark = _of(main, np.where(points.hider >= 0, face_mesh[points.hider] + 1, 0), 0)
     in_frame = found.point + scene.offset
     return {
@@ -254,7 +255,10 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
             parts=("azimuth", "slant_range"),
         ),
         "shape": LabelLayer(
-            shape.astype(np.int32), "", "shape of the surface with the largest area in the pixel", codes=names
+            shape.astype(np.int32),
+            "",
+            "shape of the seen surface with the largest area in the pixel",
+            codes=names,
         ),
         "shadow_of": LabelLayer(
             np.where(mask == SHADOW, dark, 0).astype(np.int32),
@@ -294,6 +298,8 @@ def geometric_notes(scene: Scene) -> tuple[str, ...]:
         )
     if any(m.thickness for m in scene.materials):
         notes.append("slabs that waves go through count as opaque")
+    if with_endless_ground(scene) is not scene:
+        notes.append("ground beyond its rim, which has no clutter, counts as no surface")
     if scene.geometry.moves:
         notes.append("moving shapes lie where their Doppler puts them; their shadow is that at time zero")
     if scene.radar.receiver is not None and not scene.radar.receives_itself:
