@@ -108,7 +108,8 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
     for motion, rows in _by_motion(geometry, solid):
         placed = _Placed(placement, motion)
         one = fragments(corners[rows], placed, grid.shape, middle, placed.reached)
-        found.append(Fragments(one.pixel, rows[one.face], one.point, one.area))
+        whole = Fragments(one.pixel, rows[one.face], one.point, one.area)
+        found += [whole, _smaller_than_a_pixel(geometry, solid, rows, whole, placed)]
     points = Fragments.joined(found)
     points = points[np.argsort(points.pixel, kind="stable")]
     n = len(points.pixel)
@@ -177,6 +178,35 @@ def _by_motion(geometry: Geometry, solid: I64) -> list[tuple[Motion, I64]]:
         still &= ~own
         parts.append((motion, np.flatnonzero(own)))
     return [(STILL, np.flatnonzero(still)), *parts]
+
+
+def _smaller_than_a_pixel(
+    geometry: Geometry, solid: I64, rows: I64, found: Fragments, placed: _Placed
+) -> Fragments:
+    """One point of every shape that covers no centre of a pixel: the middle of the face nearest to the shape's middle.
+
+    Parameters
+    ----------
+    solid, rows : faces of the geometry, and entries of these that move alike
+    found : points of these; ``face`` counts in ``solid``
+    """
+    shape = geometry.face_mesh[solid]
+    rows = rows[~np.isin(shape[rows], np.unique(shape[found.face]))]
+    corners = geometry.vertices[geometry.faces[solid[rows]]]
+    sides = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    own, number = np.unique(shape[rows], return_inverse=True)
+    total = np.maximum(np.bincount(number, area, len(own)), 1e-300)
+    faces = corners.mean(axis=1)
+    middle = np.stack([np.bincount(number, area * faces[:, k], len(own)) / total for k in range(3)], axis=1)
+    order = np.lexsort((np.linalg.norm(faces - middle[number], axis=1), number))
+    nearest = order[np.searchsorted(number[order], np.arange(len(own)))]
+    place = np.rint(placed(faces[nearest]))
+    lines, columns = placed.placement.grid.shape
+    inside = ((place >= 0.0) & (place < [lines, columns])).all(axis=1)  # NaN: no place
+    pixel = (place[inside] @ [columns, 1]).astype(np.int64)
+    nearest = nearest[inside]
+    return Fragments(pixel, rows[nearest], faces[nearest], total[inside])
 
 
 def _apart(found: Fragments, seen: NDArray[np.bool_], nearest: float) -> I64:

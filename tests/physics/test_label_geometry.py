@@ -367,6 +367,25 @@ def _plain(**mesh: Any) -> Scene:
     )
 
 
+@pytest.mark.parametrize("seed", few_of(range(4)))
+def test_a_shape_smaller_than_a_pixel_is_in_the_pixel_of_its_middle(seed: int) -> None:
+    rng = np.random.default_rng([23, seed])
+    corners = rng.uniform(-0.03, 0.03, (4, 3)) + rng.uniform(-8.0, 8.0, 3)
+    scene = build_scene(
+        [SceneMesh(corners, TRIANGLES, "pec", "chip")], radar=radar_of(rng), film=film_of("slant")
+    )
+    found = sarmitsuba.labels(scene)
+    (at,) = np.argwhere(found["shape"] == 1)
+    assert (found["surfaces"] > 0).sum() == 1
+    radar = scene.radar
+    leg = corners.mean(axis=0) - radar.track.center_position
+    ahead = leg @ radar.track.along
+    assert found.grid.azimuth[at[0]] == pytest.approx(ahead, abs=0.5 * found.grid.azimuth_spacing + 0.05)
+    closest = np.sqrt(leg @ leg - ahead**2)
+    # tol: half a pixel, and the size of the shape
+    assert found.grid.range[at[1]] == pytest.approx(closest, abs=0.5 * found.grid.range_spacing + 0.05)
+
+
 def test_a_moving_box_is_shown_beside_its_place() -> None:
     """A target that comes nearer by v is displaced by v R / V along the track."""
     rest, speed = _plain(), 0.4
