@@ -1,6 +1,7 @@
 """Layover, shadow and incidence by geometry against closed forms of boxes and slopes, and against dense sampling."""
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.labels import Labels
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.labelling.geometry import BOTH, LAYOVER, NO_SURFACE, SHADOW, VALID, surface_points
+from sarmitsuba.labelling.geometric_layers import BOTH, LAYOVER, NO_SURFACE, SHADOW, VALID, surface_points
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
@@ -235,7 +236,7 @@ def test_local_incidence_is_that_of_the_slope() -> None:
     )
 
 
-def _straight(radar: Radar) -> object:
+def _straight(radar: Radar) -> Callable[[F64], F64]:
     """The antenna that looks at points at the middle of their aperture, on a straight track, by its geometry."""
     base, along = radar.track.center_position, radar.track.along
 

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.placement import Placement
+from sarmitsuba.focusing.placement import ImagePlacement
 from sarmitsuba.image.labels import LabelLayer
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.labelling.fragments import Fragments, fragments
-from sarmitsuba.labelling.sight import Sight
+from sarmitsuba.labelling.sight import SightLines
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.geometry import Geometry
@@ -100,13 +100,13 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
     radar, geometry = scene.radar, scene.geometry
     check_labelled(radar)
     grid = grid.in_frame(scene.offset)
-    placement = Placement(grid, radar)
+    placement = ImagePlacement(grid, radar)
     invisible = np.array([m.invisible for m in scene.materials], dtype=bool)
     solid = np.flatnonzero(~invisible[geometry.face_material]) if geometry.n_faces else np.zeros(0, np.int64)
     corners = geometry.vertices[geometry.faces[solid]]
     middle, found = radar.start_stop().track.center_position, []
     for motion, rows in _by_motion(geometry, solid):
-        placed = _Placed(placement, motion)
+        placed = _PixelPlaces(placement, motion)
         one = fragments(corners[rows], placed, grid.shape, middle, placed.reached)
         whole = Fragments(one.pixel, rows[one.face], one.point, one.area)
         found += [whole, _smaller_than_a_pixel(geometry, solid, rows, whole, placed)]
@@ -116,7 +116,7 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
     if not n:
         none = np.zeros(0, dtype=bool)
         return SurfacePoints(points, none, points.face, none, np.zeros(0), grid.shape)
-    sight, antenna = Sight(corners), placement.antenna(points.point)
+    sight, antenna = SightLines(corners), placement.antenna(points.point)
     hider = sight.hidden_by(points.point, points.face, antenna)
     line = antenna - points.point
     cosine = np.abs(np.einsum("ij,ij->i", sight.normal[points.face], line)) / np.linalg.norm(line, axis=1)
@@ -137,10 +137,10 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
 
 
 @dataclass(frozen=True, eq=False)
-class _Placed:
+class _PixelPlaces:
     """Row and column, in pixels, of points that move alike; NaN on the side that the radar does not look to."""
 
-    placement: Placement
+    placement: ImagePlacement
     motion: Motion
 
     @cached_property
@@ -181,7 +181,7 @@ def _by_motion(geometry: Geometry, solid: I64) -> list[tuple[Motion, I64]]:
 
 
 def _smaller_than_a_pixel(
-    geometry: Geometry, solid: I64, rows: I64, found: Fragments, placed: _Placed
+    geometry: Geometry, solid: I64, rows: I64, found: Fragments, placed: _PixelPlaces
 ) -> Fragments:
     """One point of every shape that covers no centre of a pixel: the middle of the face nearest to the shape's middle.
 

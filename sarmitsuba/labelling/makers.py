@@ -9,7 +9,7 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.image.labels import LabelLayer, LabelledInstance, Labels
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.labelling.geometry import geometric_layers, geometric_notes, surface_points
+from sarmitsuba.labelling.geometric_layers import geometric_layers, geometric_notes, surface_points
 from sarmitsuba.memory import check_fits
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.scene.scene import Scene
