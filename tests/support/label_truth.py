@@ -69,7 +69,7 @@ class UprightBox:
             one, two = ((edge - p) / (q - p) for edge in (low, low + self.size))
         enter = np.nanmax(np.minimum(one, two), axis=1)
         leave = np.nanmin(np.maximum(one, two), axis=1)
-        return np.minimum(leave, 1.0) - np.maximum(enter, 0.0)
+        return np.asarray(np.minimum(leave, 1.0) - np.maximum(enter, 0.0))
 
     def covers(self, point: F64) -> Bools:
         """Whether points (n, 3) lie in its plan, (n,) bool."""
