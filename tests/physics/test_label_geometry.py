@@ -1,5 +1,6 @@
 """Layover, shadow and incidence by geometry against closed forms of boxes and slopes, and against dense sampling."""
 
+import dataclasses
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -401,6 +402,18 @@ def test_a_moving_box_is_shown_beside_its_place() -> None:
     rate = speed * float(scene.radar.across @ line) / float(np.linalg.norm(line))
     shift = -rate * float(np.linalg.norm(line)) / float(np.linalg.norm(scene.radar.track.velocity[0]))
     assert rows[1] - rows[0] == pytest.approx(shift, abs=0.8)  # tol: a pixel
+
+
+@pytest.mark.parametrize("pixels", [(1, 1), (1, 9), (7, 1), (3, 4)])
+def test_images_of_few_pixels_agree_with_the_whole(pixels: tuple[int, int]) -> None:
+    scene = _plain()
+    whole = sarmitsuba.labels(scene)
+    rows, columns = (slice(20, 20 + pixels[0]), slice(30, 30 + pixels[1]))
+    grid = dataclasses.replace(whole.grid, azimuth=whole.grid.azimuth[rows], range=whole.grid.range[columns])
+    few = sarmitsuba.labels(scene, grid)
+    # tol: pixels' spacing counts where shapes smaller than a pixel are, and there are none
+    for name in ("layover_shadow", "surfaces", "shape"):
+        np.testing.assert_array_equal(few[name], whole[name][rows, columns])
 
 
 def test_threads_label_alike() -> None:
