@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import PictureStyle, add_axes_argument, add_scene_picture_arguments
-from sarmitsuba.commands.scene_arguments import pixels
+from sarmitsuba.commands.scene_arguments import pixels, scene_of_data
 from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
@@ -22,13 +22,9 @@ if TYPE_CHECKING:
     from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.radar import Radar
-    from sarmitsuba.scene.scene import Scene
 
 # every focuser and their comparison; the image of the run is the reference focuser's
 _ALL, COMPARISON = "all", "focusers.png"
-
-# largest distance of the tracks of raw data and of their scene, m
-_SAME_TRACK = 1e-3
 
 NAME = "focus"
 HELP = "focus saved raw data into an image"
@@ -283,7 +279,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             names += (COMPARISON,)
         folder.check(run_hash, names, force=args.force)
         check_focusing(raw.radar, request or image_request(raw), args)
-        style = PictureStyle.of(args, lambda: _scene_of(args, raw.radar), labelled=args.labels)
+        style = PictureStyle.of(args, lambda: scene_of_data(args, raw.radar), labelled=args.labels)
         folder.clear(run_hash, keep=[Path(args.raw)])
         record: dict[str, object] = {
             "command": "focus",
@@ -301,33 +297,6 @@ def run(args: argparse.Namespace, console: Console) -> int:
         results.save_record(folder, record)
         console.say(f"{picture} ({watch.total:.1f} s)")
     return 0
-
-
-def _scene_of(args: argparse.Namespace, radar: "Radar") -> "Scene":
-    """The scene that is named, else that of the run in the folder of the raw data.
-
-    Raises
-    ------
-    DataError
-        The radar of the named scene flies elsewhere than that of the raw data.
-    """
-    import numpy as np
-
-    from sarmitsuba.backend import ensure_backend
-    from sarmitsuba.commands.picture import scene_of
-    from sarmitsuba.loader.load import load_scene
-
-    if not args.scene:
-        return scene_of(Path(args.raw).parent, allow_outside=args.allow_outside)
-    ensure_backend()
-    scene = load_scene(args.scene, allow_outside=args.allow_outside)
-    own, told = (one.in_file_frame().track for one in (scene.radar.as_recorded(), radar))
-    if own.n_pulses != told.n_pulses or np.abs(own.position - told.position).max() > _SAME_TRACK:
-        raise DataError(
-            f"--scene {args.scene}: its radar has another track than {args.raw}; give the scene that the data were "
-            "made from, with its radar"
-        )
-    return scene
 
 
 def _run_hash_of(path: Path, raw: "RawData") -> str:
@@ -351,7 +320,7 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     from sarmitsuba.focusing.focuser import parse_focuser
     from sarmitsuba.focusing.motion_compensation import needs_compensation
     from sarmitsuba.image.shown_axes import ShownAxes
-    from sarmitsuba.labelling.geometry import check_labelled
+    from sarmitsuba.labelling.geometric_layers import check_labelled
 
     radar = radar.as_recorded()
     grid = default_grid(radar, request)

@@ -15,7 +15,7 @@ _LEVEL = 1e-9
 _RAYS = 2_000_000
 
 
-class Sight:
+class SightLines:
     """Triangles that may hide points.
 
     Parameters

@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.placement import Placement
+from sarmitsuba.focusing.placement import ImagePlacement
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.mesh.connected import connected
@@ -185,7 +185,7 @@ def draw_outlines(axes: Axes, scene: Scene, grid: ImageGrid, shown: ShownAxes) -
         points = np.concatenate([getattr(ring, kind) for ring in rings])
         if scene.radar.all_round:
             points[:, 2] = own.height
-        places = np.stack(shown.shown(*Placement(own, scene.radar).imaged(points)), axis=-1)
+        places = np.stack(shown.shown(*ImagePlacement(own, scene.radar).imaged(points)), axis=-1)
         lines = [places[a:b] for a, b in pairwise(corners)]
         if kind == "top":
             raised = [

@@ -1,6 +1,8 @@
 """Layover, shadow and incidence by geometry against closed forms of boxes and slopes, and against dense sampling."""
 
+import dataclasses
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.labels import Labels
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.labelling.geometry import BOTH, LAYOVER, NO_SURFACE, SHADOW, VALID, surface_points
+from sarmitsuba.labelling.geometric_layers import BOTH, LAYOVER, NO_SURFACE, SHADOW, VALID, surface_points
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
@@ -235,7 +237,7 @@ def test_local_incidence_is_that_of_the_slope() -> None:
     )
 
 
-def _straight(radar: Radar) -> object:
+def _straight(radar: Radar) -> Callable[[F64], F64]:
     """The antenna that looks at points at the middle of their aperture, on a straight track, by its geometry."""
     base, along = radar.track.center_position, radar.track.along
 
@@ -367,6 +369,25 @@ def _plain(**mesh: Any) -> Scene:
     )
 
 
+@pytest.mark.parametrize("seed", few_of(range(4)))
+def test_a_shape_smaller_than_a_pixel_is_in_the_pixel_of_its_middle(seed: int) -> None:
+    rng = np.random.default_rng([23, seed])
+    corners = rng.uniform(-0.03, 0.03, (4, 3)) + rng.uniform(-8.0, 8.0, 3)
+    scene = build_scene(
+        [SceneMesh(corners, TRIANGLES, "pec", "chip")], radar=radar_of(rng), film=film_of("slant")
+    )
+    found = sarmitsuba.labels(scene)
+    (at,) = np.argwhere(found["shape"] == 1)
+    assert (found["surfaces"] > 0).sum() == 1
+    radar = scene.radar
+    leg = corners.mean(axis=0) - radar.track.center_position
+    ahead = leg @ radar.track.along
+    assert found.grid.azimuth[at[0]] == pytest.approx(ahead, abs=0.5 * found.grid.azimuth_spacing + 0.05)
+    closest = np.sqrt(leg @ leg - ahead**2)
+    # tol: half a pixel, and the size of the shape
+    assert found.grid.range[at[1]] == pytest.approx(closest, abs=0.5 * found.grid.range_spacing + 0.05)
+
+
 def test_a_moving_box_is_shown_beside_its_place() -> None:
     """A target that comes nearer by v is displaced by v R / V along the track."""
     rest, speed = _plain(), 0.4
@@ -381,6 +402,18 @@ def test_a_moving_box_is_shown_beside_its_place() -> None:
     rate = speed * float(scene.radar.across @ line) / float(np.linalg.norm(line))
     shift = -rate * float(np.linalg.norm(line)) / float(np.linalg.norm(scene.radar.track.velocity[0]))
     assert rows[1] - rows[0] == pytest.approx(shift, abs=0.8)  # tol: a pixel
+
+
+@pytest.mark.parametrize("pixels", [(1, 1), (1, 9), (7, 1), (3, 4)])
+def test_images_of_few_pixels_agree_with_the_whole(pixels: tuple[int, int]) -> None:
+    scene = _plain()
+    whole = sarmitsuba.labels(scene)
+    rows, columns = (slice(20, 20 + pixels[0]), slice(30, 30 + pixels[1]))
+    grid = dataclasses.replace(whole.grid, azimuth=whole.grid.azimuth[rows], range=whole.grid.range[columns])
+    few = sarmitsuba.labels(scene, grid)
+    # tol: pixels' spacing counts where shapes smaller than a pixel are, and there are none
+    for name in ("layover_shadow", "surfaces", "shape"):
+        np.testing.assert_array_equal(few[name], whole[name][rows, columns])
 
 
 def test_threads_label_alike() -> None:

@@ -1,10 +1,14 @@
 """Layover and shadow of boxes on level ground by dense sampling, sharing no code with the labels."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
+
+Bools = NDArray[np.bool_]
 
 # corners of the unit box and its faces as corner, first and second edge: bottom, top, four sides
 _FACES = (
@@ -65,9 +69,9 @@ class UprightBox:
             one, two = ((edge - p) / (q - p) for edge in (low, low + self.size))
         enter = np.nanmax(np.minimum(one, two), axis=1)
         leave = np.nanmin(np.maximum(one, two), axis=1)
-        return np.minimum(leave, 1.0) - np.maximum(enter, 0.0)
+        return np.asarray(np.minimum(leave, 1.0) - np.maximum(enter, 0.0))
 
-    def covers(self, point: F64) -> F64:
+    def covers(self, point: F64) -> Bools:
         """Whether points (n, 3) lie in its plan, (n,) bool."""
         local = np.abs((point[:, :2] - self.middle) @ self.axes.T)
         return np.asarray((local < 0.5 * self.size[:2]).all(axis=1))
@@ -79,11 +83,11 @@ class Sampled:
 
     point: F64
     surface: I64
-    seen: F64
-    open: F64
+    seen: Bools
+    open: Bools
 
 
-def sampled(boxes: list[UprightBox], extent: F64, step: float, antenna_of: object) -> Sampled:
+def sampled(boxes: list[UprightBox], extent: F64, step: float, antenna_of: Callable[[F64], F64]) -> Sampled:
     """Samples of boxes and of the ground.
 
     Parameters
@@ -104,7 +108,7 @@ def sampled(boxes: list[UprightBox], extent: F64, step: float, antenna_of: objec
             points.append(box.of_unit(share))
             surfaces.append(np.full(len(share), 1 + 6 * i + j))
     point, surface = np.concatenate(points), np.concatenate(surfaces)
-    antenna = antenna_of(point)  # type: ignore[operator]
+    antenna = antenna_of(point)
     seen, free = np.ones(len(point), dtype=bool), np.ones(len(point), dtype=bool)
     for i, box in enumerate(boxes):
         # a point of the box itself is hidden where the line goes on inside
@@ -114,7 +118,7 @@ def sampled(boxes: list[UprightBox], extent: F64, step: float, antenna_of: objec
     return Sampled(point, surface, seen, free)
 
 
-def expected_masks(found: Sampled, row: F64, column: F64, shape: tuple[int, int]) -> tuple[I64, F64]:
+def expected_masks(found: Sampled, row: F64, column: F64, shape: tuple[int, int]) -> tuple[I64, Bools]:
     """Mask of layover and shadow, and where it is sure: pixels whose neighbours hold the same surfaces, seen alike.
 
     Parameters

@@ -1,6 +1,6 @@
 """Layover, shadow, incidence angle and positions of the surfaces that fall into the pixels of an image."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.placement import Placement
+from sarmitsuba.focusing.placement import ImagePlacement
 from sarmitsuba.image.labels import LabelLayer
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.labelling.fragments import Fragments, fragments
-from sarmitsuba.labelling.sight import Sight
+from sarmitsuba.labelling.sight import SightLines
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.endless_ground import with_endless_ground
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
@@ -99,22 +100,23 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
     radar, geometry = scene.radar, scene.geometry
     check_labelled(radar)
     grid = grid.in_frame(scene.offset)
-    placement = Placement(grid, radar)
+    placement = ImagePlacement(grid, radar)
     invisible = np.array([m.invisible for m in scene.materials], dtype=bool)
     solid = np.flatnonzero(~invisible[geometry.face_material]) if geometry.n_faces else np.zeros(0, np.int64)
     corners = geometry.vertices[geometry.faces[solid]]
     middle, found = radar.start_stop().track.center_position, []
     for motion, rows in _by_motion(geometry, solid):
-        placed = _Placed(placement, motion)
+        placed = _PixelPlaces(placement, motion)
         one = fragments(corners[rows], placed, grid.shape, middle, placed.reached)
-        found.append(Fragments(one.pixel, rows[one.face], one.point, one.area))
+        whole = Fragments(one.pixel, rows[one.face], one.point, one.area)
+        found += [whole, _smaller_than_a_pixel(geometry, solid, rows, whole, placed)]
     points = Fragments.joined(found)
     points = points[np.argsort(points.pixel, kind="stable")]
     n = len(points.pixel)
     if not n:
         none = np.zeros(0, dtype=bool)
         return SurfacePoints(points, none, points.face, none, np.zeros(0), grid.shape)
-    sight, antenna = Sight(corners), placement.antenna(points.point)
+    sight, antenna = SightLines(corners), placement.antenna(points.point)
     hider = sight.hidden_by(points.point, points.face, antenna)
     line = antenna - points.point
     cosine = np.abs(np.einsum("ij,ij->i", sight.normal[points.face], line)) / np.linalg.norm(line, axis=1)
@@ -135,16 +137,18 @@ def surface_points(scene: Scene, grid: ImageGrid) -> SurfacePoints:
 
 
 @dataclass(frozen=True, eq=False)
-class _Placed:
+class _PixelPlaces:
     """Row and column, in pixels, of points that move alike; NaN on the side that the radar does not look to."""
 
-    placement: Placement
+    placement: ImagePlacement
     motion: Motion
 
     @cached_property
     def _closest(self) -> tuple[float, float]:
         """Least and largest range of closest approach in the image, with a margin for curved tracks and movement, m."""
-        found = _slant_position(self.placement.radar, self.placement.grid)[..., 1]
+        grid = self.placement.grid
+        ends = replace(grid, azimuth=grid.azimuth[[0, -1]], range=grid.range[[0, -1]])
+        found = _slant_position(self.placement.radar, ends)[..., 1]
         return float(found.min()) * (1.0 - _MARGIN), float(found.max()) * (1.0 + _MARGIN)
 
     def reached(self, middle: F64, radius: F64) -> NDArray[np.bool_]:
@@ -174,6 +178,35 @@ def _by_motion(geometry: Geometry, solid: I64) -> list[tuple[Motion, I64]]:
         still &= ~own
         parts.append((motion, np.flatnonzero(own)))
     return [(STILL, np.flatnonzero(still)), *parts]
+
+
+def _smaller_than_a_pixel(
+    geometry: Geometry, solid: I64, rows: I64, found: Fragments, placed: _PixelPlaces
+) -> Fragments:
+    """One point of every shape that covers no centre of a pixel: the middle of the face nearest to the shape's middle.
+
+    Parameters
+    ----------
+    solid, rows : faces of the geometry, and entries of these that move alike
+    found : points of these; ``face`` counts in ``solid``
+    """
+    shape = geometry.face_mesh[solid]
+    rows = rows[~np.isin(shape[rows], np.unique(shape[found.face]))]
+    corners = geometry.vertices[geometry.faces[solid[rows]]]
+    sides = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    own, number = np.unique(shape[rows], return_inverse=True)
+    total = np.maximum(np.bincount(number, area, len(own)), 1e-300)
+    faces = corners.mean(axis=1)
+    middle = np.stack([np.bincount(number, area * faces[:, k], len(own)) / total for k in range(3)], axis=1)
+    order = np.lexsort((np.linalg.norm(faces - middle[number], axis=1), number))
+    nearest = order[np.searchsorted(number[order], np.arange(len(own)))]
+    place = np.rint(placed(faces[nearest]))
+    lines, columns = placed.placement.grid.shape
+    inside = ((place >= 0.0) & (place < [lines, columns])).all(axis=1)  # NaN: no place
+    pixel = (place[inside] @ [columns, 1]).astype(np.int64)
+    nearest = nearest[inside]
+    return Fragments(pixel, rows[nearest], faces[nearest], total[inside])
 
 
 def _apart(found: Fragments, seen: NDArray[np.bool_], nearest: float) -> I64:
@@ -213,7 +246,7 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
     low = points.first(np.where(points.seen | points.open, 0.0, 1e9) + height)
     face_mesh = scene.geometry.face_mesh
     names = {0: "none"} | {i + 1: name for i, name in enumerate(scene.geometry.mesh_names)}
-    shape = _of(main, face_mesh[found.face] + 1, 0)
+    shape = np.where(seen > 0, _of(main, face_mesh[found.face] + 1, 0), 0)
     dark = _of(main, np.where(points.hider >= 0, face_mesh[points.hider] + 1, 0), 0)
     in_frame = found.point + scene.offset
     return {
@@ -252,7 +285,10 @@ def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> di
             parts=("azimuth", "slant_range"),
         ),
         "shape": LabelLayer(
-            shape.astype(np.int32), "", "shape of the surface with the largest area in the pixel", codes=names
+            shape.astype(np.int32),
+            "",
+            "shape of the seen surface with the largest area in the pixel",
+            codes=names,
         ),
         "shadow_of": LabelLayer(
             np.where(mask == SHADOW, dark, 0).astype(np.int32),
@@ -292,6 +328,8 @@ def geometric_notes(scene: Scene) -> tuple[str, ...]:
         )
     if any(m.thickness for m in scene.materials):
         notes.append("slabs that waves go through count as opaque")
+    if with_endless_ground(scene) is not scene:
+        notes.append("ground beyond its rim, which has no clutter, counts as no surface")
     if scene.geometry.moves:
         notes.append("moving shapes lie where their Doppler puts them; their shadow is that at time zero")
     if scene.radar.receiver is not None and not scene.radar.receives_itself:
