@@ -418,7 +418,9 @@ def _named_group(faces: I64, mesh: I64, upward: F64, kind: int, order: int) -> t
 def test_scenes_that_one_look_cannot_show_say_so() -> None:
     """A track round the scene: no labels of echoes, and one line with the reason."""
     given = {name: value for name, value in SMALL.items() if name != "azimuth_resolution"}
-    radar = RadarDescription(mode="circular", arc_deg=360.0, look_angle_deg=40.0, **given)
+    radar = RadarDescription(
+        mode="circular", mode_parameters={"arc_deg": 360.0}, look_angle_deg=40.0, **given
+    )
     film = FilmDescription(image_extent_azimuth=10.0, image_extent_range=10.0)
     scene = build_scene([ground(60.0, CLUTTER)], radar=radar, film=film)
     layers, instances, notes = echo_labels(scene, grid_of(scene), {})
