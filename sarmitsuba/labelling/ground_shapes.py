@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
-from sarmitsuba.labelling.sight import Sight
+from sarmitsuba.labelling.sight import SightLines
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 
@@ -46,7 +46,7 @@ def ground_shapes(scene: Scene, classes: Mapping[str, str]) -> NDArray[np.bool_]
     level = np.abs(normal[:, 2]) > np.sqrt(0.5) * area
     whole = np.bincount(geometry.face_mesh, area, n)
     flat = np.bincount(geometry.face_mesh, area * level, n) >= LEVEL_SHARE * np.maximum(whole, 1e-300)
-    sight = Sight(corners)
+    sight = SightLines(corners)
     for i, name in enumerate(geometry.mesh_names):
         if name in classes:
             out[i] = classes[name] in GROUND_CLASSES
@@ -59,7 +59,7 @@ def ground_shapes(scene: Scene, classes: Mapping[str, str]) -> NDArray[np.bool_]
 
 
 def _over_another(
-    sight: Sight, geometry: Geometry, corners: F64, place: F64, face: I64, mesh: int
+    sight: SightLines, geometry: Geometry, corners: F64, place: F64, face: I64, mesh: int
 ) -> NDArray[np.bool_]:
     """Whether another mesh is more than ``DEPTH`` below places (n, 3), m, on faces (n,) of a mesh."""
     height, going = place[:, 2].copy(), np.arange(len(place))

@@ -5,12 +5,12 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
-from sarmitsuba.focusing.placement import Placement
+from sarmitsuba.focusing.placement import ImagePlacement
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.labelling.geometry import surface_points
+from sarmitsuba.labelling.geometric_layers import surface_points
 from sarmitsuba.labelling.ground_shapes import surface_samples
 from sarmitsuba.labelling.owners import SceneShapes
-from sarmitsuba.labelling.sight import Sight
+from sarmitsuba.labelling.sight import SightLines
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 
@@ -73,7 +73,7 @@ def visible_shares(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> F64:
     """
     geometry, solid = scene.geometry, _solid(scene)
     out = np.full(shapes.n, np.nan)
-    placement = Placement(grid, scene.radar)
+    placement = ImagePlacement(grid, scene.radar)
     row_of = np.full(max(1, geometry.n_faces), -1, dtype=np.int64)
     row_of[solid] = np.arange(solid.size)
     places, rows, of = [np.zeros((0, 3))], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
@@ -87,7 +87,7 @@ def visible_shares(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> F64:
     if not solid.size:
         seen = np.zeros(0, dtype=bool)
     else:
-        sight = Sight(geometry.vertices[geometry.faces[solid]])
+        sight = SightLines(geometry.vertices[geometry.faces[solid]])
         seen = sight.hidden_by(place, row, placement.antenna(place)) < 0
     count = np.bincount(mesh_of, minlength=shapes.n)
     total = np.bincount(mesh_of, seen, shapes.n)
@@ -109,7 +109,7 @@ def shadows(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> I64:
     row_of = np.full(geometry.n_faces, -1, dtype=np.int64)
     row_of[solid] = np.arange(solid.size)
     place, face = points.found.point[hidden].copy(), row_of[points.found.face[hidden]]
-    antenna = Placement(grid, scene.radar).antenna(place)
+    antenna = ImagePlacement(grid, scene.radar).antenna(place)
     by = _hidden_by_one(geometry, solid, place, face, antenna)
     pixel, alone = points.found.pixel[hidden][by >= 0], by[by >= 0]
     pairs = np.unique(np.stack([pixel, alone], axis=1), axis=0)
@@ -121,7 +121,7 @@ def shadows(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> I64:
 def _hidden_by_one(geometry: Geometry, solid: I64, place: F64, face: I64, antenna: F64) -> I64:
     """Mesh (n,) that alone hides places (n, 3), m, on faces (n,) of ``solid`` from antennas (n, 3); -1: several."""
     corners = geometry.vertices[geometry.faces[solid]]
-    sight, mesh = Sight(corners), geometry.face_mesh[solid]
+    sight, mesh = SightLines(corners), geometry.face_mesh[solid]
     out = np.full(len(place), -2, dtype=np.int64)
     going = np.arange(len(place))
     for _ in range(_PASSED):

@@ -11,7 +11,7 @@ from sarmitsuba.arrays import C64, F32, F64, I64
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.focusing.look import adjoint_cells, form_image
 from sarmitsuba.focusing.look_parts import GridPart, PartImages
-from sarmitsuba.focusing.look_power import PowerResponse
+from sarmitsuba.focusing.mean_power import PowerResponse
 from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES
 from sarmitsuba.trace.launch import LaunchGrid
@@ -34,7 +34,7 @@ PAIR = MECHANISMS.index("diffuse pair")
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class EchoBlocks:
     """Sums of echoes in square parts of the looks' grid, at one frequency.
 
     Parameters
@@ -84,7 +84,7 @@ class GroupedLook:
         self.imager, self.owners, self.look = imager, owners, imager.look
         self.radar = imager.run.scene.radar
         self.parts = PartImages(self.look)
-        self.blocks: list[Blocks] = []
+        self.blocks: list[EchoBlocks] = []
         self.powers: dict[int, F32] = {}
         if imager.sampling is not None:
             self._trace()
@@ -165,7 +165,7 @@ class GroupedLook:
                 values = accumulator.tiles()
                 used = values.any(axis=(1, 2, 3))
                 self.blocks.append(
-                    Blocks(
+                    EchoBlocks(
                         group[used],
                         row[used] * tiling.edge,
                         column[used] * tiling.edge,
@@ -180,7 +180,7 @@ class GroupedLook:
             group = owner[taps.point] * len(MECHANISMS) + POINT
             order = np.argsort(group, kind="stable")
             self.blocks.append(
-                Blocks(group[order], taps.row[order], taps.column[order], values[order], share)
+                EchoBlocks(group[order], taps.row[order], taps.column[order], values[order], share)
             )
 
     @property
@@ -260,8 +260,8 @@ class GroupedLook:
         """Image (n_channels, n_azimuth, n_range) complex64 of :meth:`cells`."""
         return form_image(cells, self.look, self.radar)
 
-    def _by_share(self) -> list[tuple[RangeFilter | None, list[Blocks]]]:
-        """Blocks of every share of the band; frequency after frequency in the order of tracing."""
+    def _by_share(self) -> list[tuple[RangeFilter | None, list[EchoBlocks]]]:
+        """EchoBlocks of every share of the band; frequency after frequency in the order of tracing."""
         shares: list[RangeFilter | None] = []
         for block in self.blocks:
             if not any(_same(block.share, other) for other in shares):
