@@ -245,21 +245,33 @@ def boxes_alone(seed: int) -> tuple[Scene, Scene, Scene]:
     return made[0], made[1], made[2]
 
 
+@pytest.mark.parametrize("mode", ["spotlight", "stripmap"])
 @pytest.mark.parametrize("look", [25.0, 40.0, 60.0])
-def test_mean_level_of_ground_is_that_of_its_law(look: float) -> None:
-    """Level ground of a Lambert law: sigma0 = level cos^2 of the incidence angle."""
-    radar = RadarDescription(look_angle_deg=look, polarisation="VV", **SMALL)
+def test_mean_level_of_ground_is_that_of_its_law(look: float, mode: str) -> None:
+    """Level ground of a Lambert law: sigma0 = level cos^2 of the incidence angle, and a tenth of it in HV."""
+    radar = RadarDescription(mode=mode, look_angle_deg=look, polarisation="HH,HV,VV", **SMALL)
     film = FilmDescription(image_extent_azimuth=30.0, image_extent_range=30.0)
-    material = {**CLUTTER, "rms_height": 0.1}
-    scene = build_scene(
-        [ground(120.0, material)], radar=radar, film=film, settings=TraceSettings(endless_ground="off")
-    )
+    material = {**CLUTTER, "rms_height": 0.1, "cross_polar_ratio_db": -10.0}
+    settings = TraceSettings(endless_ground="off")
+    scene = build_scene([ground(120.0, material)], radar=radar, film=film, settings=settings)
     layers, _, _ = echo_labels(scene, grid_of(scene), {})
-    sigma0 = layers["expected_sigma0"].values[..., 0]
-    wanted = 10.0 ** (-0.8) * np.cos(np.radians(look)) ** 2
-    # nodes of a lattice, of different numbers in each resolution cell: the mean over the image has none of that
-    assert float(sigma0.mean()) == pytest.approx(wanted, rel=0.03)
-    assert float(sigma0.std() / sigma0.mean()) < 0.5
+    sigma0 = layers["expected_sigma0"].values
+    wanted = 10.0 ** (-0.8) * np.cos(np.radians(look)) ** 2 * np.array([1.0, 0.1, 1.0])
+    # nodes of a lattice, of slightly different numbers in each resolution cell; the incidence angle over the image
+    assert sigma0.mean(axis=(0, 1)) == pytest.approx(wanted, rel=0.01)
+    assert np.all(sigma0.std(axis=(0, 1)) < 0.03 * wanted)
+
+
+@exclusive
+def test_parts_of_a_strip_of_several_looks_add_up() -> None:
+    """Boxes along a strip over which the beam moves: several looks, divided between neighbours."""
+    beam = {"pattern": "rectangular", "antenna_length": 2.0, "antenna_height": 0.05}
+    radar = RadarDescription(look_angle_deg=40.0, polarisation="VV", **SMALL, **beam)
+    film = FilmDescription(image_extent_azimuth=400.0, image_extent_range=40.0)
+    meshes = [box(0.0, y, np.array([4.0, 6.0, 3.0]), CONCRETE, f"box at {y}") for y in (-150.0, 10.0, 140.0)]
+    scene = build_scene(meshes, radar=radar, film=film)
+    assert EchoLabels(scene, grid_of(scene), {}).imager.look.grid.n_looks > 1
+    check_sum(scene)
 
 
 @pytest.mark.slow
