@@ -302,6 +302,41 @@ def form_image(cells: NDArray[np.complexfloating], look: Look, radar: Radar) -> 
     return out
 
 
+def adjoint_cells(image: C64, look: Look, radar: Radar) -> C64:
+    """Adjoint of :func:`form_image`: ``sum(conj(image) form_image(cells)) = sum(conj(adjoint_cells(image)) cells)``.
+
+    Parameters
+    ----------
+    image : (n_layers, n_azimuth, n_range) complex
+
+    Returns
+    -------
+    (n_layers, n_range, n_azimuth) complex64
+    """
+    kernel, grid = look.grid.kernel, look.grid
+    out = np.empty((len(image), grid.n_range, grid.n_azimuth), dtype=np.complex64)
+    wavenumber = 4.0 * np.pi / radar.waveform.wavelength
+    carrier = look.gain * np.exp(-1j * np.mod(wavenumber * look.offset, 2.0 * np.pi)).astype(np.complex64)
+    x, y = look.x.reshape(-1), look.y.reshape(-1)
+    base_x, base_y = np.floor(x + kernel.shift), np.floor(y + kernel.shift)
+    taps_x, taps_y = kernel.taps(x + kernel.shift - base_x), kernel.taps(y + kernel.shift - base_y)
+    first = (base_x.astype(np.int64) - kernel.lead) * grid.n_azimuth + base_y.astype(np.int64) - kernel.lead
+    size = grid.n_range * grid.n_azimuth
+    for layer, plane in enumerate(image):
+        value = (plane * carrier).reshape(-1)
+        cells = np.zeros(size, dtype=np.complex128)
+        for i, tx in enumerate(taps_x):
+            for j, ty in enumerate(taps_y):
+                place, part = first + (i * grid.n_azimuth + j), value * (tx * ty)
+                cells += np.bincount(place, part.real, size) + 1j * np.bincount(place, part.imag, size)
+        spectrum = scipy.fft.fft2(
+            cells.reshape(grid.n_range, grid.n_azimuth).astype(np.complex64), workers=-1
+        )
+        spectrum *= np.conj(look.response)
+        out[layer] = scipy.fft.ifft2(spectrum, workers=-1, overwrite_x=True)
+    return out
+
+
 def resample(smooth: C64, look: Look) -> C64:
     """Interpolate a band-limited field on the look's grid at the pixels with the gridding kernel."""
     kernel, grid = look.grid.kernel, look.grid
@@ -321,4 +356,4 @@ def resample(smooth: C64, look: Look) -> C64:
                 row += flat[first + (i * grid.n_azimuth + j)] * ty
             total += row * tx
         out[start : start + _BATCH] = total
-    return out.reshape(look.image.shape)
+    return out.reshape(look.x.shape)

@@ -1,16 +1,16 @@
 """Images without raw data: coherent multi-bounce paths of one look (``image``), or projection (``raster``)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
-from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_generator, noise_power
 from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.echo.sub_bands import SubBands
+from sarmitsuba.echo.sub_bands import RangeFilter, SubBands
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture_weights import incidence_angle, matched_weights
@@ -24,6 +24,7 @@ from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.point_legs import PointLegs, over_band, takes_part
+from sarmitsuba.simulation.point_taps import PointTaps, point_taps
 from sarmitsuba.simulation.points import PointEcho
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.raster import Raster
@@ -35,7 +36,10 @@ from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.source import Launch
 from sarmitsuba.trace.stage import stages_of
+
+Filled = TypeVar("Filled", bound=ImageAccumulator)
 
 
 class Imager:
@@ -136,7 +140,7 @@ class Imager:
         for i, subset in enumerate(layers.subsets):
             cells = np.zeros((layers.per_subset, look.grid.n_range, look.grid.n_azimuth), np.complex64)
             if self.sampling is not None:
-                cells = self._traced(self._rays(pass_index)[i])
+                cells = self._traced(self.rays(pass_index)[i])
             if run.scene.points:
                 cells = cells + self._points(layers.layers[: layers.per_subset])
             planes.append(form_image(cells, look, radar) * np.float32(SUBSET_SHARES[subset]))
@@ -152,7 +156,11 @@ class Imager:
         if run.plan.on("noise"):
             self._add_noise(data, layers.layers)
             run.timer.lap("noise")
-        return self._package(data, layers.layers, "image", self._look_cells())
+        return self.packed(data)
+
+    def packed(self, data: C64) -> SarImage:
+        """Image of one look from its pixels (n_layers, n_azimuth, n_range)."""
+        return self._package(data, self.run.layers.layers, "image", self._look_cells())
 
     def raster(self) -> SarImage:
         """Image by projection of the visible surface (one bounce, incoherent).
@@ -195,7 +203,8 @@ class Imager:
         run.statistics = TraceStatistics(rays=self._raster.n_rays, key_pulses=1)
         return self._package(data, layers, "raster", self._raster_cells(cell))
 
-    def _rays(self, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
+    def rays(self, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
+        """Lattices of every ray subset at the middle of the track."""
         assert self.sampling is not None
         if pass_index not in self._lattices:
             middle = self.run.scene.radar.track.center_index
@@ -209,58 +218,85 @@ class Imager:
 
     def _traced(self, rays: tuple[LaunchGrid, ...]) -> C64:
         """Contributions of one ray subset on the grid of the looks."""
-        run, grid, time = self.run, self.look.grid, self.look.time
-        if self._tracer is None:
-            assert self.sampling is not None
-            # the image is corrected for the pattern, so the look is traced without it
-            self._tracer = run.tracer(self.sampling, antenna_pattern=False)
+        run, grid = self.run, self.look.grid
         wavelength = run.scene.radar.waveform.wavelength
-        most = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
-        together = min(most, grid.n_looks, self._tracer.most_pulses or grid.n_looks)
+
+        def empty() -> ImageAccumulator:
+            shape = len(run.layers.orders), len(run.layers.channels), run.layers.max_order
+            return ImageAccumulator(grid, *shape, wavelength)
+
         cells: C64 | None = None
-        for i, (tracer, share) in enumerate(self._tracer.over_band()):
-            accumulator = ImageAccumulator(
-                grid, len(run.layers.orders), len(run.layers.channels), run.layers.max_order, wavelength
-            )
-            for first in range(0, grid.n_looks, together):
-                pick = slice(first, min(first + together, grid.n_looks))
-                tracer.pose(time[pick])
-                accumulator.serve(pick.start, pick.stop)
-                states = AntennaStates(grid.position[pick], grid.velocity[pick], slice(0, 1))
-                for launch in tracer.launches(rays, states.n_pulses):
-                    done = tracer.launch(launch, states, accumulator)
-                    run.statistics = run.statistics.plus(done if i == 0 else replace(done, key_pulses=0))
+        for accumulator, share in self.launched(rays, empty):
             part = grid.filtered(np.asarray(accumulator.grid()), share, wavelength)
             cells = part if cells is None else cells + part
         assert cells is not None
         return cells
 
+    def launched(
+        self,
+        rays: tuple[LaunchGrid, ...],
+        empty: Callable[[], Filled],
+        term: int | None = None,
+        wanted: Callable[[Launch], bool] = lambda launch: True,
+    ) -> Iterator[tuple[Filled, RangeFilter | None]]:
+        """Accumulators with the echoes of all looks, one for each traced frequency, and its share of the band.
+
+        Parameters
+        ----------
+        rays : lattices
+        empty : makes an accumulator
+        term : see :class:`sarmitsuba.trace.state.KernelSettings`
+        wanted : launches to be traced
+        """
+        run, grid, time = self.run, self.look.grid, self.look.time
+        if self._tracer is None:
+            assert self.sampling is not None
+            # the image is corrected for the pattern, so the look is traced without it
+            self._tracer = run.tracer(self.sampling, antenna_pattern=False)
+        with_numbers = self._tracer if term is None else self._tracer.of_term(term)
+        most = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
+        together = min(most, grid.n_looks, self._tracer.most_pulses or grid.n_looks)
+        for i, (tracer, share) in enumerate(with_numbers.over_band()):
+            accumulator = empty()
+            for first in range(0, grid.n_looks, together):
+                pick = slice(first, min(first + together, grid.n_looks))
+                tracer.pose(time[pick])
+                accumulator.serve(pick.start, pick.stop)
+                states = AntennaStates(grid.position[pick], grid.velocity[pick], slice(0, 1))
+                for launch in filter(wanted, tracer.launches(rays, states.n_pulses)):
+                    done = tracer.launch(launch, states, accumulator)
+                    run.statistics = run.statistics.plus(done if i == 0 else replace(done, key_pulses=0))
+            yield accumulator, share
+
     def _points(self, layers: tuple[Layer, ...]) -> C64:
         """Echoes of the ideal points on the grid of the looks, layers of the first order only."""
         grid, wave = self.look.grid, self.run.scene.radar.waveform
-        shape = (len(layers), grid.n_range, grid.n_azimuth)
+        out = np.zeros((len(layers), grid.n_range, grid.n_azimuth), dtype=np.complex64)
+        for taps, share in self.point_taps([layer.channel for layer in layers]):
+            part = np.zeros_like(out)
+            for i, layer in enumerate(layers):
+                if layer.order in (0, 1):
+                    part[i] = taps.on(grid, taps.values[i])
+            out += grid.filtered(part, share, wave.wavelength)
+        return out
+
+    def point_taps(self, channels: Sequence[str]) -> Iterator[tuple[PointTaps, RangeFilter | None]]:
+        """Echoes of the ideal points in every channel given, at every frequency, with its share of the band."""
+        grid, wave = self.look.grid, self.run.scene.radar.waveform
         there = self.run.trace_scene and self.run.trace_scene.at(float(self.look.time[0]))
         partly = takes_part(there, self.run.plan.flags)
         count = self.run.plan.sub_bands if partly else 1
         bands = SubBands(wave.center_frequency, wave.bandwidth, count)
         standing = over_band(self.run.scene, there, bands)
-        out = np.zeros(shape, dtype=np.complex64)
         for index, at in enumerate(standing):
-            part = np.zeros(shape, dtype=np.complex64)
-            for look in range(grid.n_looks):
-                self._add_points(part, layers, look, at, SPEED_OF_LIGHT / float(bands.frequencies[index]))
-            out += grid.filtered(part, bands.range_filter(index), wave.wavelength)
-        return out
+            wavelength = SPEED_OF_LIGHT / float(bands.frequencies[index])
+            looks = [self._seen_points(channels, look, at, wavelength) for look in range(grid.n_looks)]
+            yield PointTaps.joined(looks), bands.range_filter(index)
 
-    def _add_points(
-        self,
-        out: C64,
-        layers: tuple[Layer, ...],
-        look: int,
-        there: TraceScene | None,
-        wavelength: float,
-    ) -> None:
-        """Add the echoes of the ideal points to one look.
+    def _seen_points(
+        self, channels: Sequence[str], look: int, there: TraceScene | None, wavelength: float
+    ) -> PointTaps:
+        """Echoes of the ideal points in one look.
 
         Parameters
         ----------
@@ -280,11 +316,8 @@ class Imager:
         amplitude = radar.amplitude_constant * root
         echo = PointEcho.of([legs], amplitude, position, own, [(antenna, velocity)])
         echo = echo.through_stages(flags, wavelength, position)
-        place = (look, echo.slant_range, echo.range_rate)
-        for i, layer in enumerate(layers):
-            if layer.order in (0, 1):
-                shown = echo.channel(layer.channel)
-                out[i] += spread_points(grid, *place, shown, radar.waveform.wavelength)
+        shown = np.array([echo.channel(channel) for channel in channels])
+        return point_taps(grid, look, echo.slant_range, echo.range_rate, shown, radar.waveform.wavelength)
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:
         """Add receiver noise with the spectrum that focusing gives it: flat over the band of the impulse response."""
@@ -372,38 +405,3 @@ class Imager:
             incidence_angle=incidence_angle(radar, middle),
             metadata=metadata,
         )
-
-
-def spread_points(
-    grid: LookGrid,
-    look: int,
-    slant_range: F64,
-    rate: F64,
-    amplitude: C128,
-    wavelength: float,
-) -> C64:
-    """Grid of a look, (n_range, n_azimuth) complex64, with a few paths spread on it: ``ImageAccumulator`` in NumPy.
-
-    Parameters
-    ----------
-    look : that sees them
-    slant_range, rate : (n,) m and m/s
-    amplitude : (n,) at that range
-    """
-    kernel = grid.kernel
-    place, azimuth, distance = grid.coordinates(slant_range, rate, look)
-    if grid.fan is not None:  # at the time when the beam passes over them
-        amplitude = amplitude * (slant_range / distance) ** 2 * grid.share(azimuth, look)
-    offset, x, y = grid.cells(place, azimuth)
-    inside = (x >= kernel.margin) & (x <= grid.n_range - 1 - kernel.margin)
-    inside &= (y >= kernel.margin) & (y <= grid.n_azimuth - 1 - kernel.margin)
-    x, y, offset, amplitude = x[inside], y[inside], offset[inside], amplitude[inside]
-    value = amplitude * np.exp(-4j * np.pi / wavelength * offset)
-    base_x, base_y = np.floor(x + kernel.shift), np.floor(y + kernel.shift)
-    taps_x, taps_y = kernel.taps(x + kernel.shift - base_x), kernel.taps(y + kernel.shift - base_y)
-    i, j = base_x.astype(int) - kernel.lead, base_y.astype(int) - kernel.lead
-    out = np.zeros((grid.n_range, grid.n_azimuth), dtype=np.complex128)
-    for p, tx in enumerate(taps_x):
-        for q, ty in enumerate(taps_y):
-            np.add.at(out, (i + p, j + q), value * tx * ty)
-    return out.astype(np.complex64)

@@ -110,6 +110,14 @@ class Tracer:
         for tracer in {self, *self.by_frequency}:
             tracer.timer = timer
 
+    def of_term(self, term: int) -> "Tracer":
+        """Tracer with one of the random numbers of every diffuse scatterer; see :class:`KernelSettings`."""
+        other = copy(self)
+        other.kernel = replace(self.kernel, term=term)
+        own = {id(tracer): tracer.of_term(term) for tracer in self.by_frequency if tracer is not self}
+        other.by_frequency = tuple(own.get(id(tracer), other) for tracer in self.by_frequency)
+        return other
+
     @property
     def most_pulses(self) -> int | None:
         """Pulses that one launch may trace; None for any number."""
@@ -159,10 +167,11 @@ class Tracer:
         """
         antenna = self.sampling.scene.radar.antenna
         kernel = self.kernel_of(launch.part.grid, states, accumulator)
+        accumulator.before(launch, kernel.pulses.n_pulses)
         counts, state = launch.record(kernel, antenna, accumulator)
-        dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
+        dr.eval(counts.hits, counts.contributions, state, accumulator.written)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
-        lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])
+        lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:3])
         self.timer.lap("trace")
         if not np.isfinite(power):
             self._stop(launch, kernel, states.pick)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sarmitsuba.echo.block import BlockPlan
     from sarmitsuba.echo.direct import DirectPlan
     from sarmitsuba.echo.gridding import GriddingKernel
+    from sarmitsuba.trace.source import Launch
     from sarmitsuba.trace.state import Contribution
 
 
@@ -97,10 +98,12 @@ class GridAccumulator:
         range_offset: mi.Float64,
         cells: tuple[mi.Float64, mi.Float64],
         kernels: tuple[GriddingKernel, GriddingKernel],
+        slot: mi.UInt32 | None = None,
     ) -> mi.Bool:
         """Spread echoes over rows and columns (position in cells, kernel); returns the lanes within the grid.
 
-        ``range_offset`` (m) is the slant range less the reference that the phase is taken from.
+        ``range_offset`` (m) is the slant range less the reference that the phase is taken from; ``slot``: other than
+        that of the bounce order.
         """
         (x, y), (_, n_rows, n_columns) = cells, self.shape
         ix, wx, inside_x = grid_cells(x, kernels[0], n_rows)
@@ -108,13 +111,28 @@ class GridAccumulator:
         inside = contribution.active & inside_x & inside_y
         phase = phase_factor(range_offset, self.wavelength)
         values = [amplitude * phase for amplitude in contribution.amplitudes]
-        # opaque sizes: the next grid of the same kind then needs no new kernel
-        rows, columns = dr.opaque(mi.UInt32, n_rows), dr.opaque(mi.UInt32, n_columns)
-        base = (self.slot(contribution.order) * rows + ix) * columns + iy
+        slot = self.slot(contribution.order) if slot is None else slot
+        base, columns, inside = self.first_cell(slot, ix, iy, inside)
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
                 self.scatter(base + (i * columns + j), values, wi * wj, inside)
         return inside
+
+    def first_cell(
+        self, slot: mi.UInt32, ix: mi.UInt32, iy: mi.UInt32, inside: mi.Bool
+    ) -> tuple[mi.UInt32, mi.UInt32, mi.Bool]:
+        """Place in memory of row ``ix`` and column ``iy``, cells from there to the next row, and lanes in memory."""
+        # opaque sizes: the next grid of the same kind then needs no new kernel
+        rows, columns = (dr.opaque(mi.UInt32, n) for n in self.shape[1:])
+        return (slot * rows + ix) * columns + iy, columns, inside
+
+    def before(self, launch: Launch, n_pulses: int) -> None:
+        """Prepare for a launch from a number of pulses; most need nothing."""
+
+    @property
+    def written(self) -> Sequence[mi.Float]:
+        """Arrays to which a launch writes."""
+        return [self.memory]
 
     def counted(self, state: LostCount, contribution: Contribution, lost: mi.Bool) -> LostCount:
         """The count with one more contribution."""

@@ -94,8 +94,10 @@ class PairSource:
     the speckle of its two cells, as for surfaces rough against the wavelength.
     """
 
+    mechanism = "diffuse pair"
+
     def __init__(self, pairs: SurfacePairs) -> None:
-        self.n = pairs.n
+        self.n, self.face = pairs.n, pairs.face
         self.places = device_array(mi.Float64, _rows(pairs))
         self.faces = device_array(mi.UInt32, pairs.face.astype(np.uint32))
         self.key = device_array(mi.UInt32, pairs.key)
@@ -133,6 +135,10 @@ class PairSource:
             added = accumulator.add(accumulator.add(added, one), other)
             contributions = dr.select(one.active, mi.UInt32(1), 0) + dr.select(other.active, mi.UInt32(1), 0)
         return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
+
+    def scatterers_of(self, part: Part) -> PairSource:
+        """The pairs themselves."""
+        return self
 
     def at(self, wavelength: float) -> PairSource:
         """The same pairs at another wavelength, m: itself, since the kernel's tables hold the material's properties."""

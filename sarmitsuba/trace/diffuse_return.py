@@ -147,7 +147,9 @@ class DiffuseReturns:
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
         if movement is not None:  # the lattice moves with the shape
             centre = centre + movement.shift
-        random = speckle_coefficients(key, hit.properties.cross_polar_ratio, flags, self.age)
+        random = speckle_coefficients(
+            key, hit.properties.cross_polar_ratio, flags, self.age, self.kernel.constants.term
+        )
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length

@@ -188,8 +188,10 @@ class FringeCurrents(Scatterers):
     taken.
     """
 
+    mechanism = "edge"
+
     def __init__(self, edges: SharpEdges) -> None:
-        self.n = edges.n
+        self.n, self.middle = edges.n, edges.middle
         self._wedge: _Wedge | None = None
         self._middle = device_array(mi.Float64, edges.middle)
         rows = [

@@ -37,6 +37,14 @@ class ImageAccumulator(GridAccumulator):
 
     def add(self, state: LostCount, contribution: Contribution) -> LostCount:
         """Spread on the looks' grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+        contribution, offset, cells = self.placed(contribution)
+        inside = self.spread(contribution, offset, cells, (self.look.kernel, self.look.kernel))
+        return self.counted(state, contribution, contribution.active & ~inside)
+
+    def placed(
+        self, contribution: Contribution
+    ) -> tuple[Contribution, mi.Float64, tuple[mi.Float64, mi.Float64]]:
+        """Echo with the look's share of its amplitude, its range coordinate (m), and its place on the grid (cells)."""
         look, f64 = self.look, mi.Float64
         r, s = contribution.slant_range, contribution.range_rate
         if look.fan is not None:
@@ -57,5 +65,4 @@ class ImageAccumulator(GridAccumulator):
         offset = r - dr.opaque(f64, look.reference_range)
         x = (offset - dr.opaque(f64, look.range0)) * dr.opaque(f64, 1.0 / look.range_step)
         y = (s - dr.opaque(f64, look.azimuth0)) * dr.opaque(f64, 1.0 / look.azimuth_step)
-        inside = self.spread(contribution, offset, (x, y), (look.kernel, look.kernel))
-        return self.counted(state, contribution, contribution.active & ~inside)
+        return contribution, offset, (x, y)

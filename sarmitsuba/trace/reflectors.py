@@ -79,7 +79,7 @@ class Reflectors(Scatterers):
     """
 
     def __init__(self, kind: Reflector, targets: Sequence[ScattererTarget], weights: F64) -> None:
-        self.kind, self.n = kind, len(targets)
+        self.kind, self.n, self.targets = kind, len(targets), tuple(targets)
         self.positions = vector_rows(np.array([target.position for target in targets]))
         axes = np.array([target.axes.T.ravel() for target in targets], dtype=np.float32)
         self.axes = device_array(mi.Float, axes.ravel())

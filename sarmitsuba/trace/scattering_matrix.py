@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.bistatic_dyads import Dyad
     from sarmitsuba.trace.table_rows import MaterialRow
     from sarmitsuba.trace.temporal import Age
+
+
+# random number of a scatterer from its hash and the number of an independent stream
+Drawn: TypeAlias = "Callable[[mi.UInt32, int], mi.Complex2f]"
 
 
 class Struck(Protocol):
@@ -146,15 +151,22 @@ def _chosen(lanes: mi.Bool, dyad: Dyad, level: mi.Float, other: Dyad) -> Dyad:
 
 
 def speckle_coefficients(
-    key: mi.UInt32, cross_ratio: mi.Float, flags: KernelFlags, age: Age | None
+    key: mi.UInt32,
+    cross_ratio: mi.Float,
+    flags: KernelFlags,
+    age: Age | None,
+    term: mi.UInt32 | None = None,
 ) -> list[mi.Complex2f]:
     """Random factors of a cell, one for each fixed tensor of :class:`ScatteringMatrix`; mean total power one.
 
     Co-polar; then, with depolarisation, difference and cross terms of azimuthal symmetry
     (``<|S_hv|^2> = <|S_hh - S_vv|^2> / 4``), S_hh and S_vv keeping the law's power. ``age``: change of the
-    cell since the first pass; None where nothing changes.
+    cell since the first pass; None where nothing changes. ``term``: see :class:`sarmitsuba.trace.state.KernelSettings`.
     """
-    normal, modulus_one = (gaussian, unit_phase) if age is None else (age.gaussian, age.unit_phase)
+    normal: Drawn = gaussian if age is None else age.gaussian
+    modulus_one: Drawn = unit_phase if age is None else age.unit_phase
+    if term is not None:
+        normal = modulus_one = one_term(term)
     co = normal(key, 0) if flags.speckle else modulus_one(key, 0)
     if not flags.depolarisation:
         return [co]
@@ -164,6 +176,15 @@ def speckle_coefficients(
         normal(key, 1) * root,
         normal(key, 2) * root,
     ]
+
+
+def one_term(term: mi.UInt32) -> Drawn:
+    """Function like :func:`sarmitsuba.trace.speckle.gaussian` that is one for one stream, and zero for the others."""
+
+    def number(key: mi.UInt32, stream: int) -> mi.Complex2f:
+        return mi.Complex2f(dr.select(term == stream, mi.Float(1.0), 0.0))
+
+    return number
 
 
 def diffuse_lookup(table: mi.Float, material: mi.UInt32, cos_theta: mi.Float) -> mi.Vector2f:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
@@ -95,9 +95,11 @@ class Scatterers(ABC):
     Attributes
     ----------
     n : number of scatterers
+    mechanism : name of what their echoes are called in labels
     """
 
     n: int
+    mechanism: ClassVar[str] = "scatterer"
 
     @abstractmethod
     def point(self, index: mi.UInt32) -> mi.Vector3d:
@@ -198,6 +200,10 @@ class PointSource:
         added = accumulator.begin()
         added, contributions = _added(accumulator, added, returns)
         return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
+
+    def scatterers_of(self, part: Part) -> Scatterers:
+        """The scatterers of a part."""
+        return self.scatterers
 
     def at(self, wavelength: float) -> PointSource:
         """See :class:`Source`."""

@@ -29,6 +29,8 @@ COHERENT, DIFFUSE, RECIPROCAL = range(3)
 REVERSED, SCATTERER = 4, 5
 # above every finite float32
 LARGEST = 3.4028235e38
+# independent random numbers of a diffuse scatterer, at most
+RANDOM_TERMS = 3
 # hit number that means no hit
 NO_HIT = 0xFFFFFFFF
 
@@ -49,6 +51,9 @@ class KernelSettings:
     days : since the first pass
     kept_up_to : largest phase difference of neighbouring rays, rad, at which terms of common sides of tubes are kept;
         None: as at the carrier
+    term : number of the independent random numbers of diffuse scatterers that is one, the others of which are zero,
+        without the random texture of surfaces: the powers of all ``RANDOM_TERMS`` add up to the mean power; None: all
+        are drawn
     """
 
     wavelength: float
@@ -60,6 +65,7 @@ class KernelSettings:
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     days: float = 0.0
     kept_up_to: float | None = None
+    term: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +97,7 @@ class Constants:
     turn: mi.Float64
     days: mi.Float
     kept_up_to: mi.Float | None
+    term: mi.UInt32 | None
 
     @classmethod
     def of(
@@ -114,6 +121,7 @@ class Constants:
             turn=dr.opaque(f64, grid.turn),
             days=dr.opaque(f32, settings.days),
             kept_up_to=None if settings.kept_up_to is None else dr.opaque(f32, settings.kept_up_to),
+            term=None if settings.term is None else dr.opaque(u32, settings.term),
         )
 
     def spreading_loss(self, out: mi.Float64, home: mi.Float64) -> mi.Float:
@@ -142,6 +150,8 @@ class Kernel:
     ) -> Kernel:
         """Kernel of a launch with these settings."""
         scene = scene.with_tables(surfaces=flags.texture, movers=flags.motion, slabs=flags.slabs)
+        if settings.term is not None and scene.surfaces is not None:
+            scene = replace(scene, surfaces=scene.surfaces.without_texture())
         if scene.slabs is not None:
             scene.slabs.prepare()  # before anything is recorded
         return cls(scene, grid, pulses, flags, Constants.of(settings, flags, scene, grid))

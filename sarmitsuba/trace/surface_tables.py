@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 from zlib import crc32
 
@@ -82,6 +82,12 @@ class SurfaceTables:
         if textures is None and layers == (None, None):
             return None
         return SurfaceTables(*layers, textures, quantiles)
+
+    def without_texture(self) -> SurfaceTables | None:
+        """The bitmaps alone, since the mean power of the texture is one; None without any."""
+        if self.levels is None and self.classes is None:
+            return None
+        return replace(self, textures=None, quantiles=None)
 
     def amplitude(
         self,

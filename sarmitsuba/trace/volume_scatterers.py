@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.leg import Leg
+from sarmitsuba.trace.scattering_matrix import Drawn, one_term
 from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.speckle import gaussian, mix
 from sarmitsuba.trace.temporal import Age
@@ -241,6 +242,7 @@ class VolumeScatterers(Scatterers):
     table : (16 NODES n_media,) float32, for backscatter and for the path over the ground, see `Covariance.factors`
     change : (2 n_media,) float32: coherence between passes that never decays, and time constant (days) of the rest;
         None where no medium changes
+    owner : (n,) number of the volume of each
 
     Notes
     -----
@@ -255,6 +257,8 @@ class VolumeScatterers(Scatterers):
     medium: mi.UInt32
     table: mi.Float
     change: mi.Float | None
+    owner: NDArray[np.integer]
+    mechanism: ClassVar[str] = "volume"
 
     def point(self, index: mi.UInt32) -> mi.Vector3d:
         """See the class above."""
@@ -277,7 +281,9 @@ class VolumeScatterers(Scatterers):
         four = [dr.gather(mi.Vector4f, self.table, row + (first + i)) for i in (0, 1, 4, 5)]
         size, mixed = dr.lerp(four[0], four[2], share), dr.lerp(four[1], four[3], share)
         age = Age.of(kernel, self.change, dr.gather(mi.UInt32, self.medium, index))
-        drawn = gaussian if age is None else age.gaussian
+        drawn: Drawn = gaussian if age is None else age.gaussian
+        if kernel.constants.term is not None:
+            drawn = one_term(kernel.constants.term)
         g1, g2, g3 = (drawn(key, i) for i in range(3))
         hh = g1 * size.x
         vv = g1 * mi.Complex2f(mixed.x, mixed.y) + g2 * size.y
@@ -370,6 +376,7 @@ def volume_scatterers(
         medium=device_array(mi.UInt32, np.asarray(number, dtype=np.uint32)[volume]),
         table=device_array(mi.Float, rows),
         change=_change(media),
+        owner=volume,
     )
 
 

@@ -140,8 +140,10 @@ class WireScatterers(Scatterers):
     Ruck et al., Radar Cross Section Handbook (1970), chapter 4; Knott, Shaeffer and Tuley, Radar Cross Section (2004).
     """
 
+    mechanism = "wire"
+
     def __init__(self, nodes: WireNodes, wires: Sequence[WireTarget], wavelength: float) -> None:
-        self.n = len(nodes.point)
+        self.n, self.owner = len(nodes.point), nodes.wire
         self.places = vector_rows(nodes.point)
         self.inward = device_array(mi.Float, nodes.inward.astype(np.float32))
         keys = [(wire.radius, wire.permittivity) for wire in wires]

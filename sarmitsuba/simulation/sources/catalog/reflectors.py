@@ -14,7 +14,7 @@ from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, mo
 from sarmitsuba.simulation.sources.lobes import change_in_blocks
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.reflectors import Reflector, Reflectors
-from sarmitsuba.trace.source import Part, PointSource, Source
+from sarmitsuba.trace.source import Part, PointSource, Scatterers, Source
 from sarmitsuba.units import power_from_db
 
 if TYPE_CHECKING:
@@ -115,6 +115,10 @@ class _Several:
     ) -> tuple[TraceCounts, LaneArrays]:
         assert isinstance(part, _PartOf)
         return self.each[part.source].source.record(part, kernel, antenna, accumulator)
+
+    def scatterers_of(self, part: Part) -> Scatterers:
+        assert isinstance(part, _PartOf)
+        return self.each[part.source].source.scatterers
 
     def at(self, wavelength: float) -> _Several:
         return _Several(tuple(replace(one, source=one.source.at(wavelength)) for one in self.each))
