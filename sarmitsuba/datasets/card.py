@@ -1,0 +1,172 @@
+"""Data card of a data set: what was drawn, which physics was on, stated errors, seeds, versions, licence."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.datasets.distributions import Fixed
+from sarmitsuba.datasets.recipe import PART_NAMES, Recipe
+from sarmitsuba.regular_files import read_text
+from sarmitsuba.version import __version__
+
+Label = Mapping[str, Any]
+# bins of a histogram, width of its longest bar, notes and failures shown
+_BINS, _BAR, _SHOWN = 10, 30, 12
+
+
+def data_card(recipe: Recipe, labels: Sequence[Label], mesh_parts: Mapping[str, str]) -> str:
+    """Markdown text of the data card.
+
+    Parameters
+    ----------
+    recipe : of the data set
+    labels : facts of every sample, in order of their numbers
+    mesh_parts : part of every mesh; empty where parts are by scene
+    """
+    title = recipe.text("dataset", "title") or recipe.path.stem
+    parts = Counter(label["part"] for label in labels)
+    tiles = len(recipe.corners)
+    lines = [
+        f"# {title}",
+        "",
+        f"{len(labels)} simulated images of {recipe.shape[0]} x {recipe.shape[1]} pixels"
+        + (f", {tiles} tiles of {recipe.tile[0]} x {recipe.tile[1]} each" if tiles > 1 else "")
+        + f", channels {', '.join(labels[0]['channels'])}; simulated by sarmitsuba {__version__}, not measured.",
+        "",
+        f"- recipe: `{recipe.path.name}`, SHA-256 {recipe.digest}",
+        f"- seed: {recipe.seed}; sample n is made again by `python -m sarmitsuba dataset RECIPE --sample n -o OUT`",
+        f"- licence: {recipe.text('dataset', 'licence') or 'not stated'}",
+        "- parts by "
+        + recipe.text("parts", "by")
+        + ": "
+        + ", ".join(f"{name} {parts.get(name, 0)}" for name in PART_NAMES),
+        "",
+    ]
+    if mesh_parts:
+        lines += ["## Meshes of the parts", ""]
+        for part in PART_NAMES:
+            names = [name for name, of in mesh_parts.items() if of == part]
+            lines.append(f"- {part}: {', '.join(names) or 'none'}")
+        lines.append("")
+    lines += _shapes(labels) + _drawn(recipe, labels) + _physics(labels) + _errors(recipe, labels)
+    lines += _failures(labels)
+    lines += ["## Recipe", "", "```toml", read_text(recipe.path).rstrip(), "```", ""]
+    return "\n".join(lines)
+
+
+def _shapes(labels: Sequence[Label]) -> list[str]:
+    kinds = Counter(one["semantic_class"] for label in labels for one in label["objects"])
+    if not kinds:
+        return []
+    lines = ["## Shapes", "", "| class | shapes |", "|---|---|"]
+    lines += [f"| {kind} | {count} |" for kind, count in sorted(kinds.items())]
+    angles = [one["aspect_deg"] for label in labels for one in label["objects"] if one["instance"]]
+    return [*lines, "", *(_histogram("aspect_deg of shapes from meshes", angles) if angles else [])]
+
+
+def _drawn(recipe: Recipe, labels: Sequence[Label]) -> list[str]:
+    lines = ["## Drawn values", ""]
+    for name in labels[0]["facts"]:
+        values = [label["facts"].get(name) for label in labels]
+        section, _, key = name.partition(".")
+        kind = recipe.sections[section].drawn.get(key) if section in recipe.sections else None
+        if len(set(map(str, values))) == 1:
+            if kind is not None and key in recipe.sections[section].given:
+                lines += [f"- {name} = {values[0]}", ""]
+            continue
+        how = "" if kind is None or isinstance(kind, Fixed) else f" ({kind})"
+        if any(isinstance(v, str | bool) for v in values):
+            counts = Counter(str(v) for v in values)
+            lines += [f"**{name}**{how}", "", "| value | samples |", "|---|---|"]
+            lines += [f"| {value} | {count} |" for value, count in sorted(counts.items())] + [""]
+        else:
+            lines += _histogram(f"{name}{how}", [float(v) for v in values if v is not None])
+    return lines
+
+
+def _histogram(name: str, values: Sequence[float]) -> list[str]:
+    """Table of counts, with the mean and the standard deviation."""
+    counts, edges = np.histogram(values, bins=min(_BINS, max(1, len(set(values)))))
+    most = max(int(counts.max()), 1)
+    lines = [
+        f"**{name}**: mean {np.mean(values):.4g}, standard deviation {np.std(values):.4g}",
+        "",
+        "| from | to | samples | |",
+        "|---|---|---|---|",
+    ]
+    for low, high, count in zip(edges[:-1], edges[1:], counts, strict=True):
+        lines.append(f"| {low:.4g} | {high:.4g} | {count} | {'#' * round(_BAR * int(count) / most)} |")
+    return [*lines, ""]
+
+
+def _physics(labels: Sequence[Label]) -> list[str]:
+    """Effects and in how many samples each was on."""
+    on = Counter[str]()
+    known: dict[str, None] = {}
+    for label in labels:
+        for name, state in label["physics"].items():
+            known[name] = None
+            on[name] += _is_on(state)
+    lines = ["## Physics", "", "| effect | samples with it on |", "|---|---|"]
+    lines += [f"| {name} | {on[name]} of {len(labels)} |" for name in known]
+    notes = Counter(note for label in labels for note in label["notes"])
+    if notes:
+        lines += ["", "Notes and warnings, with the number of samples:", ""]
+        lines += [f"- {count}: {note}" for note, count in notes.most_common(_SHOWN)]
+        if len(notes) > _SHOWN:
+            lines.append(f"- {len(notes) - _SHOWN} more kinds of notes are not listed")
+    return [*lines, ""]
+
+
+def _is_on(state: object) -> bool:
+    return bool(state.get("on")) if isinstance(state, Mapping) else bool(state)
+
+
+def _errors(recipe: Recipe, labels: Sequence[Label]) -> list[str]:
+    lines = ["## Stated errors", ""]
+    measured = [value for label in labels for value in label["sampling_error_db"].values()]
+    every = recipe.whole("dataset", "error_every")
+    if measured:
+        lines += [
+            f"Error by ray sampling, measured on every sample whose number is a multiple of {every} (energy of the "
+            "error over that of the image, from a second image with other rays):",
+            "",
+            *_histogram("sampling error, dB", measured),
+        ]
+    else:
+        lines += ["Error by ray sampling: not measured; `error_every` in [dataset] measures it.", ""]
+    theory: dict[str, list[float]] = {}
+    for label in labels:
+        for name, value in _numbers(label["theory"]):
+            theory.setdefault(name, []).append(value)
+    if theory:
+        lines += ["Errors that the program states of its theory, over the samples:", ""]
+        lines += ["| quantity | least | median | largest |", "|---|---|---|---|"]
+        for name, values in theory.items():
+            lines.append(f"| {name} | {min(values):.4g} | {np.median(values):.4g} | {max(values):.4g} |")
+        lines.append("")
+    return lines
+
+
+def _numbers(found: Mapping[str, Any], before: str = "") -> list[tuple[str, float]]:
+    """Numbers of nested tables by their names with dots."""
+    out: list[tuple[str, float]] = []
+    for name, value in found.items():
+        if isinstance(value, Mapping):
+            out += _numbers(value, f"{before}{name}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            out.append((f"{before}{name}", float(value)))
+    return out
+
+
+def _failures(labels: Sequence[Label]) -> list[str]:
+    reasons = Counter(reason for label in labels for reason in label["failures"])
+    if not reasons:
+        return ["## Failed draws", "", "None.", ""]
+    lines = ["## Failed draws", "", f"{sum(reasons.values())} draws failed and were replaced:", ""]
+    lines += [f"- {count}: {reason}" for reason, count in reasons.most_common(_SHOWN)]
+    if len(reasons) > _SHOWN:
+        lines.append(f"- {len(reasons) - _SHOWN} more kinds are not listed")
+    return [*lines, ""]
