@@ -10,7 +10,6 @@ from sarmitsuba.datasets.draw import PlacedShape
 from sarmitsuba.datasets.recipe import RecipeError
 from sarmitsuba.focusing.placement import Placement
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.labelling.labels import labels
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.scene.scene import Scene
 
@@ -30,6 +29,8 @@ def label_layers(
     """
     if not names:
         return {}, {}
+    from sarmitsuba.labelling.labels import labels
+
     found = labels(scene, grid, classes=_classes(scene, shapes))
     for name in names:
         if name not in found.layers:
