@@ -137,28 +137,14 @@ def _errors(recipe: Recipe, labels: Sequence[Label]) -> list[str]:
         ]
     else:
         lines += ["Error by ray sampling: not measured; `error_every` in [dataset] measures it.", ""]
-    theory: dict[str, list[float]] = {}
-    for label in labels:
-        for name, value in _numbers(label["theory"]):
-            theory.setdefault(name, []).append(value)
-    if theory:
-        lines += ["Errors that the program states of its theory, over the samples:", ""]
-        lines += ["| quantity | least | median | largest |", "|---|---|---|---|"]
-        for name, values in theory.items():
-            lines.append(f"| {name} | {min(values):.4g} | {np.median(values):.4g} | {max(values):.4g} |")
-        lines.append("")
+    omitted = [value for label in labels for value in label["omitted_db"].values()]
+    if omitted:
+        lines += [
+            "Error by theory: waves that metal sends and the program does not follow, energy over that of the image:",
+            "",
+            *_histogram("energy of omitted waves, dB", omitted),
+        ]
     return lines
-
-
-def _numbers(found: Mapping[str, Any], before: str = "") -> list[tuple[str, float]]:
-    """Numbers of nested tables by their names with dots."""
-    out: list[tuple[str, float]] = []
-    for name, value in found.items():
-        if isinstance(value, Mapping):
-            out += _numbers(value, f"{before}{name}.")
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            out.append((f"{before}{name}", float(value)))
-    return out
 
 
 def _failures(labels: Sequence[Label]) -> list[str]:

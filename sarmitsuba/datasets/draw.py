@@ -152,7 +152,7 @@ class Drawer:
             shapes: tuple[PlacedShape, ...] = ()
         else:
             shown = self._shapes(scene_number, part, levels, attempt if recipe.views == 1 else 0)
-            scene = self._built(shown, values, seed, f"sample_{number}")
+            scene = self._built(shown, values, seed, recipe.path.stem)
             shapes, facts = tuple(shown.shapes), facts | shown.facts
         focusing = {key: string_value(values["focusing"], key) for key in values["focusing"]}
         return DrawnSample(number, part, scene, shapes, facts, focusing)

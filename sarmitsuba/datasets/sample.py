@@ -83,7 +83,7 @@ class Sample:
     notes : what the program assumed or warned of
     physics : effects and their state
     sampling_error_db : of the image, by channel; empty where not measured
-    theory : stated errors of the method and the theory
+    omitted_db : energy of waves that metal sends and the program does not follow, over the image's energy, by channel
     raw : echoes, where asked for
     seconds : of processor time
     """
@@ -100,7 +100,7 @@ class Sample:
     notes: tuple[str, ...]
     physics: Mapping[str, Any]
     sampling_error_db: Mapping[str, float]
-    theory: Mapping[str, Any]
+    omitted_db: Mapping[str, float]
     raw: RawData | None
     seconds: float
 
@@ -163,7 +163,7 @@ def _attempted(drawer: Drawer, number: int, attempt: int) -> Sample:
         notes=tuple(notes),
         physics=dict(image.metadata.get("effects", {})),
         sampling_error_db=error,
-        theory=dict(image.metadata.get("theory", {})),
+        omitted_db=_omitted(image),
         raw=raw if recipe.flag("output", "raw") else None,
         seconds=0.0,
     )
@@ -195,6 +195,20 @@ def _sampling_error(every: int, drawn: DrawnSample, image: SarImage) -> dict[str
     first, second = (np.stack([one.total(name) for name in image.channels]) for one in (image, other))
     bars = estimate_pass_error(second - first, 0.5 * (first + second), image.channels, 0.5)
     return {name: value + _OF_ONE_DB for name, value in zip(bars.channels, bars.error_db, strict=True)}
+
+
+def _omitted(image: SarImage) -> dict[str, float]:
+    """Energy of waves left out over that of the image, dB; both in resolution cells times m^2."""
+    energy = dict(image.metadata.get("theory", {})).get("energy_m2", {})
+    grid = image.grid
+    slant = float(np.sin(image.incidence_angle[grid.shape[1] // 2])) if grid.kind == "ground" else 1.0
+    cell = image.azimuth_resolution_cell * image.range_resolution_cell
+    pixel = grid.azimuth_spacing * grid.range_spacing * slant / cell
+    out = {}
+    for name, left_out in energy.items():
+        power = np.abs(image.total(name).astype(np.complex128)) ** 2
+        out[name] = 10.0 * float(np.log10(max(left_out, 1e-60) / max(float(power.sum()) * pixel, 1e-60)))
+    return out
 
 
 def _facts_of(image: SarImage) -> dict[str, Value | None]:
