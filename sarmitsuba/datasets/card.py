@@ -88,7 +88,10 @@ def _drawn(recipe: Recipe, labels: Sequence[Label]) -> list[str]:
 
 def _histogram(name: str, values: Sequence[float]) -> list[str]:
     """Table of counts, with the mean and the standard deviation."""
-    counts, edges = np.histogram(values, bins=min(_BINS, max(1, len(set(values)))))
+    spread = float(np.ptp(values))
+    # values that differ by rounding alone have one bin
+    distinct = len(set(values)) if spread > 1e-9 * float(np.abs(values).max()) else 1
+    counts, edges = np.histogram(values, bins=min(_BINS, distinct))
     most = max(int(counts.max()), 1)
     lines = [
         f"**{name}**: mean {np.mean(values):.4g}, standard deviation {np.std(values):.4g}",

@@ -156,8 +156,8 @@ def generate(
             ready(GenerationPlan(len(wanted), len(wanted) * len(recipe.corners), len(left), image_bytes(drawer) * share))
         measured = False
         for sample in _made(drawer, left, processes, workers, extensions):
+            _write_beside(drawer, folder.path, sample)  # first: what is in the journal is complete
             size = append(journal, sample)
-            _write_beside(drawer, folder.path, sample)
             done.add(sample.number)
             if not measured:
                 # now with the labels and channels: the journal's rest, and the file
