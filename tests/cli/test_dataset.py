@@ -34,7 +34,7 @@ pictures = true
 [objects]
 heading_deg = {{ uniform = [0, 360] }}
 [ground]
-material = "soil"
+material = "asphalt"
 [radar]
 look_angle_deg = {{ uniform = [40, 50] }}
 bandwidth = 200e6
