@@ -27,11 +27,13 @@ from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import read_image, read_raw
+from sarmitsuba.labelling import labels
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.view.focusers import focusers_figure
 from sarmitsuba.view.fringes import interferogram_figure
+from sarmitsuba.view.labels_picture import labels_figure
 from sarmitsuba.view.notebook import draw_beam
 
 IMAGES = Path(__file__).parent / "images"
@@ -375,6 +377,15 @@ def interferogram_fields() -> Figure:
     return _pair("fields", "--days", "12")
 
 
+def labels_of_buildings() -> Figure:
+    """Layover and shadow of the sixteen buildings, in colours over their image by method raster."""
+    spacing = [f"range_film.pixel_spacing_{axis}=0.4" for axis in ("azimuth", "range")]
+    image = _render(
+        "buildings16", ["--method", "raster", *(word for value in spacing for word in ("-D", value))]
+    )
+    return labels_figure(image, labels("buildings16", image=image))
+
+
 def _pair(scene: str, *options: str) -> Figure:
     with tempfile.TemporaryDirectory() as folder:
         assert main(["insar", scene, "-o", f"{folder}/out", "--quiet", *options]) == 0
@@ -619,6 +630,7 @@ FIGURES = {
         focusers,
         interferogram_tower,
         interferogram_fields,
+        labels_of_buildings,
         modes,
         footprints,
     )

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
         SceneError,
     )
     from sarmitsuba.focusing import focus
+    from sarmitsuba.image.labels import Labels
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
+    from sarmitsuba.labelling import labels
     from sarmitsuba.link import LinkBudget, link_budget
     from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
     from sarmitsuba.loader.load import load_scene
@@ -60,6 +62,7 @@ _HOME = {
     "FilmDescription": "sarmitsuba.radar.film",
     "ImageGrid": "sarmitsuba.image.sar_image",
     "ImageRequest": "sarmitsuba.radar.image_request",
+    "Labels": "sarmitsuba.image.labels",
     "LinkBudget": "sarmitsuba.link",
     "Material": "sarmitsuba.materials.material",
     "Motion": "sarmitsuba.scene.motion",
@@ -88,6 +91,7 @@ _HOME = {
     "height_map": "sarmitsuba.analysis.interferometry",
     "image_quality": "sarmitsuba.analysis.quality",
     "interferogram": "sarmitsuba.analysis.interferometry",
+    "labels": "sarmitsuba.labelling",
     "link_budget": "sarmitsuba.link",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
@@ -129,6 +133,7 @@ __all__ = [
     "FilmDescription",
     "ImageGrid",
     "ImageRequest",
+    "Labels",
     "LinkBudget",
     "Material",
     "Motion",
@@ -158,6 +163,7 @@ __all__ = [
     "height_map",
     "image_quality",
     "interferogram",
+    "labels",
     "link_budget",
     "load_extension",
     "load_scene",

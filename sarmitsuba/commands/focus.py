@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import PictureStyle, add_axes_argument, add_scene_picture_arguments
-from sarmitsuba.commands.scene_arguments import pixels
+from sarmitsuba.commands.scene_arguments import pixels, scene_of_data
 from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
@@ -96,6 +96,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_focus_arguments(parser)
     add_scene_picture_arguments(parser)
     parser.add_argument(
+        "--scene",
+        metavar="SCENE",
+        help="scene of the data, for --labels, --outlines and --with-view (default: that of the run in RAW's folder)",
+    )
+    parser.add_argument(
         "--autofocus-records",
         action="store_true",
         help="apply the autofocus corrections that the provider delivered with the data (data.af of Gotcha files)",
@@ -144,6 +149,12 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-chart", action="store_true", help="do not draw accuracy.png: error by cause and time by stage"
     )
     add_axes_argument(parser)
+    parser.add_argument(
+        "--labels",
+        action="store_true",
+        help="also write labels of the image's pixels: layover and shadow, incidence angle, positions, shapes "
+        "(docs/labels.md)",
+    )
     parser.add_argument(
         "--focuser",
         action=_Listing,
@@ -237,7 +248,6 @@ def _windows() -> str:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Focus."""
     from sarmitsuba.commands import results
-    from sarmitsuba.commands.picture import scene_of
     from sarmitsuba.focusing import apply_autofocus_records, image_request
     from sarmitsuba.io import read_raw
     from sarmitsuba.io.output import output_folder
@@ -256,16 +266,20 @@ def run(args: argparse.Namespace, console: Console) -> int:
         request = _request(raw, args)
         orders = any(layer.order > 0 for layer in raw.layers)
         names = results.expected_names(
-            formats, raw.channels, raw=False, image=True, orders=orders, chart=not args.no_chart
+            formats,
+            raw.channels,
+            raw=False,
+            image=True,
+            orders=orders,
+            chart=not args.no_chart,
+            labels=args.labels,
         )
         run_hash = str(raw.metadata.get(results.RUN_HASH) or _run_hash_of(Path(args.raw), raw))
         if args.focuser == _ALL:
             names += (COMPARISON,)
         folder.check(run_hash, names, force=args.force)
         check_focusing(raw.radar, request or image_request(raw), args)
-        style = PictureStyle.of(
-            args, lambda: scene_of(Path(args.raw).parent, allow_outside=args.allow_outside)
-        )
+        style = PictureStyle.of(args, lambda: scene_of_data(args, raw.radar), labelled=args.labels)
         folder.clear(run_hash, keep=[Path(args.raw)])
         record: dict[str, object] = {
             "command": "focus",
@@ -306,9 +320,12 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     from sarmitsuba.focusing.focuser import parse_focuser
     from sarmitsuba.focusing.motion_compensation import needs_compensation
     from sarmitsuba.image.shown_axes import ShownAxes
+    from sarmitsuba.labelling.geometric_layers import check_labelled
 
     radar = radar.as_recorded()
     grid = default_grid(radar, request)
+    if args.labels:
+        check_labelled(radar)
     ShownAxes.of(grid, args.axes)
     for entry in results.Formats.parse(args.format).image:
         against = entry.objection(radar, request.grid) if entry.objection else ""

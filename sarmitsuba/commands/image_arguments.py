@@ -61,18 +61,22 @@ class PictureStyle:
     axes : frame of the axes, see :class:`sarmitsuba.image.shown_axes.ShownAxes`; None: of the scene on ground grids
     scene : of the image; needed only for what follows
     outlined, with_plan : draw outlines of bodies, and the scene from above beside the image
+    labelled : also write labels of the image's pixels
     """
 
     axes: str | None = None
     scene: "Scene | None" = None
     outlined: bool = False
     with_plan: bool = False
+    labelled: bool = False
 
     @staticmethod
-    def of(args: argparse.Namespace, scene: "Callable[[], Scene]") -> "PictureStyle":
-        """Style of the command line; ``scene`` is called where a picture shows something of it."""
-        needed = args.outlines or args.with_view
-        return PictureStyle(args.axes, scene() if needed else None, args.outlines, args.with_view)
+    def of(
+        args: argparse.Namespace, scene: "Callable[[], Scene]", *, labelled: bool = False
+    ) -> "PictureStyle":
+        """Style of the command line; ``scene`` is called where a picture or labels show something of it."""
+        needed = args.outlines or args.with_view or labelled
+        return PictureStyle(args.axes, scene() if needed else None, args.outlines, args.with_view, labelled)
 
     def options(self, options: "PictureOptions") -> "PictureOptions":
         """Options of a picture with these axes."""

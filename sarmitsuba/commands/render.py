@@ -193,9 +193,9 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
         )
     if args.page and args.no_focus:
         raise DataError("--page shows the image, and --no-focus makes none; leave one of them out")
-    if args.no_focus and (args.axes or args.outlines or args.with_view):
+    if args.no_focus and (args.axes or args.outlines or args.with_view or args.labels):
         raise DataError(
-            "--axes, --outlines and --with-view are of the image's picture, and --no-focus makes none; leave them out"
+            "--axes, --outlines, --with-view and --labels are of the image, and --no-focus makes none; leave them out"
         )
     if not args.no_focus:
         check_focusing(scene.radar, scene.image, args)
@@ -210,6 +210,7 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
         image=not args.no_focus,
         orders=settings.keep_orders,
         chart=not (args.no_focus or args.no_chart),
+        labels=args.labels,
     )
     if args.page:
         names += (PAGE,)
@@ -267,7 +268,7 @@ def _raw_and_image(
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder.path / formats.names(raw=True)[0]
-    style = PictureStyle.of(args, lambda: scene)
+    style = PictureStyle.of(args, lambda: scene, labelled=args.labels)
     return focus_into(folder, raw, args, console, watch, record, style, workers=workers)
 
 
@@ -390,5 +391,5 @@ def _image_only(
         record,
         console,
         chart=not args.no_chart,
-        style=PictureStyle.of(args, lambda: scene),
+        style=PictureStyle.of(args, lambda: scene, labelled=args.labels),
     )

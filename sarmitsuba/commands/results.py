@@ -16,6 +16,7 @@ from sarmitsuba import __version__
 from sarmitsuba.analysis.quality.account import Account, StageTime, account
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import PictureStyle
+from sarmitsuba.commands.label_files import LABELS_PICTURE, label_names, save_labels
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import SarImage
@@ -25,7 +26,7 @@ from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.timing import StageTimer
-from sarmitsuba.view.display import LARGEST, SMALLEST, magnification
+from sarmitsuba.view.display import LARGEST, SMALLEST, PictureOptions, magnification
 
 if TYPE_CHECKING:
     from sarmitsuba.focusing.alternatives import Alternative
@@ -87,6 +88,11 @@ class Formats:
             raise DataError(f"--format {text}: two of them would write {twice[0]}; name one of them")
         return found
 
+    @property
+    def on_a_map(self) -> bool:
+        """Whether images are written as GeoTIFF, and so are masks."""
+        return any(entry.name == "geotiff" for entry in self.image)
+
     def names(self, *, raw: bool) -> tuple[str, ...]:
         """Names of the files with raw data, or with images."""
         stem, formats = ("raw", self.raw) if raw else ("image", self.image)
@@ -94,9 +100,16 @@ class Formats:
 
 
 def expected_names(
-    formats: Formats, channels: Sequence[str], *, raw: bool, image: bool, orders: bool, chart: bool
+    formats: Formats,
+    channels: Sequence[str],
+    *,
+    raw: bool,
+    image: bool,
+    orders: bool,
+    chart: bool,
+    labels: bool = False,
 ) -> tuple[str, ...]:
-    """Names of the files that a run will write: raw data, image with pictures, bounce orders, chart of its account."""
+    """Names of the files of a run: raw data, image with pictures, bounce orders, chart of its account, labels."""
     names = [RECORD]
     if raw:
         names += formats.names(raw=True)
@@ -105,6 +118,7 @@ def expected_names(
         names += [picture_name(channels, c) for c in channels]
         names += [PICTURE_ORDERS] if orders else []
         names += [CHART] if chart else []
+        names += label_names(geotiff=formats.on_a_map) if labels else ()
     return tuple(names)
 
 
@@ -260,6 +274,13 @@ def store_image(
         path = save_pictures(folder, image, console, style)
     found = dataclasses.replace(found, stages=stage_times(image, watch))
     record["account"] = found.as_dict()
+    if style.labelled and style.scene is not None:
+        from sarmitsuba.view.labels_picture import labels_figure
+
+        with watch.stage("labels"):
+            labels = save_labels(folder, image, style.scene, console, geotiff=formats.on_a_map)
+            options = style.options(PictureOptions())
+            draw_into(folder, LABELS_PICTURE, partial(labels_figure, image, labels, options=options), console)
     if chart:
         from sarmitsuba.view.account_chart import account_figure
 
@@ -300,7 +321,6 @@ def stage_times(image: SarImage, watch: StageTimer) -> dict[str, StageTime]:
 
 def save_pictures(folder: OutputFolder, image: SarImage, console: Console, style: PictureStyle) -> Path:
     """Write quick-looks of every channel and of the bounce orders. Return the first channel's path."""
-    from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import bounce_orders, quicklook_by_order
 
     for channel in image.channels:

@@ -4,8 +4,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypedDict
 
+from sarmitsuba.errors import DataError
+
 if TYPE_CHECKING:
+    from sarmitsuba.radar.radar import Radar
     from sarmitsuba.scene.scene import Scene
+
+# largest distance of the tracks of raw data and of their scene, m
+_SAME_TRACK = 1e-3
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
@@ -130,3 +136,30 @@ def definition(text: str) -> tuple[str, str]:
     if not value.strip():
         raise argparse.ArgumentTypeError(f"{text!r} has no value after the equals sign")
     return name, value
+
+
+def scene_of_data(args: argparse.Namespace, radar: "Radar") -> "Scene":
+    """Scene of raw data: the one that ``--scene`` names, else that of the run in the folder of the raw data.
+
+    Raises
+    ------
+    DataError
+        The radar of the named scene flies elsewhere than that of the raw data.
+    """
+    import numpy as np
+
+    from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.commands.picture import scene_of
+    from sarmitsuba.loader.load import load_scene
+
+    if not args.scene:
+        return scene_of(Path(args.raw).parent, allow_outside=args.allow_outside)
+    ensure_backend()
+    scene = load_scene(args.scene, allow_outside=args.allow_outside)
+    own, told = (one.in_file_frame().track for one in (scene.radar.as_recorded(), radar))
+    if own.n_pulses != told.n_pulses or np.abs(own.position - told.position).max() > _SAME_TRACK:
+        raise DataError(
+            f"--scene {args.scene}: its radar has another track than {args.raw}; give the scene that the data were "
+            "made from, with its radar"
+        )
+    return scene

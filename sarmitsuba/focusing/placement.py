@@ -16,7 +16,7 @@ _STEPS, _CLOSE, _ENOUGH = 8, 1e-7, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class ImagePlacement:
     r"""Places of scatterers in an image: where its plane has the same history of range.
 
     A place Q of the image plane has the ranges of a point P in two pulses, a quarter of the aperture before and after

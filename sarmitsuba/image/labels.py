@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.registry import late
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,23 @@ class Labels:
     layers: Mapping[str, LabelLayer]
     instances: tuple[LabelledInstance, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def save(self, path: Path | str) -> None:
+        """Write to an HDF5 file, see docs/files.md."""
+        late("sarmitsuba.io.labels_file", "write_labels")(self, path)
+
+    @staticmethod
+    def load(path: Path | str) -> "Labels":
+        """Read from an HDF5 file.
+
+        Raises
+        ------
+        DataError
+            The file is missing, holds something else or is damaged: one line.
+        """
+        labels = late("sarmitsuba.io.labels_file", "read_labels")(path)
+        assert isinstance(labels, Labels)
+        return labels
 
     def __getitem__(self, name: str) -> NDArray[np.generic]:
         """Values of a layer."""

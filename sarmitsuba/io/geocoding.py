@@ -7,15 +7,15 @@ import scipy
 
 from sarmitsuba.arrays import F32, F64
 from sarmitsuba.image.averaging import sliding_means
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
 
 # iterations from a map position to the image plane, whose ellipsoidal height varies by the Earth's curvature
 _PASSES = 3
 
 
-def outline(image: SarImage) -> F64:
-    """Corners of the image: longitude and latitude (deg) and height (m), (5, 3) float64, closed, anticlockwise."""
-    grid = image.grid.in_frame(np.zeros(3))
+def outline(grid: ImageGrid) -> F64:
+    """Corners of an image: longitude and latitude (deg) and height (m), (5, 3) float64, closed, anticlockwise."""
+    grid = grid.in_frame(np.zeros(3))
     # half a pixel outwards, since pixels have an area; no slant range is shorter than the antenna's height
     azimuth, ranges = (
         axis[[0, -1]] + 0.5 * spacing * np.array([-1.0, 1.0])
@@ -26,7 +26,7 @@ def outline(image: SarImage) -> F64:
     corners = replace(grid, azimuth=azimuth, range=ranges).positions().reshape(4, 3)[[0, 1, 3, 2]]
     (x0, y0), (x1, y1) = (corners[k, :2] - corners[:, :2].mean(axis=0) for k in (0, 1))
     corners = corners if x0 * y1 - x1 * y0 > 0.0 else corners[::-1]
-    geodetic = image.anchor.to_geodetic(np.concatenate([corners, corners[:1]]))
+    geodetic = grid.anchor.to_geodetic(np.concatenate([corners, corners[:1]]))
     return np.column_stack([np.degrees(geodetic[:, 1]), np.degrees(geodetic[:, 0]), geodetic[:, 2]])
 
 
@@ -59,51 +59,91 @@ def utm_zone(longitude: float, latitude: float) -> int:
     return (32600 if latitude >= 0.0 else 32700) + zone
 
 
+@dataclass(frozen=True, eq=False)
+class MapGrid:
+    """North-up grid of the UTM zone over an image.
+
+    Parameters
+    ----------
+    row, column : (rows, columns) float64, fractional pixel of the image at the centre of every pixel of the map
+    widths : pixels of the image, azimuth and range, in one of the map
+    zone, west, north, spacing : see `NorthUp`
+    """
+
+    row: F64
+    column: F64
+    widths: tuple[float, float]
+    zone: int
+    west: float
+    north: float
+    spacing: float
+
+    @staticmethod
+    def of(grid: ImageGrid, spacing: float = 0.0) -> "MapGrid":
+        """Map of an anchored image; spacing in m, 0: the larger pixel spacing of the image on the ground.
+
+        Notes
+        -----
+        Pixels are placed on the image plane: terrain and buildings are displaced by layover, as in the image.
+        """
+        from rasterio.warp import transform
+
+        grid = grid.in_frame(np.zeros(3))
+        across = np.diff(grid.across_distance())
+        steps = np.array([grid.azimuth_spacing, float(across.mean()) if across.size else grid.range_spacing])
+        spacing = spacing or float(steps.max())
+        corners = outline(grid)
+        zone = utm_zone(*corners[:4].mean(axis=0)[:2])
+        code = f"EPSG:{zone}"
+        east, north = (np.asarray(v) for v in transform("EPSG:4326", code, corners[:, 0], corners[:, 1]))
+        west, top = np.floor(east.min() / spacing) * spacing, np.ceil(north.max() / spacing) * spacing
+        columns, rows = (
+            int(np.ceil((east.max() - west) / spacing)),
+            int(np.ceil((top - north.min()) / spacing)),
+        )
+        x, y = np.meshgrid(
+            west + spacing * (np.arange(columns) + 0.5), top - spacing * (np.arange(rows) + 0.5)
+        )
+        longitude, latitude = (np.asarray(v) for v in transform(code, "EPSG:4326", x.ravel(), y.ravel()))
+        place = np.column_stack([np.radians(latitude), np.radians(longitude), np.full(x.size, corners[0, 2])])
+        for _ in range(_PASSES):
+            points = grid.anchor.from_geodetic(place)
+            place[:, 2] += grid.height - points[:, 2]
+        offset = points - (grid.origin * [1.0, 1.0, 0.0] + [0.0, 0.0, grid.height])
+        distance = offset @ grid.across
+        if grid.kind == "slant":
+            distance = np.hypot(distance, grid.origin[2] - grid.height)
+        return MapGrid(
+            ((offset @ grid.along - grid.azimuth[0]) / grid.azimuth_spacing).reshape(rows, columns),
+            ((distance - grid.range[0]) / grid.range_spacing).reshape(rows, columns),
+            (float(spacing / steps[0]), float(spacing / steps[1])),
+            zone,
+            float(west),
+            float(top),
+            spacing,
+        )
+
+
 def north_up(image: SarImage, spacing: float = 0.0) -> NorthUp:
     """Resample the magnitude to a north-up grid of the UTM zone.
 
     Parameters
     ----------
     image : on any grid, anchored
-    spacing : m; 0: the larger pixel spacing of the image on the ground
+    spacing : of `MapGrid`, m
 
     Returns
     -------
     power, averaged over a map pixel that holds several image pixels, else interpolated linearly
-
-    Notes
-    -----
-    Pixels are placed on the image plane: terrain and buildings are displaced by layover, as in the image.
     """
-    from rasterio.warp import transform
-
-    grid = image.grid.in_frame(np.zeros(3))
-    across = np.diff(grid.across_distance())
-    steps = np.array([grid.azimuth_spacing, float(across.mean()) if across.size else grid.range_spacing])
-    spacing = spacing or float(steps.max())
-    corners = outline(image)
-    zone = f"EPSG:{utm_zone(*corners[:4].mean(axis=0)[:2])}"
-    east, north = (np.asarray(v) for v in transform("EPSG:4326", zone, corners[:, 0], corners[:, 1]))
-    west, top = np.floor(east.min() / spacing) * spacing, np.ceil(north.max() / spacing) * spacing
-    columns, rows = int(np.ceil((east.max() - west) / spacing)), int(np.ceil((top - north.min()) / spacing))
-    x, y = np.meshgrid(west + spacing * (np.arange(columns) + 0.5), top - spacing * (np.arange(rows) + 0.5))
-    longitude, latitude = (np.asarray(v) for v in transform(zone, "EPSG:4326", x.ravel(), y.ravel()))
-    place = np.column_stack([np.radians(latitude), np.radians(longitude), np.full(x.size, corners[0, 2])])
-    for _ in range(_PASSES):
-        points = image.anchor.from_geodetic(place)
-        place[:, 2] += grid.height - points[:, 2]
-    offset = points - (grid.origin * [1.0, 1.0, 0.0] + [0.0, 0.0, grid.height])
-    distance = offset @ grid.across
-    if grid.kind == "slant":
-        distance = np.hypot(distance, grid.origin[2] - grid.height)
-    row = (offset @ grid.along - grid.azimuth[0]) / grid.azimuth_spacing
-    column = (distance - grid.range[0]) / grid.range_spacing
-    widths = (float(spacing / steps[0]), float(spacing / steps[1]))
+    on = MapGrid.of(image.grid, spacing)
     out = [
         scipy.ndimage.map_coordinates(
-            sliding_means(image.sigma0(channel), widths, "nearest"), [row, column], order=1, cval=np.nan
+            sliding_means(image.sigma0(channel), on.widths, "nearest"),
+            [on.row, on.column],
+            order=1,
+            cval=np.nan,
         )
         for channel in image.channels
     ]
-    magnitude = np.sqrt(np.stack(out)).reshape(-1, rows, columns)
-    return NorthUp(magnitude.astype(np.float32), int(zone[5:]), float(west), float(top), spacing)
+    return NorthUp(np.sqrt(np.stack(out)).astype(np.float32), on.zone, on.west, on.north, on.spacing)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.page.gltf import PageMesh, drawn, page_mesh
+from sarmitsuba.page.labelled_pixels import labels_payload
 from sarmitsuba.page.paths import PagePaths, page_paths
 from sarmitsuba.page.quantised_profiles import page_grid, page_profiles
 from sarmitsuba.page.run_folder import RunFolder
@@ -98,6 +99,7 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         "echo": None,
         "paths": None,
         "account": account_payload(run.account),
+        "labels": None if run.labels is None else labels_payload(run.labels),
     }
     if run.raw is not None and run.raw.radar.start_stop().receiver is not None:
         say(f"{run.path}: bistatic data are not focused in the page")

@@ -10,16 +10,18 @@ import numpy as np
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.range_compression import COMPRESSIONS, range_compress
+from sarmitsuba.image.labels import Labels
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, read_image, read_raw
 from sarmitsuba.io.encoding import Json, json_value
+from sarmitsuba.io.labels_file import read_labels
 from sarmitsuba.loader.kept_paths import found_path
 from sarmitsuba.parameters import one_line
 from sarmitsuba.regular_files import read_text
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import shapes_hash
 
-RECORD = "parameters.json"
+RECORD, LABELS = "parameters.json", "labels.h5"
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +37,7 @@ class RunFolder:
     record : contents of parameters.json
     account : error by cause, and time by stage, of the image; empty where the record has none
     notes : missing parts and their reasons, one line each
+    labels : of the image's pixels; None: the run wrote none
     """
 
     path: Path
@@ -44,6 +47,7 @@ class RunFolder:
     record: dict[str, Json]
     notes: tuple[str, ...] = ()
     account: Mapping[str, Json] = field(default_factory=dict)
+    labels: Labels | None = None
 
     @property
     def seed(self) -> int | None:
@@ -94,7 +98,11 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
         if raw is not None:
             _check_same(path, scene, raw)
     account = {name: record.get(name) for name in ("errors", "account")}
-    return RunFolder(path, image, raw, scene, scene_record or record, tuple(notes), account)
+    labels = read_labels(path / LABELS) if os.path.isfile(path / LABELS) else None
+    if labels is not None and labels.grid.shape != image.grid.shape:
+        notes.append(f"{path}: {LABELS} is of another image; the page shows no labels")
+        labels = None
+    return RunFolder(path, image, raw, scene, scene_record or record, tuple(notes), account, labels)
 
 
 def scene_of_run(path: Path, *, allow_outside: bool = False) -> Scene:

@@ -11,21 +11,16 @@ from matplotlib.collections import LineCollection
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture_weights import pulse_ranges
+from sarmitsuba.focusing.placement import ImagePlacement
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.mesh.connected import connected
-from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 
 if TYPE_CHECKING:
     import shapely
 
 _FOOT, _TOP = "tab:orange", "tab:cyan"
-# Newton steps and the step of their differences, m
-_STEPS, _STEP = 8, 0.5
-# largest error of range and of range over the aperture, m, of a solution
-_ENOUGH = 1e-4
 # corners closer than this in the plan are one place, m
 _SAME = 1e-3
 # least distance of corners of a drawn ring, m, and part of the image that a surface without walls may cover
@@ -163,65 +158,6 @@ class _Heights:
         return np.column_stack([xy, self.low[nearest]]), np.column_stack([xy, self.high[nearest]])
 
 
-def imaged(points: F64, grid: ImageGrid, radar: Radar) -> tuple[F64, F64]:
-    r"""Azimuth and range, m, at which a focused image shows scatterers: the place of its plane of the same history.
-
-    A place Q of the image plane has the ranges of a point P in two pulses, a quarter of the track before and after the
-    middle one, :math:`R_i(Q) = R_i(P)`; solved by Newton's method. Bistatic ranges are half the way there and back.
-
-    Parameters
-    ----------
-    points : (n, 3) float64, m, scene frame of ``radar``
-    grid : the image's, in the same frame
-    radar : of the image
-
-    Returns
-    -------
-    azimuth, range : (n,) float64, m of the grid; NaN where no place has that history (below the track)
-
-    Notes
-    -----
-    Exact for straight tracks. On a curved one a point off the plane has no such place for all pulses: it is blurred,
-    and this is the middle of it.
-    """
-    count = radar.track.n_pulses
-    middle, apart = radar.track.center_index, max(1, count // 4)
-    pulses = np.array([max(0, middle - apart), min(count - 1, middle + apart)])
-    base, along, across = radar.track.center_position, radar.track.along, radar.across
-    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-
-    def history(place: F64) -> F64:
-        ranges = pulse_ranges(radar, place, pulses)
-        return np.asarray(np.stack([ranges.mean(axis=-1), np.diff(ranges, axis=-1)[:, 0]], axis=-1))
-
-    wanted = history(points)
-    # a straight level track: the same azimuth and the same range of closest approach
-    beside = (points - base) @ across
-    square = beside**2 + (base[2] - points[:, 2]) ** 2 - (base[2] - grid.height) ** 2
-    flat = np.array([base[0], base[1], grid.height])
-    place = (
-        flat + ((points - base) @ along)[:, None] * along + np.sqrt(np.maximum(square, 1.0))[:, None] * across
-    )
-    for _ in range(_STEPS):
-        miss = history(place) - wanted
-        slopes = np.stack(
-            [
-                (history(place + _STEP * axis) - history(place - _STEP * axis)) / (2.0 * _STEP)
-                for axis in (along, across)
-            ],
-            axis=-1,
-        )
-        steep = np.abs(np.linalg.det(slopes)) > 1e-12
-        slopes[~steep] = np.eye(2)
-        step = np.linalg.solve(slopes, miss[..., None])[..., 0]
-        place = place - step[:, :1] * along - step[:, 1:] * across
-    place[np.abs(history(place) - wanted).max(axis=1) > _ENOUGH] = np.nan
-    offset = place - grid.origin
-    offset[:, 2] = grid.height - grid.origin[2]
-    azimuth, ground = offset @ grid.along, offset @ grid.across
-    return azimuth, ground if grid.kind == "ground" else np.hypot(ground, offset[:, 2])
-
-
 def draw_outlines(axes: Axes, scene: Scene, grid: ImageGrid, shown: ShownAxes) -> int:
     """Draw footprints with solid lines, and upper rims, which layover moves towards the radar, with thin dashed ones.
 
@@ -249,7 +185,7 @@ def draw_outlines(axes: Axes, scene: Scene, grid: ImageGrid, shown: ShownAxes) -
         points = np.concatenate([getattr(ring, kind) for ring in rings])
         if scene.radar.all_round:
             points[:, 2] = own.height
-        places = np.stack(shown.shown(*imaged(points, own, scene.radar)), axis=-1)
+        places = np.stack(shown.shown(*ImagePlacement(own, scene.radar).imaged(points)), axis=-1)
         lines = [places[a:b] for a, b in pairwise(corners)]
         if kind == "top":
             raised = [

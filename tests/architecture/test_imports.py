@@ -94,6 +94,7 @@ BACKEND_USERS = {
     "datasets",
     "doctor",
     "focusing",
+    "labelling",
     "loader",
     "plugins",
     "simulation",

@@ -17,8 +17,10 @@ import OpenEXR
 import pytest
 from matplotlib.image import imread
 
+import sarmitsuba
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError, OutputError
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io import parameter_file, read_image, read_raw, write_image, write_raw
 from sarmitsuba.io.atomic import atomic_path
@@ -30,6 +32,7 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.view.quicklook import quicklook, save
+from tests.support.scenes import shipped
 
 LAYERS = (Layer("VV", 1, 1), Layer("VV", 1, 2), Layer("VV", 2), Layer("HV"))
 PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
@@ -546,6 +549,17 @@ def test_the_page_lists_every_dataset(tmp_path: Path) -> None:
     write_raw(few, tmp_path / "few.h5")
     write_raw(with_subsets(raw), tmp_path / "raw.h5")
     assert held(tmp_path / "few.h5") | held(tmp_path / "raw.h5") == listed("raw.h5")
+
+
+def test_the_page_lists_every_dataset_of_labels(tmp_path: Path) -> None:
+    scene = shipped("plate")
+    grid = default_grid(scene.radar, {"pixels_azimuth": 5, "pixels_range": 4})
+    sarmitsuba.labels(scene, grid).save(tmp_path / "labels.h5")
+    found = {
+        re.sub(r"^/codes/\w+/", "/codes/LAYER/", name): unit
+        for name, unit in held(tmp_path / "labels.h5").items()
+    }
+    assert found == listed("labels.h5")
 
 
 def test_the_page_lists_the_header_of_exr(tmp_path: Path) -> None:

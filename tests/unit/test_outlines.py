@@ -9,8 +9,9 @@ from matplotlib.path import Path as Polygon
 
 import sarmitsuba
 from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.placement import ImagePlacement
 from sarmitsuba.image.shown_axes import ShownAxes
-from sarmitsuba.view.outlines import imaged, outlines
+from sarmitsuba.view.outlines import outlines
 from sarmitsuba.view.quicklook import quicklook
 from tests.support.scenes import POINT, small_scene
 from tests.support.unweighted import render
@@ -61,10 +62,14 @@ def test_a_raised_point_is_where_the_image_shows_it(
     file.write_text(small_scene(POINT.format(*place), **given))
     scene = sarmitsuba.load_scene(file)
     image = render(scene)
-    azimuth, range_ = imaged(place[None] - scene.offset, image.grid.in_frame(scene.offset), scene.radar)
+    azimuth, range_ = ImagePlacement(image.grid.in_frame(scene.offset), scene.radar).imaged(
+        place[None] - scene.offset
+    )
     row, column = np.unravel_index(int(image.rcs().argmax()), image.grid.shape)
     flat = place * (1.0, 1.0, 0.0)
-    on_ground = imaged(flat[None] - scene.offset, image.grid.in_frame(scene.offset), scene.radar)
+    on_ground = ImagePlacement(image.grid.in_frame(scene.offset), scene.radar).imaged(
+        flat[None] - scene.offset
+    )
     # tol: a pixel and a half, of half a cell
     assert azimuth[0] == pytest.approx(image.grid.azimuth[row], abs=1.5 * image.grid.azimuth_spacing)
     assert range_[0] == pytest.approx(image.grid.range[column], abs=1.5 * image.grid.range_spacing)

@@ -24,6 +24,7 @@ FUNCTIONS = {
     "trace_paths": ("scene", "pulses", "strongest", "near"),
     "write_image": ("image", "path"),
     "write_raw": ("raw", "path"),
+    "labels": ("scene", "grid", "image", "classes"),
     "link_budget": ("scene", "rcs", "sigma0_db"),
     "load_extension": ("module_or_file",),
     "load_scene": ("scene",),

@@ -17,7 +17,7 @@ def write_geojson(path: Path, image: SarImage) -> None:
     """Write the outline as a GeoJSON feature (RFC 7946: longitude, latitude in degrees, height in m)."""
     feature = {
         "type": "Feature",
-        "geometry": {"type": "Polygon", "coordinates": [outline(image).tolist()]},
+        "geometry": {"type": "Polygon", "coordinates": [outline(image.grid).tolist()]},
         "properties": {
             "name": printable(str(image.metadata.get("scene", path.stem))),
             "channels": list(image.channels),
@@ -37,7 +37,7 @@ def write_kml(path: Path, image: SarImage) -> None:
     ring = mark
     for name in ("Polygon", "outerBoundaryIs", "LinearRing"):
         ring = ET.SubElement(ring, f"{{{_KML}}}{name}")
-    text = " ".join(f"{east:.9f},{north:.9f},{height:.3f}" for east, north, height in outline(image))
+    text = " ".join(f"{east:.9f},{north:.9f},{height:.3f}" for east, north, height in outline(image.grid))
     ET.SubElement(ring, f"{{{_KML}}}coordinates").text = text
     with atomic_path(path) as temporary:
         ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)

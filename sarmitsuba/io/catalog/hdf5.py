@@ -11,42 +11,32 @@ sums are written in addition and not read.
 
 import json
 import math
-import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import h5py
 import numpy as np
-from h5py._objects import phil as h5py_lock
 
 from sarmitsuba.arrays import C64
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.autofocus_records import AutofocusRecords
 from sarmitsuba.echo.raw_data import Layer, RawData, channels_of
-from sarmitsuba.errors import DataError, RadarError
+from sarmitsuba.errors import DataError
 from sarmitsuba.finite import check_pulses
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import groups
-from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import json_value, to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
-from sarmitsuba.io.guarded import GuardedFile
-from sarmitsuba.isolated import survive
-from sarmitsuba.parameters import one_line
+from sarmitsuba.io.hdf5_file import check_shape, read_grid, read_hdf5, write_grid, write_hdf5
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.regular_files import check_unpacked
-from sarmitsuba.version import __version__
-
-FORMAT_VERSION = 3
-CONVENTION = "time exp(+j w t); a point at slant range R has the phase exp(-j 4 pi center_frequency R / c)"
-FRAME = "the scene file's own: x east, y north, z up, metres; its origin on the Earth is in the group anchor"
 
 # fields of a radar that are stored elsewhere
 _ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "delay", "anchor")
@@ -58,13 +48,6 @@ _SUBSETS = (
     "coarser independent estimate."
 )
 _ORDERS = "Parts of every channel by number of bounces; over all bounces they add up to the channel."
-_POSITION = {
-    "slant": "pixel (a, r): (origin x, origin y, height) + azimuth[a] along + sqrt(range[r]^2 - h^2) across, "
-    "h = origin z - height",
-    "ground": "pixel (a, r): (origin x, origin y, height) + azimuth[a] along + range[r] across",
-}
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -100,11 +83,7 @@ def write_image(path: Path | str, image: SarImage) -> None:
     """Write an image, positions in the frame of the scene's file."""
 
     def fill(file: h5py.File) -> None:
-        grid = image.grid.in_frame(np.zeros(3))
-        group = file.create_group("grid")
-        group.attrs["position"] = _POSITION[grid.kind]
-        groups.write_fields(group, grid, leave_out=("offset", "anchor"))
-        groups.write_fields(file.create_group("anchor"), grid.anchor)
+        write_grid(file, image.grid)
         group = file.create_group("calibration")
         for name in ("wavelength", "azimuth_resolution_cell", "range_resolution_cell", "incidence_angle"):
             groups.write_number(group, name, getattr(image, name))
@@ -114,7 +93,7 @@ def write_image(path: Path | str, image: SarImage) -> None:
         _write_planes(file, _IMAGE, image.data, image.layers)
         _write_metadata(file, image.metadata)
 
-    _write(path, "image", fill)
+    write_hdf5(path, "image", fill)
 
 
 def write_raw(path: Path | str, raw: RawData) -> None:
@@ -144,20 +123,14 @@ def write_raw(path: Path | str, raw: RawData) -> None:
         file[_ECHOES.root].attrs["domain"] = raw.domain
         _write_metadata(file, raw.metadata)
 
-    _write(path, "raw data", fill)
+    write_hdf5(path, "raw data", fill)
 
 
 def read_image(path: Path | str) -> SarImage:
     """Read an image written by :func:`write_image`."""
 
     def load(file: h5py.File, planes: bool) -> SarImage:
-        anchor = groups.read_fields(groups.group_of(file, "anchor"), Anchor)
-        grid = groups.read_fields(groups.group_of(file, "grid"), ImageGrid, offset=np.zeros(3), anchor=anchor)
-        _check_shape("grid", {"origin": (3,), "along": (3,), "across": (3,)}, grid)
-        if grid.kind not in _POSITION or grid.azimuth.ndim != 1 or grid.range.ndim != 1:
-            raise DataError(
-                f"/grid: kind {grid.kind!r} with axes {grid.azimuth.shape} and {grid.range.shape}"
-            )
+        grid = read_grid(file)
         data, layers = _read_planes(file, _IMAGE, planes)
         facts = groups.group_of(file, "calibration")
         incidence = groups.numbers(facts, "incidence_angle")
@@ -174,7 +147,7 @@ def read_image(path: Path | str) -> SarImage:
             _read_metadata(file),
         )
 
-    return _read(path, "image", "an image", load)
+    return read_hdf5(path, "image", "an image", load)
 
 
 def read_raw(path: Path | str) -> RawData:
@@ -203,12 +176,12 @@ def read_raw(path: Path | str) -> RawData:
         }
         radar = groups.read_fields(groups.group_of(file, "radar"), Radar, **known)
         pulses = (track.n_pulses, 3)
-        _check_shape("radar", {"aim_point": (3,)}, radar)
-        _check_shape("radar/window", {"start_range": pulses[:1]}, radar.window)
+        check_shape("radar", {"aim_point": (3,)}, radar)
+        check_shape("radar/window", {"start_range": pulses[:1]}, radar.window)
         axes = {"boresight": pulses, "azimuth_axis": pulses, "elevation_axis": pulses}
-        _check_shape("radar/pointing", axes, radar.pointing)
+        check_shape("radar/pointing", axes, radar.pointing)
         if radar.receiver_pointing is not None:
-            _check_shape(aside, axes, radar.receiver_pointing)
+            check_shape(aside, axes, radar.receiver_pointing)
         data, layers = _read_planes(file, _ECHOES, planes)
         (domain,) = groups.texts_of(groups.group_of(file, _ECHOES.root), "domain")
         if domain not in ("compressed", "chirped") or (
@@ -229,60 +202,7 @@ def read_raw(path: Path | str) -> RawData:
             }
         return RawData(data, layers, domain, radar, metadata, request, flown, records)  # type: ignore[arg-type]
 
-    return _read(path, "raw data", "raw data", load)
-
-
-def _write(path: Path | str, content: str, fill: Callable[[h5py.File], None]) -> None:
-    """Write a file atomically."""
-    with atomic_path(path) as temporary, GuardedFile(temporary) as guarded:
-        try:
-            with h5py.File(guarded, "w") as file:
-                file.attrs["format"] = f"sarmitsuba {content}"
-                file.attrs["format_version"] = FORMAT_VERSION
-                file.attrs["software"] = f"sarmitsuba {__version__}"
-                file.attrs["phase_convention"] = CONVENTION
-                file.attrs["frame"] = FRAME
-                fill(file)
-        finally:
-            if guarded.error is not None:
-                raise guarded.error
-
-
-def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File, bool], T]) -> T:
-    """Result of ``load`` for the file with its planes, after a trial without them in a separate process."""
-    path = Path(path)
-    if not os.path.isfile(path):
-        raise DataError(f"{path}: no such file; give the {wanted} file written by `sarmitsuba render`")
-
-    def read(planes: bool) -> T:
-        with h5py.File(path, "r") as file:
-            found = file.attrs.get("format")
-            if found != f"sarmitsuba {content}":
-                raise DataError(f"holds {found or 'other HDF5 data'}, not {wanted} of sarmitsuba")
-            version = int(file.attrs.get("format_version", 0))
-            if version != FORMAT_VERSION:
-                remedy = "update sarmitsuba" if version > FORMAT_VERSION else "simulate again"
-                raise DataError(f"format version {version}, this program reads {FORMAT_VERSION}; {remedy}")
-            return load(file, planes)
-
-    try:
-        with h5py_lock:  # must not be held by another thread at the fork
-            survive(path, lambda: read(planes=False))
-        return read(planes=True)
-    except (
-        ArithmeticError,
-        AttributeError,
-        DataError,
-        LookupError,
-        MemoryError,
-        OSError,
-        RadarError,
-        RuntimeError,
-        TypeError,
-        ValueError,
-    ) as error:  # exceptions of h5py and HDF5 for damaged files
-        reason = one_line(error, 300)
-        raise DataError(f"{path}: cannot read {wanted}: {reason or type(error).__name__}") from error
+    return read_hdf5(path, "raw data", "raw data", load)
 
 
 def _write_planes(file: h5py.File, kind: _Kind, data: C64, layers: Sequence[Layer]) -> None:
@@ -411,13 +331,6 @@ def _read_metadata(file: h5py.File) -> dict[str, Any]:
     if not isinstance(facts, dict):
         raise DataError("/metadata is not a JSON object")
     return facts
-
-
-def _check_shape(where: str, shapes: Mapping[str, tuple[int, ...]], found: object) -> None:
-    for name, shape in shapes.items():
-        has = getattr(found, name).shape
-        if has != shape:
-            raise DataError(f"/{where}/{name} has the shape {has}, not {shape}")
 
 
 FORMATS.register(

@@ -73,6 +73,20 @@ export function paintGrey(canvas, db, columns, black, white) {
 }
 
 /**
+ * Paint dB values in grey, tinted by labels.
+ * @param {object} values place of every pixel in the palette
+ * @param {object} palette [r, g, b] each, or null for grey alone
+ */
+export function paintTinted(canvas, db, columns, black, white, values, palette) {
+  paint(canvas, db.length / columns, columns, (i) => {
+    const value = db[i] > black ? grey(db[i], black, white) : 0;
+    const colour = palette[values[i]];
+    const [r, g, b] = colour ? colour.map((part) => Math.round(0.55 * value + 0.45 * part)) : [value, value, value];
+    return 0xff000000 | (b << 16) | (g << 8) | r;
+  });
+}
+
+/**
  * Paint the ratio of two images: orange where the first is stronger, blue where the second is, white where they are
  * equal, black where both are below `black`.
  * @param {number} most dB at which the colour is full

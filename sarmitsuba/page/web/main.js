@@ -6,6 +6,7 @@ import { boot } from "sarmitsuba/boot.js";
 import { createComparison } from "sarmitsuba/compare.js";
 import { button, helpText, keyName, ours, switches, turn } from "sarmitsuba/controls.js";
 import { createImageView } from "sarmitsuba/image_view.js";
+import { showLabels } from "sarmitsuba/label_view.js";
 import { pixelOf, pointOf, sub } from "sarmitsuba/localise.js";
 import { fill, html } from "sarmitsuba/markup.js";
 import { Signals } from "sarmitsuba/profile.js";
@@ -212,6 +213,8 @@ class Page {
   showImage() {
     const { look, world } = this;
     const image = imageOf(look);
+    this.uncolour?.();
+    this.uncolour = null;
     if (this.view) this.view.setImage(image, look.pixels);
     else {
       this.view = createImageView($("image"), {
@@ -224,6 +227,9 @@ class Page {
     }
     world.setImage(this.view.canvas);
     fill($("account"), accountView(look.account));
+    $("tab-labelled").hidden = !look.labels;
+    if (look.labels) this.uncolour = showLabels($("labelled"), look.labels, this.view);
+    else if (!$("labelled").hidden) this.showTab("tab-story");
     this.refocus?.remove();
     this.refocus = null;
     $("refocus").replaceChildren();

@@ -1,0 +1,55 @@
+"""Files with the labels of an image, which ``render`` and ``focus`` write."""
+
+from typing import TYPE_CHECKING
+
+from sarmitsuba.commands.console import Console
+from sarmitsuba.io.output import OutputFolder
+
+if TYPE_CHECKING:
+    from sarmitsuba.image.labels import Labels
+    from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.scene.scene import Scene
+
+LABELS, COCO, LABELS_PICTURE, PIXELS = "labels.h5", "labels.json", "labels.png", "labels_pixels.png"
+# layers of codes that every scene has
+_MASKS = ("layover_shadow", "shape", "shadow_of")
+# layers that name the shape of each pixel, for COCO; the first that there is
+_SHAPES = ("instance", "shape")
+
+
+def label_names(*, geotiff: bool) -> tuple[str, ...]:
+    """Names of the files with labels; ``geotiff``: masks on a map too."""
+    kinds = ("png", "tif") if geotiff else ("png",)
+    masks = [f"labels_{layer}.{kind}" for layer in _MASKS for kind in kinds]
+    return (LABELS, COCO, LABELS_PICTURE, PIXELS, *masks)
+
+
+def save_labels(
+    folder: OutputFolder, image: "SarImage", scene: "Scene", console: Console, *, geotiff: bool
+) -> "Labels":
+    """Label the pixels of an image and write the labels: HDF5, COCO, masks as PNG, and on a map as GeoTIFF."""
+    from sarmitsuba.io.catalog.geotiff import write_layer
+    from sarmitsuba.io.coco import write_coco
+    from sarmitsuba.io.labels_file import write_labels
+    from sarmitsuba.labelling import labels
+    from sarmitsuba.view.labels_picture import write_mask, write_pixels
+
+    found = labels(scene, image=image)
+    for note in found.notes:
+        console.note(f"labels: {note}")
+    with folder.writing(LABELS) as path:
+        write_labels(found, path)
+    layer = next(name for name in _SHAPES if name in found.layers)
+    with folder.writing(COCO) as path:
+        write_coco(path, found, PIXELS, layer)
+    with folder.writing(PIXELS) as path:
+        write_pixels(path, image)
+    for name, one in found.layers.items():
+        if not one.codes or one.parts:
+            continue
+        with folder.writing(f"labels_{name}.png") as path:
+            write_mask(path, found, name)
+        if geotiff:
+            with folder.writing(f"labels_{name}.tif") as path:
+                write_layer(path, found, name)
+    return found
