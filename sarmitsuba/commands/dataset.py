@@ -51,8 +51,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
     def ready(plan: GenerationPlan) -> None:
         console.say(
-            f"{recipe.path.name}: {plan.samples} samples, {plan.rows} images of {rows} x {columns}, {plan.left} to make; "
-            f"at least {plan.bytes_needed / 1e6:.3g} MB of disk"
+            f"{recipe.path.name}: {plan.samples} samples, {plan.rows} images of {rows} x {columns}, {plan.left} to "
+            f"make; at least {plan.bytes_needed / 1e6:.3g} MB of disk"
         )
 
     with output_folder(args.output, DATASET_FILES) as folder, _workers(args) as workers:

@@ -148,7 +148,9 @@ class Drawer:
         part = self.parts.of_scene(scene_number)
         # views of one scene share its first possible draw
         if recipe.from_file:
-            scene = self._loaded(values, scene_number, attempt if recipe.views == 1 else 0, levels, seed, facts)
+            scene = self._loaded(
+                values, scene_number, attempt if recipe.views == 1 else 0, levels, seed, facts
+            )
             shapes: tuple[PlacedShape, ...] = ()
         else:
             shown = self._shapes(scene_number, part, levels, attempt if recipe.views == 1 else 0)
@@ -170,9 +172,7 @@ class Drawer:
 
     def _drawn_shapes(self, scene: int, part: str, levels: Mapping[str, int], attempt: int) -> DrawnShapes:
         recipe, out, layout = self.recipe, DrawnShapes(), Layout()
-        generator = np.random.default_rng(
-            np.random.SeedSequence((recipe.seed, SCENE_DRAW, scene, attempt))
-        )
+        generator = np.random.default_rng(np.random.SeedSequence((recipe.seed, SCENE_DRAW, scene, attempt)))
         ground = self._ground(out, generator, levels)
         for name in ("objects", "walls", "clutter", "trees"):
             if name not in recipe.given:
@@ -197,8 +197,8 @@ class Drawer:
         if not values["relief"]:
             out.ground = material
             return None
-        numbers = [float_value(values, name) for name in ("extent", "relief", "relief_length")]
-        vertices, faces = relief(*numbers, generator)
+        extent, rms, length = (float_value(values, name) for name in ("extent", "relief", "relief_length"))
+        vertices, faces = relief(extent, rms, length, generator)
         out.meshes.append(SceneMesh(vertices, faces, material, "ground"))
         return vertices
 
@@ -226,7 +226,7 @@ class Drawer:
             vertices, faces = box([float_value(values, key) for key in ("length", "thickness", "height")])
         elif section.name == "clutter":
             spread = float_value(values, "irregularity") * generator.standard_normal(3).clip(-1.5, 1.5)
-            vertices, faces = box(float_value(values, "size") * (1.0 + spread))
+            vertices, faces = box([float(v) for v in float_value(values, "size") * (1.0 + spread)])
         else:
             vertices, faces = crown(float_value(values, "radius"), float_value(values, "height"), generator)
         heading = float(np.deg2rad(float_value(values, "heading_deg")))
@@ -244,14 +244,16 @@ class Drawer:
         rows, columns = self.recipe.shape
         middle = {"image_center_x": 0.0, "image_center_y": 0.0, "image_height": 0.0}
         given = {name: value for name, value in values["film"].items() if value is not None}
-        return (middle if not self.recipe.from_file else {}) | given | {
-            "pixels_azimuth": rows,
-            "pixels_range": columns,
-        }
+        return (
+            (middle if not self.recipe.from_file else {})
+            | given
+            | {
+                "pixels_azimuth": rows,
+                "pixels_range": columns,
+            }
+        )
 
-    def _built(
-        self, shown: DrawnShapes, values: Mapping[str, Values], seed: int, name: str
-    ) -> Scene:
+    def _built(self, shown: DrawnShapes, values: Mapping[str, Values], seed: int, name: str) -> Scene:
         """Scene of drawn shapes under a drawn radar."""
         of_modes = {p.name for p in mode_parameters()}
         radar: dict[str, Any] = {"aim_x": 0.0, "aim_y": 0.0, "aim_z": 0.0}
@@ -283,9 +285,7 @@ class Drawer:
     ) -> Scene:
         """Scene file under a drawn radar; adds the file to the facts."""
         recipe = self.recipe
-        generator = np.random.default_rng(
-            np.random.SeedSequence((recipe.seed, SCENE_DRAW, scene, attempt))
-        )
+        generator = np.random.default_rng(np.random.SeedSequence((recipe.seed, SCENE_DRAW, scene, attempt)))
         file = string_value(recipe.sections["scene"].draw(generator, levels), "file")
         facts["scene.file"] = file
         own = recipe.file_beside(file)

@@ -80,7 +80,9 @@ def run_mark(drawer: Drawer) -> str:
 def image_bytes(drawer: Drawer) -> float:
     """Bytes of all images of one channel, of the journal and the file: the least that a data set takes."""
     recipe = drawer.recipe
-    pixels = recipe.samples * recipe.shape[0] * recipe.shape[1] + recipe.rows * recipe.tile[0] * recipe.tile[1]
+    pixels = (
+        recipe.samples * recipe.shape[0] * recipe.shape[1] + recipe.rows * recipe.tile[0] * recipe.tile[1]
+    )
     return 8.0 * pixels
 
 
@@ -153,7 +155,11 @@ def generate(
         left = [number for number in wanted if number not in done]
         share = len(left) / recipe.samples
         if ready:
-            ready(GenerationPlan(len(wanted), len(wanted) * len(recipe.corners), len(left), image_bytes(drawer) * share))
+            ready(
+                GenerationPlan(
+                    len(wanted), len(wanted) * len(recipe.corners), len(left), image_bytes(drawer) * share
+                )
+            )
         measured = False
         for sample in _made(drawer, left, processes, workers, extensions):
             _write_beside(drawer, folder.path, sample)  # first: what is in the journal is complete
@@ -227,8 +233,8 @@ def _by_processes(
             yield from (future.result() for future in finished)
     except BrokenProcessPool:
         raise ResourceError(
-            "dataset: a process was ended by the system, most often for memory; finished samples are kept, and the same "
-            "command continues from them: give fewer --jobs"
+            "dataset: a process was ended by the system, most often for memory; finished samples are kept, and the "
+            "same command continues from them: give fewer --jobs"
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)

@@ -129,9 +129,7 @@ class Recipe:
     def corners(self) -> tuple[tuple[int, int], ...]:
         """First row and column of every tile; the last ones end with the image."""
         overlap = self.whole("images", "overlap")
-        starts = [
-            _starts(size, tile, overlap) for size, tile in zip(self.shape, self.tile, strict=True)
-        ]
+        starts = [_starts(size, tile, overlap) for size, tile in zip(self.shape, self.tile, strict=True)]
         return tuple((row, column) for row in starts[0] for column in starts[1])
 
     @property
@@ -286,4 +284,3 @@ def _check(recipe: Recipe, where: str) -> None:
                 f"{where}: [{section}]: a grid over samples cannot change a scene that has {recipe.views} views; "
                 "draw it at random"
             )
-

@@ -54,7 +54,9 @@ def packed(sample: Sample) -> tuple[dict[str, Any], NDArray[np.uint8]]:
     label["objects"] = [_plain(shape) for shape in sample.objects]
     label["arrays"] = [[name, a.dtype.str, list(a.shape)] for name, a in arrays.items()]
     parts = [np.ascontiguousarray(a).reshape(-1).view(np.uint8) for a in arrays.values()]
-    return dict(to_json(label)), np.concatenate(parts)
+    plain = to_json(label)
+    assert isinstance(plain, dict)
+    return plain, np.concatenate(parts)
 
 
 def _plain(shape: SampleObject) -> dict[str, Any]:

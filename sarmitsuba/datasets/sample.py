@@ -176,7 +176,8 @@ def _image(drawn: DrawnSample, pass_index: int) -> tuple[SarImage, RawData | Non
     if scene.settings.method in ("image", "raster"):
         if how["autofocus"] != "none":
             raise RecipeError(
-                f"[focusing]: autofocus = {how['autofocus']} needs echoes, and method {scene.settings.method} makes none"
+                f"[focusing]: autofocus = {how['autofocus']} needs echoes, and method "
+                f"{scene.settings.method} makes none"
             )
         image = render(scene, range_window=window, azimuth_window=window, pass_index=pass_index)
         return image, None

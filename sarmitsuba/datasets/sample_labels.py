@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import F64
 from sarmitsuba.datasets.draw import PlacedShape
 from sarmitsuba.datasets.recipe import RecipeError
-from sarmitsuba.focusing.placement import Placement
+from sarmitsuba.focusing.placement import ImagePlacement
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.labelling import labels
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.scene.scene import Scene
 
@@ -29,8 +30,6 @@ def label_layers(
     """
     if not names:
         return {}, {}
-    from sarmitsuba.labelling.labels import labels
-
     found = labels(scene, grid, classes=_classes(scene, shapes))
     for name in names:
         if name not in found.layers:
@@ -53,7 +52,7 @@ def corner_boxes(scene: Scene, grid: ImageGrid, shapes: Sequence[PlacedShape]) -
     several bounces do not; NaN where the image has no place for a vertex.
     """
     own = grid.in_frame(scene.offset)
-    placement = Placement(own, scene.radar)
+    placement = ImagePlacement(own, scene.radar)
     out = np.full((len(shapes), 4), np.nan)
     for row, shape in zip(out, shapes, strict=True):
         azimuth, across = placement.imaged(shape.vertices - scene.offset)

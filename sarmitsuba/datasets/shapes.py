@@ -55,7 +55,8 @@ def mesh_folder(name: str, beside: Path) -> Path:
         return shipped
     known = sorted(p.name for p in (scenes_dir() / "meshes").iterdir() if p.is_dir())
     raise DataError(
-        f'[objects]: meshes = "{one_line(name)}": no such folder{did_you_mean(name, known)}; shipped: {", ".join(known)}'
+        f'[objects]: meshes = "{one_line(name)}": no such folder{did_you_mean(name, known)}; shipped: '
+        f"{', '.join(known)}"
     )
 
 
@@ -173,7 +174,9 @@ def relief(extent: float, rms: float, length: float, generator: np.random.Genera
     axis = np.linspace(-0.5 * extent, 0.5 * extent, n)
     x, y = np.meshgrid(axis, axis, indexing="ij")
     corner = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]))
+    a, b, c, d = (
+        part.ravel() for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:])
+    )
     faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])]).astype(np.int32)
     return np.column_stack([x.ravel(), y.ravel(), height.ravel()]), faces
 

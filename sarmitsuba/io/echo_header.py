@@ -10,7 +10,7 @@ import numpy as np
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
 from sarmitsuba.io.table_file import read_table
-from sarmitsuba.parameters import did_you_mean, one_line, printable
+from sarmitsuba.parameters import did_you_mean, printable
 from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.radar.utc import utc_of
 from sarmitsuba.regular_files import is_inside

@@ -45,7 +45,5 @@ def read_table(path: Path, what: str, most: int) -> Mapping[str, object]:
     except (ValueError, RecursionError) as error:  # tomllib's and json's
         raise DataError(f"{path}: cannot be read as {what}: {one_line(error, 200)}") from None
     if not isinstance(content, dict):
-        raise DataError(
-            f"{path}: {what} is a table of names and values, this is a {type(content).__name__}"
-        )
+        raise DataError(f"{path}: {what} is a table of names and values, this is a {type(content).__name__}")
     return content

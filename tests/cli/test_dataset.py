@@ -139,7 +139,9 @@ def test_tiles_rows_and_parts(whole: Path) -> None:
         assert np.array_equal(first[:, 16:], second[:, :8])
         assert np.isfinite(file["images"][()]).all()
         codes, classes = file["rows/target_class"][()], list(file.attrs["classes"])
-        assert [classes[c] for c in codes] == [n.decode().split("/")[0] for n in file["rows/target_instance"][()]]
+        assert [classes[c] for c in codes] == [
+            n.decode().split("/")[0] for n in file["rows/target_instance"][()]
+        ]
         boxes, rows = file["objects/box"][()], file["objects/row"][()]
         # the same shape in both tiles, in the pixels of each
         assert np.allclose(boxes[rows == 0] - boxes[rows == 1], [[16.0, 0.0, 16.0, 0.0]])
@@ -162,7 +164,14 @@ def test_the_echo_lies_in_its_box(whole: Path) -> None:
 
 def test_the_card_says_what_was_drawn(whole: Path) -> None:
     text = (whole / "datacard.md").read_text(encoding="utf-8")
-    for words in ("seed: 11", "CC0-1.0", "radar.look_angle_deg", "uniform from 40 to 50", "sampling error", "## Physics"):
+    for words in (
+        "seed: 11",
+        "CC0-1.0",
+        "radar.look_angle_deg",
+        "uniform from 40 to 50",
+        "sampling error",
+        "## Physics",
+    ):
         assert words in text
     assert "sampling error, dB**: mean -" in text  # measured on samples 0 and 4
 
@@ -295,4 +304,9 @@ def test_scene_files_are_seen_under_drawn_radars(tmp_path: Path) -> None:
     made(path, tmp_path / "out", "--jobs", "1")
     with h5py.File(tmp_path / "out" / "dataset.h5") as file:
         assert set(file["drawn/scene.file"].asstr()[()]) <= {"trihedral", "dihedral"}
-        assert (file["drawn/radar.look_angle_deg"][()] >= 42.0).all() and file["images"].shape == (2, 1, 32, 32)
+        assert (file["drawn/radar.look_angle_deg"][()] >= 42.0).all() and file["images"].shape == (
+            2,
+            1,
+            32,
+            32,
+        )

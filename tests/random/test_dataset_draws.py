@@ -62,14 +62,17 @@ def test_a_scene_without_room_is_refused(tmp_path: Path) -> None:
 
 
 def test_draws_depend_on_seed_number_and_attempt_alone(tmp_path: Path) -> None:
-    text = "[dataset]\nsamples = 9\nseed = {}\n[objects]\nspread = 20.0\n[radar]\nheading_deg = {{ uniform = [0, 300] }}\n"
+    text = "[dataset]\nsamples = 9\nseed = {}\n[objects]\nspread = 20.0\n"
+    text += "[radar]\nheading_deg = {{ uniform = [0, 300] }}\n"
     drawer = drawer_of(tmp_path, text.format(4))
     first = [drawer.draw(n, 0) for n in range(5)]
     again = drawer_of(tmp_path, text.format(4))
     for one in reversed(first):
         other = again.draw(one.number, 0)
         assert other.facts == one.facts
-        assert all(np.array_equal(a.vertices, b.vertices) for a, b in zip(one.shapes, other.shapes, strict=True))
+        assert all(
+            np.array_equal(a.vertices, b.vertices) for a, b in zip(one.shapes, other.shapes, strict=True)
+        )
         assert other.scene.settings.seed == one.scene.settings.seed
     headings = {d.facts["radar.heading_deg"] for d in first}
     headings |= {drawer.draw(0, 1).facts["radar.heading_deg"]}
@@ -78,7 +81,8 @@ def test_draws_depend_on_seed_number_and_attempt_alone(tmp_path: Path) -> None:
 
 
 def test_views_share_their_scene_and_part(tmp_path: Path) -> None:
-    text = "[dataset]\nsamples = 12\nviews = 4\n[objects]\nspread = 20.0\n[radar]\nheading_deg = { uniform = [0, 300] }\n"
+    text = "[dataset]\nsamples = 12\nviews = 4\n[objects]\nspread = 20.0\n"
+    text += "[radar]\nheading_deg = { uniform = [0, 300] }\n"
     drawer = drawer_of(tmp_path, text)
     for scene in range(3):
         views = [drawer.draw(4 * scene + i, i) for i in range(4)]  # other attempts leave the scene as it is
@@ -88,7 +92,9 @@ def test_views_share_their_scene_and_part(tmp_path: Path) -> None:
 
 
 def test_parts_by_instance_share_no_mesh(tmp_path: Path) -> None:
-    text = "[dataset]\nsamples = 60\nseed = 2\n[parts]\nby = 'instance'\n[objects]\ncount = 2\nspread = 26.0\n"
+    text = (
+        "[dataset]\nsamples = 60\nseed = 2\n[parts]\nby = 'instance'\n[objects]\ncount = 2\nspread = 26.0\n"
+    )
     drawer = drawer_of(tmp_path, text)
     seen: dict[str, set[str]] = {name: set() for name in PART_NAMES}
     for number in range(60):

@@ -1,5 +1,6 @@
 """Recipes of data sets: distributions, one line for every bad file, sizes, tiles."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -148,13 +149,17 @@ def test_shipped_recipes_are_sound() -> None:
     assert recipe.samples == 5000 and recipe.shape == (128, 128)
 
 
-@pytest.mark.parametrize(("size", "tile", "overlap"), [(100, 40, 10), (128, 128, 0), (513, 256, 31), (64, 9, 8)])
+@pytest.mark.parametrize(
+    ("size", "tile", "overlap"), [(100, 40, 10), (128, 128, 0), (513, 256, 31), (64, 9, 8)]
+)
 def test_tiles_cover_the_image_and_overlap(tmp_path: Path, size: int, tile: int, overlap: int) -> None:
-    text = f"[images]\npixels_azimuth = {size}\ntile_azimuth = {tile}\ntile_range = 128\noverlap = {overlap}\n"
+    text = (
+        f"[images]\npixels_azimuth = {size}\ntile_azimuth = {tile}\ntile_range = 128\noverlap = {overlap}\n"
+    )
     corners = read_recipe(recipe_of(tmp_path, text)).corners
     starts = sorted({row for row, _ in corners})
     assert starts[0] == 0 and starts[-1] == size - tile
-    assert all(b - a <= tile - overlap for a, b in zip(starts[:-1], starts[1:], strict=True))
+    assert all(b - a <= tile - overlap for a, b in itertools.pairwise(starts))
 
 
 def test_every_parameter_of_a_section_has_a_meaning() -> None:
