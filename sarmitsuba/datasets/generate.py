@@ -165,6 +165,7 @@ def generate(
             _write_beside(drawer, folder.path, sample)  # first: what is in the journal is complete
             size = append(journal, sample)
             done.add(sample.number)
+            _check_channels(journal)
             if not measured:
                 # now with the labels and channels: the journal's rest, and the file
                 folder.check_space(float(size) * (len(wanted) - len(done) + len(wanted)))
@@ -174,6 +175,17 @@ def generate(
     (folder.path / JOURNAL).unlink()
     folder.enter(*names)
     return folder.path / STORE
+
+
+def _check_channels(journal: Journal) -> None:
+    """Raise a DataError where the last sample has another number of channels than the first."""
+    first, last = journal.labels[0], journal.labels[-1]
+    if len(first["channels"]) != len(last["channels"]):
+        raise DataError(
+            f"dataset: sample {last['number']} has the channels {', '.join(last['channels'])}, sample "
+            f"{first['number']} {', '.join(first['channels'])}; draw scenes of as many channels, or give polarisation "
+            "in [radar]"
+        )
 
 
 def _made(

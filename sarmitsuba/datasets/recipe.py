@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.datasets.distributions import Drawn, Fixed, read_drawn
+from sarmitsuba.datasets.distributions import Choice, Drawn, Fixed, read_drawn
 from sarmitsuba.datasets.recipe_tables import DRAWS, FIXED_OF_OBJECTS, NOT_DRAWN, VALUES
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.io.table_file import read_table
@@ -276,6 +276,11 @@ def _check(recipe: Recipe, where: str) -> None:
     if recipe.samples % recipe.views:
         raise DataError(
             f"{where}: [dataset]: samples = {recipe.samples} is no multiple of views = {recipe.views}; change one"
+        )
+    kind = recipe.sections["radar"].drawn.get("polarisation")
+    if isinstance(kind, Choice) and len({str(value).count(",") for value in kind.values}) > 1:
+        raise DataError(
+            f"{where}: [radar]: polarisation: one of {kind} has other numbers of channels; give each the same number"
         )
     for name, _ in recipe.grids:
         section = name.partition(".")[0]

@@ -51,7 +51,7 @@ def mesh_folder(name: str, beside: Path) -> Path:
     if own.is_dir():
         return own
     shipped = scenes_dir() / "meshes" / name
-    if name and os.sep not in name and shipped.is_dir():
+    if name and ".." not in Path(name).parts and shipped.is_dir():
         return shipped
     known = sorted(p.name for p in (scenes_dir() / "meshes").iterdir() if p.is_dir())
     raise DataError(

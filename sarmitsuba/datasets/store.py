@@ -48,7 +48,7 @@ def write_store(path: Path, recipe: Recipe, classes: Sequence[str], journal: Jou
         file.attrs["kind"], file.attrs["version"] = FILE_KIND, __version__
         file.attrs["recipe"], file.attrs["recipe_sha256"] = read_text(recipe.path), recipe.digest
         file.attrs["seed"], file.attrs["licence"] = recipe.seed, recipe.text("dataset", "licence")
-        file.attrs["channels"], file.attrs["classes"] = list(first.label["channels"]), list(classes)
+        file.attrs["classes"] = list(classes)
         file.attrs["parts"] = list(PART_NAMES)
         _make_arrays(file, recipe, first, count * len(recipe.corners))
         table = _Columns(classes)
@@ -104,6 +104,7 @@ class _Columns:
             name: [] for name in ("sample", "tile", "first_row", "first_column", "part", "target_class")
         }
         self._instance: list[str] = []
+        self._channels: list[str] = []
         self._facts: list[Mapping[str, Any]] = []
         self._objects: dict[str, list[Any]] = {
             name: [] for name in ("row", "class", "instance", "name", "code", *_OBJECT_NUMBERS)
@@ -123,6 +124,7 @@ class _Columns:
         }
         for name, value in values.items():
             self._rows[name].append(value)
+        self._channels.append(",".join(label["channels"]))
         self._instance.append(target["instance"] if target else "")
         self._facts.append(label["facts"])
         for one in record.objects:
@@ -147,6 +149,7 @@ class _Columns:
         for name, meaning in meanings.items():
             _add(file, f"rows/{name}", "", meaning, data=np.array(self._rows[name], dtype=np.int32))
         _add(file, "rows/target_instance", "", "mesh of the first shape", data=_texts(self._instance))
+        _add(file, "rows/channels", "", "polarisations of images, in their order", data=_texts(self._channels))
         for name in self._facts[0]:
             values = [facts.get(name) for facts in self._facts]
             text = any(isinstance(v, str) for v in values)
