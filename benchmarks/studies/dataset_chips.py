@@ -97,7 +97,11 @@ def main() -> None:
                 omitted += sample.omitted_db.values()
                 shown[method, number] = intensity(sample)
             measuring = drawer_of(Path(name), method, 10)
-            errors = [v for n in range(0, args.chips, 10) for v in make_sample(measuring, n).sampling_error_db.values()]
+            errors = [
+                v
+                for n in range(0, args.chips, 10)
+                for v in make_sample(measuring, n).sampling_error_db.values()
+            ]
             apart = [
                 float(((shown[method, n] - other) ** 2).sum() / (other**2).sum())
                 for n in range(args.chips)

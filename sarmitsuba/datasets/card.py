@@ -2,21 +2,20 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from sarmitsuba.datasets.distributions import Fixed
 from sarmitsuba.datasets.recipe import PART_NAMES, Recipe
+from sarmitsuba.datasets.record import JsonTable
 from sarmitsuba.regular_files import read_text
 from sarmitsuba.version import __version__
 
-Label = Mapping[str, Any]
 # bins of a histogram, width of its longest bar, notes and failures shown
 _BINS, _BAR, _SHOWN = 10, 30, 12
 
 
-def data_card(recipe: Recipe, labels: Sequence[Label], mesh_parts: Mapping[str, str]) -> str:
+def data_card(recipe: Recipe, labels: Sequence[JsonTable], mesh_parts: Mapping[str, str]) -> str:
     """Markdown text of the data card.
 
     Parameters
@@ -56,7 +55,7 @@ def data_card(recipe: Recipe, labels: Sequence[Label], mesh_parts: Mapping[str, 
     return "\n".join(lines)
 
 
-def _shapes(labels: Sequence[Label]) -> list[str]:
+def _shapes(labels: Sequence[JsonTable]) -> list[str]:
     kinds = Counter(one["semantic_class"] for label in labels for one in label["objects"])
     if not kinds:
         return []
@@ -66,8 +65,8 @@ def _shapes(labels: Sequence[Label]) -> list[str]:
     return [*lines, "", *(_histogram("aspect_deg of shapes from meshes", angles) if angles else [])]
 
 
-def _drawn(recipe: Recipe, labels: Sequence[Label]) -> list[str]:
-    lines = ["## Drawn values", ""]
+def _drawn(recipe: Recipe, labels: Sequence[JsonTable]) -> list[str]:
+    lines = ["## DrawnValue values", ""]
     for name in labels[0]["facts"]:
         values = [label["facts"].get(name) for label in labels]
         section, _, key = name.partition(".")
@@ -104,7 +103,7 @@ def _histogram(name: str, values: Sequence[float]) -> list[str]:
     return [*lines, ""]
 
 
-def _physics(labels: Sequence[Label]) -> list[str]:
+def _physics(labels: Sequence[JsonTable]) -> list[str]:
     """Effects and in how many samples each was on."""
     on = Counter[str]()
     known: dict[str, None] = {}
@@ -127,7 +126,7 @@ def _is_on(state: object) -> bool:
     return bool(state.get("on")) if isinstance(state, Mapping) else bool(state)
 
 
-def _errors(recipe: Recipe, labels: Sequence[Label]) -> list[str]:
+def _errors(recipe: Recipe, labels: Sequence[JsonTable]) -> list[str]:
     lines = ["## Stated errors", ""]
     measured = [value for label in labels for value in label["sampling_error_db"].values()]
     every = recipe.whole("dataset", "error_every")
@@ -150,7 +149,7 @@ def _errors(recipe: Recipe, labels: Sequence[Label]) -> list[str]:
     return lines
 
 
-def _failures(labels: Sequence[Label]) -> list[str]:
+def _failures(labels: Sequence[JsonTable]) -> list[str]:
     reasons = Counter(reason for label in labels for reason in label["failures"])
     if not reasons:
         return ["## Failed draws", "", "None.", ""]

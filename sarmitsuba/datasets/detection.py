@@ -1,13 +1,13 @@
 """COCO annotations of a data set, one document for each part."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.datasets.recipe import PART_NAMES, Recipe
-from sarmitsuba.datasets.record import SampleRecord
+from sarmitsuba.datasets.record import JsonTable, SampleRecord
 from sarmitsuba.datasets.sample_labels import SHAPES
 from sarmitsuba.io.coco import run_lengths
 from sarmitsuba.version import __version__
@@ -88,7 +88,7 @@ class DetectionDocuments:
                     )
 
 
-def _by_mask(mask: NDArray[np.bool_]) -> Mapping[str, Any] | None:
+def _by_mask(mask: NDArray[np.bool_]) -> JsonTable | None:
     """Box, area and run lengths of a mask; None where it is empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
@@ -97,9 +97,7 @@ def _by_mask(mask: NDArray[np.bool_]) -> Mapping[str, Any] | None:
     return {"bbox": [int(v) for v in box], "area": int(mask.sum()), "segmentation": run_lengths(mask)}
 
 
-def _by_box(
-    box: Sequence[float | None], corner: tuple[int, int], size: tuple[int, int]
-) -> Mapping[str, Any] | None:
+def _by_box(box: Sequence[float | None], corner: tuple[int, int], size: tuple[int, int]) -> JsonTable | None:
     """Box of vertices within a tile, from the corner of its first pixel; None where it lies outside."""
     if any(value is None for value in box):
         return None

@@ -18,7 +18,7 @@ _TRIALS = 1000
 _MOST_LEVELS = 1_000_000
 
 
-class Drawn(ABC):
+class DrawnValue(ABC):
     """Distribution of one parameter, checked against its bounds."""
 
     @property
@@ -36,7 +36,7 @@ class Drawn(ABC):
 
 
 @dataclass(frozen=True)
-class Fixed(Drawn):
+class Fixed(DrawnValue):
     """One value for all draws."""
 
     value: Value | None
@@ -50,7 +50,7 @@ class Fixed(Drawn):
 
 
 @dataclass(frozen=True)
-class Uniform(Drawn):
+class Uniform(DrawnValue):
     """Equal density from ``low`` to ``high``; integers with both ends."""
 
     low: float
@@ -68,7 +68,7 @@ class Uniform(Drawn):
 
 
 @dataclass(frozen=True)
-class Normal(Drawn):
+class Normal(DrawnValue):
     """Normal distribution cut off at the parameter's bounds; integers are rounded."""
 
     mean: float
@@ -97,7 +97,7 @@ class Normal(Drawn):
 
 
 @dataclass(frozen=True)
-class Choice(Drawn):
+class Choice(DrawnValue):
     """Equally probable values."""
 
     values: tuple[Value | None, ...]
@@ -111,7 +111,7 @@ class Choice(Drawn):
 
 
 @dataclass(frozen=True)
-class Grid(Drawn):
+class Grid(DrawnValue):
     """Equally spaced values with both ends, each in turn."""
 
     low: float
@@ -147,7 +147,7 @@ class Distribution(ABC):
     form: ClassVar[str]
 
     @abstractmethod
-    def read(self, values: Sequence[object], param: Param, where: str) -> Drawn:
+    def read(self, values: Sequence[object], param: Param, where: str) -> DrawnValue:
         """The distribution of a parameter from the list in a recipe.
 
         Raises
@@ -179,7 +179,7 @@ DISTRIBUTIONS: Registry[Distribution] = Registry("distribution", Distribution)
 class _UniformKind(Distribution):
     name, form = "uniform", "[low, high]"
 
-    def read(self, values: Sequence[object], param: Param, where: str) -> Drawn:
+    def read(self, values: Sequence[object], param: Param, where: str) -> DrawnValue:
         """See the base class."""
         low, high = self._numbers(values, param, where, 2)
         if low > high:
@@ -192,7 +192,7 @@ class _UniformKind(Distribution):
 class _NormalKind(Distribution):
     name, form = "normal", "[mean, standard deviation]"
 
-    def read(self, values: Sequence[object], param: Param, where: str) -> Drawn:
+    def read(self, values: Sequence[object], param: Param, where: str) -> DrawnValue:
         """See the base class."""
         mean, sigma = self._numbers(values, param, where, 1)
         if sigma < 0.0:
@@ -207,7 +207,7 @@ class _NormalKind(Distribution):
 class _ChoiceKind(Distribution):
     name, form = "choice", "[value, value ...]"
 
-    def read(self, values: Sequence[object], param: Param, where: str) -> Drawn:
+    def read(self, values: Sequence[object], param: Param, where: str) -> DrawnValue:
         """See the base class."""
         if not 1 <= len(values) <= _MOST_LEVELS:
             raise DataError(f"{where}: {param.name}: choice of {len(values)} values; give at least one")
@@ -217,7 +217,7 @@ class _ChoiceKind(Distribution):
 class _GridKind(Distribution):
     name, form = "grid", "[first, last, number of values]"
 
-    def read(self, values: Sequence[object], param: Param, where: str) -> Drawn:
+    def read(self, values: Sequence[object], param: Param, where: str) -> DrawnValue:
         """See the base class."""
         low, high, count = self._numbers(values, param, where, 2)
         if count != round(count) or not 1 <= count <= _MOST_LEVELS:
@@ -231,7 +231,7 @@ for _kind in (_UniformKind(), _NormalKind(), _ChoiceKind(), _GridKind()):
     DISTRIBUTIONS.register(_kind)
 
 
-def read_drawn(value: object, param: Param, where: str) -> Drawn:
+def read_drawn(value: object, param: Param, where: str) -> DrawnValue:
     """Distribution of a parameter as a recipe gives it: a value, or a table of one distribution.
 
     Raises

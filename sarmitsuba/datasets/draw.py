@@ -1,5 +1,6 @@
 """Draw of one sample: its scene and radar, from the recipe's seed and the sample's number alone."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -8,10 +9,7 @@ from typing import Any
 import numpy as np
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.datasets.layout import Layout
-from sarmitsuba.datasets.parts import SCENE_DRAW, VIEW_DRAW, Parts
-from sarmitsuba.datasets.recipe import Recipe, Section, read_recipe
-from sarmitsuba.datasets.shapes import (
+from sarmitsuba.datasets.drawn_shapes import (
     InstanceMesh,
     box,
     crown,
@@ -20,6 +18,9 @@ from sarmitsuba.datasets.shapes import (
     read_instances,
     relief,
 )
+from sarmitsuba.datasets.layout import ShapeLayout
+from sarmitsuba.datasets.recipe import Recipe, RecipeSection, read_recipe
+from sarmitsuba.datasets.splits import SCENE_DRAW, VIEW_DRAW, DatasetParts
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
 from sarmitsuba.loader.load import load_scene
@@ -119,9 +120,9 @@ class Drawer:
         return read_instances(folder, section.text("classes"))
 
     @cached_property
-    def parts(self) -> Parts:
-        """Parts of scenes and meshes."""
-        return Parts(self.recipe, self.meshes)
+    def parts(self) -> DatasetParts:
+        """DatasetParts of scenes and meshes."""
+        return DatasetParts(self.recipe, self.meshes)
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -171,7 +172,7 @@ class Drawer:
         raise AssertionError
 
     def _drawn_shapes(self, scene: int, part: str, levels: Mapping[str, int], attempt: int) -> DrawnShapes:
-        recipe, out, layout = self.recipe, DrawnShapes(), Layout()
+        recipe, out, layout = self.recipe, DrawnShapes(), ShapeLayout()
         generator = np.random.default_rng(np.random.SeedSequence((recipe.seed, SCENE_DRAW, scene, attempt)))
         ground = self._ground(out, generator, levels)
         for name in ("objects", "walls", "clutter", "trees"):
@@ -205,9 +206,9 @@ class Drawer:
     def _place(
         self,
         out: DrawnShapes,
-        layout: Layout,
+        layout: ShapeLayout,
         ground: F64 | None,
-        which: tuple[Section, int, str],
+        which: tuple[RecipeSection, int, str],
         generator: np.random.Generator,
         levels: Mapping[str, int],
     ) -> None:
@@ -297,7 +298,7 @@ class Drawer:
             for name, value in rows.items()
             if value is not None
         }
-        return load_scene(own if own.is_file() else file, parameters=given)
+        return load_scene(own if os.path.isfile(own) else file, parameters=given)
 
 
 # sections drawn for every view, and classes of shapes that are no instances

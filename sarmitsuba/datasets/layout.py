@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.datasets.shapes import hull, separation, turned
+from sarmitsuba.datasets.drawn_shapes import hull, separation, turned
 from sarmitsuba.errors import SceneError
 
 # trials of a place before a draw is given up
@@ -13,7 +13,7 @@ _TRIALS = 200
 
 
 @dataclass
-class Layout:
+class ShapeLayout:
     """Plan of the shapes placed so far.
 
     Parameters

@@ -1,6 +1,7 @@
 """Recipe of a data set: what is drawn, by which distributions, and what is written."""
 
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.datasets.distributions import Choice, Drawn, Fixed, read_drawn
+from sarmitsuba.datasets.distributions import Choice, DrawnValue, Fixed, read_drawn
 from sarmitsuba.datasets.recipe_tables import DRAWS, FIXED_OF_OBJECTS, NOT_DRAWN, VALUES
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.io.table_file import read_table
@@ -26,7 +27,7 @@ class RecipeError(DataError):
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class RecipeSection:
     """Distributions of one section.
 
     Parameters
@@ -37,7 +38,7 @@ class Section:
     """
 
     name: str
-    drawn: Mapping[str, Drawn]
+    drawn: Mapping[str, DrawnValue]
     given: frozenset[str]
 
     def draw(self, generator: np.random.Generator, levels: Mapping[str, int]) -> dict[str, Value | None]:
@@ -69,7 +70,7 @@ class Recipe:
 
     path: Path
     values: Mapping[str, Mapping[str, Value | None]]
-    sections: Mapping[str, Section]
+    sections: Mapping[str, RecipeSection]
     given: frozenset[str]
     digest: str
 
@@ -137,7 +138,7 @@ class Recipe:
         """Number of stored images."""
         return self.samples * len(self.corners)
 
-    def drawn(self, section: str, name: str) -> Drawn:
+    def drawn(self, section: str, name: str) -> DrawnValue:
         """Distribution of a parameter."""
         return self.sections[section].drawn[name]
 
@@ -178,11 +179,11 @@ def resolve_recipe(name_or_path: str | Path) -> Path:
         There is no such file.
     """
     path = Path(name_or_path)
-    if path.is_file():
+    if os.path.isfile(path):
         return path
     folder = scenes_dir() / "recipes"
     shipped = folder / f"{path.stem}.toml"
-    if str(name_or_path) in (path.stem, f"{path.stem}.toml") and shipped.is_file():
+    if str(name_or_path) in (path.stem, f"{path.stem}.toml") and os.path.isfile(shipped):
         return shipped
     names = sorted(p.stem for p in folder.glob("*.toml"))
     raise DataError(
@@ -230,10 +231,10 @@ def _section(content: Mapping[str, object], name: str) -> Mapping[str, object]:
     return section
 
 
-def _read_section(name: str, table: ParamTable, given: Mapping[str, object], where: str) -> Section:
+def _read_section(name: str, table: ParamTable, given: Mapping[str, object], where: str) -> RecipeSection:
     place = f"{where}: [{name}]"
     refused = NOT_DRAWN.get(name, {})
-    drawn: dict[str, Drawn] = {}
+    drawn: dict[str, DrawnValue] = {}
     for key, value in given.items():
         try:
             table.check_name(key, place)
@@ -246,7 +247,7 @@ def _read_section(name: str, table: ParamTable, given: Mapping[str, object], whe
             raise DataError(f"{place}: {key} is not drawn; give one text")
     if name not in ("radar", "film", "tracing"):
         drawn = {p.name: drawn.get(p.name, Fixed(p.default)) for p in table.rows}
-    return Section(name, drawn, frozenset(given))
+    return RecipeSection(name, drawn, frozenset(given))
 
 
 def _check(recipe: Recipe, where: str) -> None:

@@ -17,6 +17,10 @@ _IMAGE = "image"
 _APART = ("image", "layers", "raw")
 
 
+# names and values of JSON, read back
+JsonTable = Mapping[str, Any]
+
+
 @dataclass(frozen=True, eq=False)
 class SampleRecord:
     """A sample as read back.
@@ -27,27 +31,27 @@ class SampleRecord:
     arrays : image and layers of labels, by name
     """
 
-    label: Mapping[str, Any]
-    arrays: Mapping[str, NDArray[Any]]
+    label: JsonTable
+    arrays: Mapping[str, NDArray[np.generic]]
 
     @property
-    def image(self) -> NDArray[Any]:
+    def image(self) -> NDArray[np.generic]:
         """(channels, rows, columns) complex64."""
         return self.arrays[_IMAGE]
 
     @property
-    def layers(self) -> dict[str, NDArray[Any]]:
+    def layers(self) -> dict[str, NDArray[np.generic]]:
         """Labels by name."""
         return {name: values for name, values in self.arrays.items() if name != _IMAGE}
 
     @property
-    def objects(self) -> Sequence[Mapping[str, Any]]:
+    def objects(self) -> Sequence[JsonTable]:
         """Shapes."""
-        found: Sequence[Mapping[str, Any]] = self.label["objects"]
+        found: Sequence[JsonTable] = self.label["objects"]
         return found
 
 
-def packed(sample: Sample) -> tuple[dict[str, Any], NDArray[np.uint8]]:
+def packed(sample: Sample) -> tuple[JsonTable, NDArray[np.uint8]]:
     """Label and bytes of a sample."""
     arrays = {_IMAGE: sample.image, **sample.layers}
     label = {f.name: getattr(sample, f.name) for f in fields(sample) if f.name not in _APART}
@@ -59,7 +63,7 @@ def packed(sample: Sample) -> tuple[dict[str, Any], NDArray[np.uint8]]:
     return plain, np.concatenate(parts)
 
 
-def _plain(shape: SampleObject) -> dict[str, Any]:
+def _plain(shape: SampleObject) -> JsonTable:
     out = dict(vars(shape))
     for name in ("position", "box"):
         out[name] = [None if math.isnan(v) else float(v) for v in out[name]]
@@ -77,7 +81,7 @@ def read_record(journal: Journal, index: int) -> SampleRecord:
     """Sample of a place in a journal."""
     label = journal.labels[index]
     data = journal.payload(index, np.uint8)
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, NDArray[np.generic]] = {}
     start = 0
     for name, kind, shape in label["arrays"]:
         size = np.dtype(kind).itemsize * math.prod(shape)

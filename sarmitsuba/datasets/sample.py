@@ -4,7 +4,6 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +97,7 @@ class Sample:
     objects: tuple[SampleObject, ...]
     facts: Mapping[str, Value | None]
     notes: tuple[str, ...]
-    physics: Mapping[str, Any]
+    physics: Mapping[str, object]
     sampling_error_db: Mapping[str, float]
     omitted_db: Mapping[str, float]
     raw: RawData | None

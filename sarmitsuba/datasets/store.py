@@ -1,14 +1,14 @@
 """The HDF5 file of a data set: images, labels, drawn values, shapes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.datasets.recipe import PART_NAMES, Recipe
-from sarmitsuba.datasets.record import SampleRecord, read_record
+from sarmitsuba.datasets.record import JsonTable, SampleRecord, read_record
 from sarmitsuba.io.journal import Journal
 from sarmitsuba.regular_files import read_text
 from sarmitsuba.version import __version__
@@ -90,7 +90,7 @@ def _make_arrays(file: h5py.File, recipe: Recipe, first: SampleRecord, rows: int
         )
 
 
-def _add(group: h5py.Group, name: str, unit: str, description: str, **how: Any) -> None:
+def _add(group: h5py.Group, name: str, unit: str, description: str, **how: object) -> None:
     made = group.create_dataset(name, **how)
     made.attrs["unit"], made.attrs["description"] = unit, description
 
@@ -100,13 +100,13 @@ class _Columns:
 
     def __init__(self, classes: Sequence[str]) -> None:
         self._code = {name: i for i, name in enumerate(classes)}
-        self._rows: dict[str, list[Any]] = {
+        self._rows: dict[str, list[object]] = {
             name: [] for name in ("sample", "tile", "first_row", "first_column", "part", "target_class")
         }
         self._instance: list[str] = []
         self._channels: list[str] = []
-        self._facts: list[Mapping[str, Any]] = []
-        self._objects: dict[str, list[Any]] = {
+        self._facts: list[JsonTable] = []
+        self._objects: dict[str, list[object]] = {
             name: [] for name in ("row", "class", "instance", "name", "code", *_OBJECT_NUMBERS)
         }
 
@@ -149,7 +149,9 @@ class _Columns:
         for name, meaning in meanings.items():
             _add(file, f"rows/{name}", "", meaning, data=np.array(self._rows[name], dtype=np.int32))
         _add(file, "rows/target_instance", "", "mesh of the first shape", data=_texts(self._instance))
-        _add(file, "rows/channels", "", "polarisations of images, in their order", data=_texts(self._channels))
+        _add(
+            file, "rows/channels", "", "polarisations of images, in their order", data=_texts(self._channels)
+        )
         for name in self._facts[0]:
             values = [facts.get(name) for facts in self._facts]
             text = any(isinstance(v, str) for v in values)
@@ -171,11 +173,11 @@ class _Columns:
         for name, meaning in codes.items():
             _add(group, name, "", meaning, data=np.array(rows[name], dtype=np.int32))
         for name, meaning in (("instance", "mesh in the folder"), ("name", "in the scene")):
-            _add(group, name, "", meaning, data=_texts(rows[name]))
+            _add(group, name, "", meaning, data=_texts([str(value) for value in rows[name]]))
         for name, (unit, meaning, parts) in _OBJECT_NUMBERS.items():
             data = np.array(rows[name], dtype=np.float64)
             _add(group, name, unit, meaning, data=data.reshape(-1, parts) if parts > 1 else data)
 
 
-def _texts(values: Sequence[str]) -> np.ndarray[Any, Any]:
+def _texts(values: Sequence[str]) -> NDArray[np.object_]:
     return np.array(list(values), dtype=h5py.string_dtype())

@@ -304,5 +304,10 @@ def test_scene_files_are_seen_under_drawn_radars(tmp_path: Path) -> None:
     made(path, tmp_path / "out", "--jobs", "1")
     with h5py.File(tmp_path / "out" / "dataset.h5") as file:
         assert set(file["drawn/scene.file"].asstr()[()]) <= {"trihedral", "dihedral"}
-        assert (file["drawn/radar.look_angle_deg"][()] >= 42.0).all() and file["images"].shape == (2, 2, 32, 32)
+        assert (file["drawn/radar.look_angle_deg"][()] >= 42.0).all() and file["images"].shape == (
+            2,
+            2,
+            32,
+            32,
+        )
         assert file["rows/channels"].asstr()[()].tolist() == ["HH,VV"] * 2

@@ -1,4 +1,4 @@
-"""Drawn recipes: nothing touches, parts share nothing, relief has its statistics."""
+"""DrawnValue recipes: nothing touches, parts share nothing, relief has its statistics."""
 
 from itertools import combinations
 from pathlib import Path
@@ -8,8 +8,8 @@ import pytest
 import shapely
 
 from sarmitsuba.datasets.draw import Drawer
+from sarmitsuba.datasets.drawn_shapes import hull, lowest_under, relief, separation
 from sarmitsuba.datasets.recipe import PART_NAMES
-from sarmitsuba.datasets.shapes import hull, lowest_under, relief, separation
 from sarmitsuba.errors import DataError, SceneError
 
 

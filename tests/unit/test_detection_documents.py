@@ -36,7 +36,13 @@ def test_masks_of_tiles_come_back(tmp_path: Path, seed: int) -> None:
     shape = rng.integers(0, 4, (rows // 4 + 1, columns // 4 + 1)).repeat(4, axis=0).repeat(4, axis=1)
     shape = shape[:rows, :columns] * (rng.uniform(size=(rows, columns)) < 0.9)
     objects = [
-        {"name": f"objects_{k}", "semantic_class": "ab"[k % 2], "code": k, "aspect_deg": 0.0, "box": [None] * 4}
+        {
+            "name": f"objects_{k}",
+            "semantic_class": "ab"[k % 2],
+            "code": k,
+            "aspect_deg": 0.0,
+            "box": [None] * 4,
+        }
         for k in (1, 2, 3)
     ]
     label = {"part": "test", "number": 5, "objects": objects}
@@ -68,7 +74,9 @@ def test_boxes_are_cut_at_the_tile(tmp_path: Path) -> None:
     path.write_text("[images]\npixels_azimuth = 20\npixels_range = 20\n")
     documents = DetectionDocuments(read_recipe(path), ("a",))
     boxes = [[2.0, 3.0, 5.5, 7.0], [-4.0, 15.0, 3.0, 30.0], [25.0, 0.0, 30.0, 4.0], [None] * 4]
-    objects = [{"name": f"o{i}", "semantic_class": "a", "aspect_deg": 0.0, "box": b} for i, b in enumerate(boxes)]
+    objects = [
+        {"name": f"o{i}", "semantic_class": "a", "aspect_deg": 0.0, "box": b} for i, b in enumerate(boxes)
+    ]
     label = {"part": "train", "number": 0, "objects": objects}
     documents.add(SampleRecord(label, {"image": np.zeros((1, 20, 20))}), 0)
     found = {one["name"]: one["bbox"] for one in documents.documents["train"]["annotations"]}

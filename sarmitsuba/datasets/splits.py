@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from sarmitsuba.datasets.drawn_shapes import InstanceMesh
 from sarmitsuba.datasets.recipe import PART_NAMES, Recipe
-from sarmitsuba.datasets.shapes import InstanceMesh
 from sarmitsuba.errors import DataError
 
 # first words of seeds, so that no two kinds of draws share random numbers
@@ -15,7 +15,7 @@ SCENE_DRAW, VIEW_DRAW, PART_DRAW, MESH_DRAW = range(4)
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class DatasetParts:
     """Part of every scene, and of every mesh.
 
     Parameters

@@ -48,12 +48,12 @@ def mesh_folder(name: str, beside: Path) -> Path:
         There is no such folder.
     """
     own = beside / name
-    if own.is_dir():
+    if os.path.isdir(own):
         return own
     shipped = scenes_dir() / "meshes" / name
-    if name and ".." not in Path(name).parts and shipped.is_dir():
+    if name and ".." not in Path(name).parts and os.path.isdir(shipped):
         return shipped
-    known = sorted(p.name for p in (scenes_dir() / "meshes").iterdir() if p.is_dir())
+    known = sorted(p.name for p in (scenes_dir() / "meshes").iterdir() if os.path.isdir(p))
     raise DataError(
         f'[objects]: meshes = "{one_line(name)}": no such folder{did_you_mean(name, known)}; shipped: '
         f"{', '.join(known)}"
