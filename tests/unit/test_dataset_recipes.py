@@ -8,7 +8,7 @@ import pytest
 
 from sarmitsuba.datasets.distributions import read_drawn
 from sarmitsuba.datasets.recipe import read_recipe
-from sarmitsuba.datasets.recipe_tables import DRAWS
+from sarmitsuba.datasets.recipe_tables import DRAWS, VALUES
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.parameters import Param
 
@@ -163,6 +163,10 @@ def test_tiles_cover_the_image_and_overlap(tmp_path: Path, size: int, tile: int,
     assert all(b - a <= tile - overlap for a, b in itertools.pairwise(starts))
 
 
-def test_every_parameter_of_a_section_has_a_meaning() -> None:
-    for table in DRAWS.values():
-        assert all(p.doc for p in table.rows)
+def test_the_page_has_every_parameter() -> None:
+    """Replace the table on the page by the text that fails."""
+    page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    own = [table for name, table in DRAWS.items() if name not in ("radar", "film", "tracing")]
+    for table in (*VALUES.values(), *own):
+        text = f"### [{table.plugin}]\n\n{table.doc}\n\n{table.markdown()}\n"
+        assert text in page, text
