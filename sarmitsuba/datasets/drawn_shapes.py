@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,7 @@ def mesh_folder(name: str, beside: Path) -> Path:
 
 
 def read_instances(folder: Path, classes: str) -> tuple[InstanceMesh, ...]:
-    """All meshes of a folder and the folders in it, in order of their names.
+    """All meshes of a folder and of the folders in it (not deeper), in order of their names.
 
     Parameters
     ----------
@@ -75,10 +76,12 @@ def read_instances(folder: Path, classes: str) -> tuple[InstanceMesh, ...]:
     SceneError
         A mesh cannot be read.
     """
-    files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES)
+    found = (p for pattern in ("*", "*/*") for p in folder.glob(pattern))
+    files = sorted(islice((p for p in found if p.suffix.lower() in _SUFFIXES), _MOST_MESHES + 1))
     if not 1 <= len(files) <= _MOST_MESHES:
         raise DataError(
-            f"{folder}: {len(files)} meshes ({', '.join(_SUFFIXES)}); a folder holds 1 to {_MOST_MESHES}"
+            f"{folder}: {'no' if not files else f'over {_MOST_MESHES}'} meshes ({', '.join(_SUFFIXES)}) in it and its "
+            f"folders; a data set takes 1 to {_MOST_MESHES}"
         )
     out = []
     for path in files:

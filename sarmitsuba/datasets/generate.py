@@ -142,7 +142,8 @@ def generate(
             )
     parts = drawer.parts.of_meshes  # refuses classes with too few meshes
     names = file_names(drawer, wanted)
-    mark = hashlib.sha256(f"{run_mark(drawer)} {wanted}".encode()).hexdigest()
+    which = "all" if numbers is None else f"{wanted}"
+    mark = hashlib.sha256(f"{run_mark(drawer)} {which}".encode()).hexdigest()
     folder.check(mark, names, force=force)
     if folder.run_hash != mark:
         folder.clear(mark)

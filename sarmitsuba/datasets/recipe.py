@@ -19,7 +19,8 @@ from sarmitsuba.regular_files import read_bytes
 
 _MOST_BYTES = 1 << 20
 PART_NAMES = ("train", "validation", "test")
-SUFFIXES = (".toml", ".json")
+# most files of one kind in a folder, whose list names them all
+_MOST_FILES = 50_000
 
 
 class RecipeError(DataError):
@@ -255,16 +256,7 @@ def _check(recipe: Recipe, where: str) -> None:
     shares = [recipe.real("parts", name) for name in PART_NAMES]
     if abs(sum(shares) - 1.0) > 1e-6:
         raise DataError(f"{where}: [parts]: train, validation and test add up to {sum(shares):g}, not 1")
-    overlap = recipe.whole("images", "overlap")
-    for axis, size, tile in zip(("azimuth", "range"), recipe.shape, recipe.tile, strict=True):
-        if tile > size:
-            raise DataError(
-                f"{where}: [images]: tile_{axis} = {tile} is larger than pixels_{axis} = {size}; make it smaller"
-            )
-        if overlap >= tile:
-            raise DataError(
-                f"{where}: [images]: overlap = {overlap} is not below tile_{axis} = {tile}; make it smaller"
-            )
+    _check_tiles(recipe, where)
     drawn_shapes = recipe.given & {"ground", "objects", "walls", "trees", "clutter"}
     if recipe.from_file and drawn_shapes:
         raise DataError(
@@ -289,4 +281,24 @@ def _check(recipe: Recipe, where: str) -> None:
             raise DataError(
                 f"{where}: [{section}]: a grid over samples cannot change a scene that has {recipe.views} views; "
                 "draw it at random"
+            )
+
+
+def _check_tiles(recipe: Recipe, where: str) -> None:
+    """Raise a DataError where tiles do not fit the image, or there are too many files."""
+    overlap = recipe.whole("images", "overlap")
+    for axis, size, tile in zip(("azimuth", "range"), recipe.shape, recipe.tile, strict=True):
+        if tile > size:
+            raise DataError(
+                f"{where}: [images]: tile_{axis} = {tile} is larger than pixels_{axis} = {size}; make it smaller"
+            )
+        if overlap >= tile:
+            raise DataError(
+                f"{where}: [images]: overlap = {overlap} is not below tile_{axis} = {tile}; make it smaller"
+            )
+    for name, files in (("pictures", recipe.rows), ("raw", recipe.samples)):
+        if recipe.flag("output", name) and files > _MOST_FILES:
+            raise DataError(
+                f"{where}: [output]: {name} takes {files} files, and a folder holds {_MOST_FILES} at most; leave "
+                "it out or make fewer samples"
             )

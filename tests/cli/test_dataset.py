@@ -1,12 +1,14 @@
 """The command dataset: the same bits however samples are made, after a kill too; failing draws; refusals."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import h5py
@@ -193,6 +195,39 @@ def test_coco_documents_are_consistent(whole: Path) -> None:
     assert sorted(images) == list(range(10))
 
 
+class FakeTorch(ModuleType):
+    """The names of torch that the page's ten lines use."""
+
+    log, from_numpy = staticmethod(np.log), staticmethod(np.asarray)
+    utils = type("utils", (), {"data": type("data", (), {"Dataset": object})})
+
+
+def test_the_ten_lines_of_the_page_read_it(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(import h5py.*?)```", page, re.DOTALL)
+    monkeypatch.setitem(sys.modules, "torch", FakeTorch("torch"))
+    names: dict[str, Any] = {}
+    exec(code, names)
+    with h5py.File(whole / "dataset.h5") as file:
+        part = file["rows/part"][()]
+        classes = file["rows/target_class"][()]
+        images = file["images"][()]
+        parts = list(file.attrs["parts"])
+    total = 0
+    for i, name in enumerate(parts):
+        chips = names["Chips"](whole / "dataset.h5", name)
+        rows = np.flatnonzero(part == i)
+        assert len(chips) == rows.size
+        total += len(chips)
+        for k, row in enumerate(rows):
+            values, kind = chips[k]
+            np.testing.assert_allclose(
+                np.exp(values), np.abs(images[row]) ** 2 + 1e-6, rtol=1e-4
+            )  # tol: float32
+            assert kind == classes[row]
+    assert total == 10
+
+
 @pytest.fixture
 def failing(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[tuple[int, int], Exception]]:
     """Draws (number, attempt) that raise."""
@@ -256,7 +291,7 @@ def test_a_recipe_whose_draws_all_fail_ends_with_its_reason(
 @pytest.mark.parametrize(
     ("change", "argv", "said"),
     [
-        (("samples = 5", "samples = 9000000"), [], "TB are free"),
+        (("[output]\npictures = true", "[output]"), [], "TB are free"),
         (("samples = 5", "samples = 5"), ["--sample", "5"], "there is no sample 5; give 0 to 4"),
         (("[objects]", '[objects]\nmeshes = "tragets"'), [], 'did you mean "targets"?'),
         (("samples = 5", "samples = 5"), ["--jobs", "-1"], "--jobs -1 is not from 0 to 4096"),
@@ -272,8 +307,8 @@ def test_refusals_come_before_any_sample(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(generate, "make_sample", lambda *_: pytest.fail("made a sample"))
-    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Use", (), {"free": 1e9})())
-    said = said.replace("TB are free", "1 GB are free")
+    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Use", (), {"free": 1e4})())
+    said = said.replace("TB are free", "1e-05 GB are free")
     recipe.write_text(recipe.read_text().replace(*change))
     assert cli.main(["dataset", str(recipe), "-o", str(tmp_path / "out"), *argv]) == 2
     line = capsys.readouterr().err.strip()

@@ -114,6 +114,7 @@ def test_bad_distributions(value: object, param: Param, said: str) -> None:
         ("[images]\ntile_range = 64\noverlap = 64\n", "not below tile_range = 64"),
         ("[scene]\nfile = 'tower'\n[ground]\n", "[ground] draws shapes"),
         ("[radar]\npolarisation = { choice = ['HH', 'HH,VV'] }\n", "give each the same number"),
+        ("[dataset]\nsamples = 60000\n[output]\nraw = true\n", "takes 60000 files"),
         ("[scene]\n", "file is empty"),
         ("[scene]\nfile = 'tower'\n[parts]\nby = 'instance'\n", "needs [objects]"),
         ("[dataset]\nsamples = 4\nviews = 2\n[ground]\nrelief = { grid = [0, 1, 2] }\n", "draw it at random"),
