@@ -146,6 +146,9 @@ class Drawer:
         values = {name: recipe.sections[name].draw(generator, levels) for name in _VIEW}
         seed = int(generator.integers(2**31))
         facts = {f"{name}.{key}": value for name in _VIEW for key, value in values[name].items()}
+        for key, value in values["radar"].items():
+            if key.endswith("_file") and value:  # relative to the recipe
+                values["radar"][key] = str(recipe.file_beside(str(value)).resolve())
         part = self.parts.of_scene(scene_number)
         # views of one scene share its first possible draw
         if recipe.from_file:

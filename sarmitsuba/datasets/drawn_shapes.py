@@ -20,6 +20,10 @@ _SUFFIXES = (".ply", ".obj", ".stl", ".glb", ".gltf")
 _MOST_MESHES, _MOST_SIDE = 10_000, 400
 # points of ground in a correlation length
 _PER_LENGTH = 4
+# half the width of the plan of a shape that is a line in plan, m
+_HALF_LINE = 1e-3
+# largest extent of a mesh, m
+_MOST_EXTENT = 1e5
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +92,12 @@ def read_instances(folder: Path, classes: str) -> tuple[InstanceMesh, ...]:
         name = printable(path.relative_to(folder).with_suffix("").as_posix())
         vertices, faces = read_mesh(path, f"{folder.name}: {name}")
         low, high = vertices.min(axis=0), vertices.max(axis=0)
+        extent = float((high - low).max())
+        if not 0.0 < extent <= _MOST_EXTENT:  # not so for NaN either
+            raise DataError(
+                f"{path}: the mesh extends over {extent:g} m, which is not above 0 and up to {_MOST_EXTENT:g} m; "
+                "meshes are in metres"
+            )
         foot = np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]])
         kind = printable(path.stem if classes == "mesh" else path.parent.name)
         out.append(InstanceMesh(name, kind, vertices - foot, faces))
@@ -99,10 +109,15 @@ def read_instances(folder: Path, classes: str) -> tuple[InstanceMesh, ...]:
 
 
 def hull(points: F64) -> F64:
-    """Convex hull (n, 2) of points (m, 2), counter-clockwise."""
-    from scipy.spatial import ConvexHull
+    """Convex hull (n, 2) of points (m, 2), m, counter-clockwise; that of a plate on edge is 2 mm wide."""
+    from scipy.spatial import ConvexHull, QhullError
 
-    return np.asarray(points[ConvexHull(points).vertices])
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:
+        around = _HALF_LINE * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+        wide = (points[:, None] + around).reshape(-1, 2)
+        return np.asarray(wide[ConvexHull(wide).vertices])
 
 
 def turned(points: F64, heading: float) -> F64:

@@ -10,7 +10,7 @@ import shapely
 from sarmitsuba.datasets.draw import Drawer
 from sarmitsuba.datasets.drawn_shapes import hull, lowest_under, relief, separation
 from sarmitsuba.datasets.recipe import PART_NAMES
-from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.errors import DataError, SarmitsubaError, SceneError
 
 
 def drawer_of(tmp_path: Path, text: str) -> Drawer:
@@ -121,6 +121,40 @@ def test_a_class_with_too_few_meshes_is_refused(tmp_path: Path) -> None:
     drawer = drawer_of(tmp_path, "[parts]\nby = 'instance'\n[objects]\nmeshes = 'own'\n")
     with pytest.raises(DataError, match="class lone has 1 meshes for 3 parts"):
         drawer.draw(0, 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "a.obj"),
+        ("v 0 0 0\nv 1e9 0 0\nv 0 1 0\nf 1 2 3\n", "extends over 1e+09 m"),
+        ("v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "extends over 0 m"),
+        ("hello", "a.obj"),
+    ],
+)
+def test_bad_meshes_get_one_line(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "a.obj").write_text(text)
+    with pytest.raises(SarmitsubaError) as caught:
+        drawer_of(tmp_path, "[objects]\nmeshes = 'own'\n").draw(0, 0)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_plates_on_edge_are_placed(tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "a.obj").write_text("v 0 0 0\nv 2 0 0\nv 2 0 1\nv 0 0 1\nf 1 2 3\nf 1 3 4\n")
+    text = "[objects]\nmeshes = 'own'\ncount = 6\nspread = 8.0\nheading_deg = { uniform = [0, 360] }\n"
+    shapes = drawer_of(tmp_path, text).draw(0, 0).shapes
+    lines = [shapely.MultiPoint(shape.vertices[:, :2]).convex_hull for shape in shapes]
+    assert all(a.distance(b) >= 0.3 - 1e-9 for a, b in combinations(lines, 2))  # tol: rounding in float64
+
+
+def test_files_of_the_radar_lie_beside_the_recipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    angles = "".join(f"{cut},{a},{-(a**2)}\n" for cut in ("azimuth", "elevation") for a in (-2, -1, 0, 1, 2))
+    (tmp_path / "beam.csv").write_text("cut,angle_deg,gain_db\n" + angles)
+    monkeypatch.chdir("/")
+    text = "[objects]\n[radar]\npattern = 'table'\npattern_file = 'beam.csv'\n"
+    assert drawer_of(tmp_path, text).draw(0, 0).scene.radar.antenna.pattern == "table"
 
 
 def test_relief_has_its_height_and_correlation() -> None:
