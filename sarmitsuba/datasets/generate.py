@@ -3,7 +3,9 @@
 import hashlib
 import json
 import multiprocessing
+import os
 import re
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -11,6 +13,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import Protocol
 
 import numpy as np
@@ -214,9 +217,18 @@ _drawer: Drawer | None = None  # of a process that makes samples
 
 def _start(drawer: Drawer, extensions: Sequence[str]) -> None:
     global _drawer
+    Thread(target=_end_with_parent, daemon=True).start()
     for extension in extensions:
         load_extension(extension, again=False)
     _drawer = drawer
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of the process that gives tasks, which may be killed without ending this one."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _make(number: int) -> Sample:
