@@ -12,7 +12,7 @@ Bodies = dict[str, trimesh.Trimesh]
 
 
 def targets() -> Bodies:
-    """Build ten bodies by file name, in the folder of their class."""
+    """Build ten bodies by file name, in folders of their classes."""
     bodies = {
         "vehicle/sedan": _car(4.6, 1.8, (0.9, 1.45), (-1.5, -0.9, 0.5, 1.2)),
         "vehicle/estate": _car(4.8, 1.85, (0.95, 1.5), (-2.3, -2.0, 0.5, 1.3)),
@@ -31,7 +31,7 @@ def targets() -> Bodies:
         "boat/barge": _boat(22.0, 5.2, 1.4, [((-10.0, -7.0), 2.0, 2.2)], blunt=True),
         "boat/ferry": _boat(20.0, 6.0, 1.8, [((-8.0, 5.0), 2.4, 2.2), ((1.0, 4.0), 1.8, 4.4)]),
     }
-    return {name: check_closed(name, mesh) for name, mesh in bodies.items()}
+    return {f"targets/{name}": check_closed(name, mesh) for name, mesh in bodies.items()}
 
 
 def _car(

@@ -3,7 +3,8 @@
 Usage: python benchmarks/studies/dataset_chips.py [--chips N] [--methods raster image hybrid]
 
 Every method makes the same drawn scenes: a car-like body at any aspect on soil, grass or asphalt, up to three boxes,
-two looks, 128 x 128 pixels of 0.25 m, with the labels shape and layover_shadow, rays 0.05 m apart. Processor seconds of a chip are means
+two looks, 128 x 128 pixels of 0.25 m, with the labels shape and layover_shadow, rays
+0.05 m apart. Processor seconds of a chip are means
 over all but the first tenth, which compiles and loads kernels; chips per hour are those of two processors that do
 nothing else. The sampling error is the median over every tenth chip, from a second image with other rays; the energy of
 omitted waves is what the program states of its theory, over the image's energy. Method raster has no phase and one
