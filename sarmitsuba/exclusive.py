@@ -69,6 +69,27 @@ def take_threads(one: bool) -> None:
         drjit.set_thread_count(wanted)
 
 
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """Lock the back end, which computes in the calling thread alone until the block ends.
+
+    Sums over many rays then have one order, so that results do not depend on the number of processors.
+    """
+    with backend_lock():
+        drjit = sys.modules.get("drjit")
+        if drjit is None:
+            yield
+            return
+        drjit.sync_thread()
+        before = drjit.thread_count()
+        drjit.set_thread_count(1)
+        try:
+            yield
+        finally:
+            drjit.sync_thread()
+            drjit.set_thread_count(before)
+
+
 def exclusive(function: Callable[P, T]) -> Callable[P, T]:
     """Decorator: only one thread at a time executes any of the decorated functions."""
 

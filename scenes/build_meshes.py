@@ -17,6 +17,7 @@ from land_cover import class_map, houses
 from PIL import Image
 from places import places
 from solids import box, check_closed, merged
+from targets import targets
 from urban_block import urban_block
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
@@ -100,7 +101,7 @@ def joined(solids: list[trimesh.Trimesh]) -> trimesh.Trimesh:
 def build() -> Parts:
     """Build all meshes by file name."""
     parts: Parts = {}
-    for make in (trihedral, sphere_ka60, tower, bridge, buildings16, urban_block, houses, places):
+    for make in (trihedral, sphere_ka60, tower, bridge, buildings16, urban_block, houses, places, targets):
         parts |= make()
     return parts
 
@@ -115,6 +116,7 @@ def main() -> None:
         if notes:
             raise SystemExit("\n".join(notes))
         path = MESHES / f"{name}.ply"
+        path.parent.mkdir(parents=True, exist_ok=True)
         before = path.read_bytes() if path.exists() else b""
         target = path.with_suffix(".new")
         write_ply(target, vertices, faces)

@@ -7,6 +7,7 @@ other packages only when it runs, so that ``doctor`` works where they are missin
 
 from sarmitsuba.commands import (
     cost,
+    dataset,
     doctor,
     explain,
     focus,
@@ -35,6 +36,7 @@ COMMANDS = (
     interferogram,
     insar,
     rcs,
+    dataset,
     studio,
     explain,
     link,

@@ -1,6 +1,5 @@
 """Header of chirped echoes from elsewhere: a few numbers in a JSON or TOML file beside the data; see docs/files.md."""
 
-import importlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,11 +9,11 @@ import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
-from sarmitsuba.io.encoding import json_value
-from sarmitsuba.parameters import did_you_mean, one_line, printable
+from sarmitsuba.io.table_file import read_table
+from sarmitsuba.parameters import did_you_mean, printable
 from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.radar.utc import utc_of
-from sarmitsuba.regular_files import is_inside, read_text
+from sarmitsuba.regular_files import is_inside
 
 AUTO = "auto"
 _MOST_BYTES = 1 << 16
@@ -120,7 +119,7 @@ def read_header(path: Path) -> EchoHeader:
     DataError
         The file cannot be read, or a value is missing, unknown, of another type, out of bounds or contradicts another.
     """
-    content = _content(path)
+    content = read_table(path, "a header", _MOST_BYTES)
     known = {*_NUMBERS, _CENTROID, *_START, *_OPTIONAL, *_TEXTS}
     for name in content:
         if name not in known:
@@ -162,34 +161,6 @@ def read_header(path: Path) -> EchoHeader:
     )
     _check_together(path, header)
     return header
-
-
-def _content(path: Path) -> Mapping[str, object]:
-    """Entries of the file."""
-    try:
-        text = read_text(path, errors="strict", most=_MOST_BYTES)
-    except UnicodeDecodeError:
-        raise DataError(f"{path}: a header is text in UTF-8, this is not") from None
-    except OSError as error:
-        raise DataError(f"{path}: cannot read the header: {error.strerror}") from error
-    try:
-        if path.suffix.lower() == ".toml":
-            try:
-                reader = importlib.import_module("tomllib")
-            except ModuleNotFoundError:
-                raise DataError(
-                    f"{path}: TOML needs Python 3.11 or later; write the header as JSON"
-                ) from None
-            content = reader.loads(text)
-        else:
-            content = json_value(text)
-    except (ValueError, RecursionError) as error:  # tomllib's and json's
-        raise DataError(f"{path}: cannot be read as a header: {one_line(error, 200)}") from None
-    if not isinstance(content, dict):
-        raise DataError(
-            f"{path}: a header is a table of names and values, this is a {type(content).__name__}"
-        )
-    return content
 
 
 def _text(path: Path, content: Mapping[str, object], name: str, default: str) -> str:

@@ -111,7 +111,8 @@ def build_scene(
     film: FilmDescription | None = None,
     settings: TraceSettings | None = None,
     track: Track | None = None,
-    ground: str | None = None,
+    ground: str | Mapping[str, Value] | None = None,
+    ground_level: float | None = None,
     name: str = "scene",
 ) -> Scene:
     """Build a scene without a file.
@@ -123,7 +124,8 @@ def build_scene(
     settings : of the tracing; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
         number of pulses and azimuth resolution
-    ground : material of level ground to add at the scene's lowest level, such as ``soil``
+    ground : material of level ground to add, such as ``soil``, or parameters of ``radar_material`` by name
+    ground_level : its height, m; None: the scene's lowest level
     name : of the scene
 
     Returns
@@ -158,7 +160,7 @@ def build_scene(
     for volume in volumes:
         _add_volume(collector, volume, name)
     if ground is not None:
-        collector.add_ground_of(ground)
+        collector.add_ground_of(ground, ground_level)
     return collector.scene()
 
 

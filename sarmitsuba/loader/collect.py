@@ -25,7 +25,7 @@ from sarmitsuba.loader.wire_shapes import wires
 from sarmitsuba.materials.bsdfs import wire_permittivity
 from sarmitsuba.materials.map_materials import map_attributes
 from sarmitsuba.memory import check_fits
-from sarmitsuba.parameters import float_value, printable
+from sarmitsuba.parameters import Value, float_value, printable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scatterers import SCATTERERS, ScattererTarget
@@ -124,10 +124,10 @@ class Collector:
         """Add level ground with a bsdf; see :class:`sarmitsuba.loader.radar_ground.LevelGround`."""
         self.grounds.append(LevelGround(name, where, self.book.index(bsdf, where), level, extent))
 
-    def add_ground_of(self, material: str) -> None:
-        """Add level ground of a named material at the lowest level of the scene."""
+    def add_ground_of(self, material: str | Mapping[str, Value], level: float | None = None) -> None:
+        """Add level ground of a material, by default at the lowest level of the scene."""
         label = printable(self.path.name if self.path else self.name)
-        self.add_ground("ground", f"{label}: ground", ground_element(material, label))
+        self.add_ground("ground", f"{label}: ground", ground_element(material, label), level)
 
     def add_parts(
         self,

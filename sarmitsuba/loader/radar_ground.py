@@ -1,5 +1,6 @@
 """Level ground that a scene asks for: shape ``radar_ground``, option ``--ground``."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.material_tables import RADAR_MATERIAL
 from sarmitsuba.loader.shapes import Placed
 from sarmitsuba.mesh.tessellate import rectangle
-from sarmitsuba.parameters import one_line
+from sarmitsuba.parameters import Value, one_line
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.endless_ground import level_rim, reach_of
@@ -82,11 +83,10 @@ class LevelGround:
         return center + 0.5 * side * vertices, faces, note
 
 
-def ground_element(material: str, label: str) -> Element:
-    """BSDF element of ground by the name of a material."""
-    return Element(
-        "bsdf", RADAR_MATERIAL.plugin, "ground", f"{label}: ground", Path(), {"material": material}
-    )
+def ground_element(material: str | Mapping[str, Value], label: str) -> Element:
+    """BSDF element of ground: the name of a material, or parameters of ``radar_material`` by name."""
+    values = {MATERIAL: material} if isinstance(material, str) else dict(material)
+    return Element("bsdf", RADAR_MATERIAL.plugin, "ground", f"{label}: ground", Path(), values)
 
 
 def read_ground(placed: Placed, bsdf: Element | None) -> tuple[Element, float | None, float | None]:

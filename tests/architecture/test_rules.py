@@ -26,6 +26,7 @@ ANY = {
     "trace": 20,  # Mitsuba's scene and records
     "loader": 20,  # Mitsuba's properties and shapes
     "io": 16,  # h5py, OpenEXR and the JSON inside
+    "datasets": 6,  # drawn values of any type, and the JSON inside
     "simulation": 6,
     "focusing": 5,
     "echo": 1,  # metadata of raw data, JSON

@@ -26,7 +26,7 @@ def test_wheel_contains_plugins_and_scenes(tmp_path: Path) -> None:
         files = [
             p
             for p in (ROOT / folder).rglob("*")
-            if p.is_file() and p.suffix in {".py", ".xml", ".ply", ".csv"}
+            if p.is_file() and p.suffix in {".py", ".xml", ".ply", ".csv", ".toml"}
         ]
         assert files
         for path in files:
