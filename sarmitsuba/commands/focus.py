@@ -152,7 +152,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--labels",
         action="store_true",
-        help="also write labels of the image's pixels: layover and shadow, incidence angle, positions, shapes "
+        help="also write labels of the image's pixels: layover and shadow, positions, shapes, mechanisms, materials "
         "(docs/labels.md)",
     )
     parser.add_argument(

@@ -10,9 +10,14 @@ if TYPE_CHECKING:
     from sarmitsuba.image.sar_image import SarImage
     from sarmitsuba.scene.scene import Scene
 
-LABELS, COCO, LABELS_PICTURE, PIXELS = "labels.h5", "labels.json", "labels.png", "labels_pixels.png"
-# layers of codes that every scene has
-_MASKS = ("layover_shadow", "shape", "shadow_of")
+LABELS, COCO, PIXELS = "labels.h5", "labels.json", "labels_pixels.png"
+# pictures over the image, of a layer each
+PICTURES = {"labels.png": "layover_shadow", "labels_echoes.png": "mechanism"}
+# layers of codes; of a scene without labels of echoes the first three
+_MASKS = (
+    *("layover_shadow", "shape", "shadow_of"),
+    *("mechanism", "instance", "second_instance", "instance_here", "material"),
+)
 # layers that name the shape of each pixel, for COCO; the first that there is
 _SHAPES = ("instance", "shape")
 
@@ -21,7 +26,7 @@ def label_names(*, geotiff: bool) -> tuple[str, ...]:
     """Names of the files with labels; ``geotiff``: masks on a map too."""
     kinds = ("png", "tif") if geotiff else ("png",)
     masks = [f"labels_{layer}.{kind}" for layer in _MASKS for kind in kinds]
-    return (LABELS, COCO, LABELS_PICTURE, PIXELS, *masks)
+    return (LABELS, COCO, PIXELS, *PICTURES, *masks)
 
 
 def save_labels(

@@ -16,7 +16,7 @@ from sarmitsuba import __version__
 from sarmitsuba.analysis.quality.account import Account, StageTime, account
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import PictureStyle
-from sarmitsuba.commands.label_files import LABELS_PICTURE, label_names, save_labels
+from sarmitsuba.commands.label_files import PICTURES, label_names, save_labels
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import SarImage
@@ -280,7 +280,9 @@ def store_image(
         with watch.stage("labels"):
             labels = save_labels(folder, image, style.scene, console, geotiff=formats.on_a_map)
             options = style.options(PictureOptions())
-            draw_into(folder, LABELS_PICTURE, partial(labels_figure, image, labels, options=options), console)
+            for name, layer in PICTURES.items():
+                if layer in labels.layers:
+                    draw_into(folder, name, partial(labels_figure, image, labels, layer, options), console)
     if chart:
         from sarmitsuba.view.account_chart import account_figure
 

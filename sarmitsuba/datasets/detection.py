@@ -28,9 +28,9 @@ class DetectionDocuments:
 
     Notes
     -----
-    Shapes are annotated by their pixels in the layer ``shape`` where the recipe asks for it, else by the bounds of
-    their vertices within the image. ``iscrowd`` is 0: each annotation is one shape, also those whose masks are run
-    lengths, which pycocotools reads either way and detectors drop where it is 1.
+    Shapes are annotated by their pixels in the layer ``shape``, or else ``instance``, where the recipe asks for it;
+    without, by the bounds of their vertices within the image. ``iscrowd`` is 0: each annotation is one shape, also
+    those whose masks are run lengths, which pycocotools reads either way and detectors drop where it is 1.
     """
 
     def __init__(self, recipe: Recipe, classes: Sequence[str]) -> None:
@@ -64,7 +64,7 @@ class DetectionDocuments:
                     "license": 1,
                 }
             )
-            shown = record.layers.get(SHAPES)
+            shown = next((record.layers[name] for name in SHAPES if name in record.layers), None)
             window = None if shown is None else shown[top : top + rows, left : left + columns]
             for one in record.objects:
                 found = (

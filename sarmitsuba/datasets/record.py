@@ -67,6 +67,8 @@ def _plain(shape: SampleObject) -> JsonTable:
     out = dict(vars(shape))
     for name in ("position", "box"):
         out[name] = [None if math.isnan(v) else float(v) for v in out[name]]
+    for name in ("visible_share", "energy_share"):
+        out[name] = None if math.isnan(out[name]) else out[name]
     return out
 
 

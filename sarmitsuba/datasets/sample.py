@@ -27,6 +27,7 @@ from sarmitsuba.errors import (
 )
 from sarmitsuba.exclusive import single_threaded
 from sarmitsuba.focusing import focus
+from sarmitsuba.image.labels import LabelledInstance
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.parameters import Value
 from sarmitsuba.simulation.raw import simulate
@@ -46,12 +47,14 @@ class SampleObject:
     Parameters
     ----------
     name, semantic_class, instance : as drawn; the instance is "" without a mesh of the folder
-    code : in the layer ``shape``; 0 without that layer
+    code : in the layer ``shape``, or else ``instance``; 0 without such a layer
     position : (3,) m, middle of its bounds
     heading_deg : of its x axis, from east to north
     aspect_deg : of the radar from its x axis
     scale : factor of its lengths
     box : (4,) first row and column, last row and column of its vertices, pixels
+    visible_share : share of its surface that the antenna sees, by area; NaN without a layer of echoes
+    energy_share : share of the energy of one look's image that is its echoes; NaN without a layer of echoes
     """
 
     name: str
@@ -63,6 +66,8 @@ class SampleObject:
     aspect_deg: float
     scale: float
     box: F64
+    visible_share: float
+    energy_share: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +148,7 @@ def _attempted(drawer: Drawer, number: int, attempt: int) -> Sample:
         if image.grid.shape != recipe.shape:
             raise RadarError(f"the image has {image.grid.shape} pixels, not {recipe.shape}")
         error = _sampling_error(recipe.whole("dataset", "error_every"), drawn, image)
-        layers, codes = label_layers(drawn.scene, image.grid, recipe.layers, drawn.shapes)
+        layers, codes, instances = label_layers(drawn.scene, image.grid, recipe.layers, drawn.shapes)
     said = [str(w.message) for w in caught if issubclass(w.category, SarmitsubaWarning)]
     if not np.isfinite(image.data).all() or not np.any(image.data):
         raise RadarError("the image is empty or holds numbers that are not finite")
@@ -157,7 +162,7 @@ def _attempted(drawer: Drawer, number: int, attempt: int) -> Sample:
         image=np.stack(planes).astype(np.complex64),
         channels=image.channels,
         layers=layers,
-        objects=_objects(drawn, image, codes),
+        objects=_objects(drawn, image, codes, instances),
         facts={**drawn.facts, **_facts_of(image)},
         notes=tuple(notes),
         physics=dict(image.metadata.get("effects", {})),
@@ -223,9 +228,12 @@ def _facts_of(image: SarImage) -> dict[str, Value | None]:
     }
 
 
-def _objects(drawn: DrawnSample, image: SarImage, codes: Mapping[int, str]) -> tuple[SampleObject, ...]:
+def _objects(
+    drawn: DrawnSample, image: SarImage, codes: Mapping[int, str], instances: Mapping[str, LabelledInstance]
+) -> tuple[SampleObject, ...]:
     boxes = corner_boxes(drawn.scene, image.grid, drawn.shapes)
     code = {name: number for number, name in codes.items()}
+    seen = {name: (one.visible_share, one.energy_share) for name, one in instances.items()}
     return tuple(
         SampleObject(
             name=shape.name,
@@ -237,6 +245,8 @@ def _objects(drawn: DrawnSample, image: SarImage, codes: Mapping[int, str]) -> t
             aspect_deg=aspect_deg(shape, drawn.scene),
             scale=shape.scale,
             box=box,
+            visible_share=seen.get(shape.name, (np.nan, np.nan))[0],
+            energy_share=seen.get(shape.name, (np.nan, np.nan))[1],
         )
         for shape, box in zip(drawn.shapes, boxes, strict=True)
     )

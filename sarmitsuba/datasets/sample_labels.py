@@ -8,20 +8,22 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import F64
 from sarmitsuba.datasets.draw import PlacedShape
 from sarmitsuba.datasets.recipe import RecipeError
+from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.placement import ImagePlacement
+from sarmitsuba.image.labels import LabelledInstance
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.labelling import labels
-from sarmitsuba.parameters import did_you_mean
+from sarmitsuba.labelling.makers import checked_layers
 from sarmitsuba.scene.scene import Scene
 
-# layer of codes of shapes, for masks of instances
-SHAPES = "shape"
+# layers of codes of shapes, for masks of instances; the first that there is
+SHAPES = ("shape", "instance")
 
 
 def label_layers(
     scene: Scene, grid: ImageGrid, names: Sequence[str], shapes: Sequence[PlacedShape]
-) -> tuple[dict[str, NDArray[np.generic]], dict[int, str]]:
-    """Layers of labels by name, and the shapes' names by their code in :data:`SHAPES`.
+) -> tuple[dict[str, NDArray[np.generic]], dict[int, str], dict[str, LabelledInstance]]:
+    """Layers of labels by name, the shapes' names by their code in :data:`SHAPES`, and instances by name.
 
     Raises
     ------
@@ -29,15 +31,14 @@ def label_layers(
         There is no such layer.
     """
     if not names:
-        return {}, {}
-    found = labels(scene, grid, classes=_classes(scene, shapes))
-    for name in names:
-        if name not in found.layers:
-            known = sorted(found.layers)
-            guess = did_you_mean(name, known) or f"; there are {', '.join(known)}"
-            raise RecipeError(f'[labels]: unknown layer "{name}"{guess}')
-    codes: Mapping[int, str] = found.layers[SHAPES].codes if SHAPES in found.layers else {}
-    return {name: found[name] for name in names}, dict(codes)
+        return {}, {}, {}
+    try:
+        checked_layers(names)
+    except DataError as error:
+        raise RecipeError(f"[labels]: {error}") from None
+    found = labels(scene, grid, classes=_classes(scene, shapes), layers=names)
+    codes: Mapping[int, str] = next((found.layers[n].codes for n in SHAPES if n in names), {})
+    return {name: found[name] for name in names}, dict(codes), {one.name: one for one in found.instances}
 
 
 def _classes(scene: Scene, shapes: Sequence[PlacedShape]) -> dict[str, str]:

@@ -22,6 +22,8 @@ _OBJECT_NUMBERS = {
     "aspect_deg": ("deg", "direction of the radar from the shape's x axis, seen from above", 1),
     "scale": ("1", "factor of the mesh's lengths", 1),
     "box": ("pixel", "first row and column, last row and column of its vertices in the image; NaN: none", 4),
+    "visible_share": ("1", "share of its surface that the antenna sees; NaN without a layer of echoes", 1),
+    "energy_share": ("1", "share of the energy of one look's image; NaN without a layer of echoes", 1),
 }
 
 
@@ -135,6 +137,8 @@ class _Columns:
             for name in ("instance", "name", "code", "position", "heading_deg", "aspect_deg", "scale"):
                 self._objects[name].append(one[name])
             self._objects["box"].append(box)
+            for name in ("visible_share", "energy_share"):
+                self._objects[name].append(np.nan if one[name] is None else one[name])
 
     def write(self, file: h5py.File) -> None:
         """All columns."""
@@ -168,7 +172,7 @@ class _Columns:
         codes = {
             "row": "place of the image in images",
             "class": "index into the attribute classes",
-            "code": "of the shape in labels/shape; 0 without that layer",
+            "code": "of the shape in labels/shape, or else labels/instance; 0 without such a layer",
         }
         for name, meaning in codes.items():
             _add(group, name, "", meaning, data=np.array(rows[name], dtype=np.int32))

@@ -27,14 +27,18 @@ def coco_document(labels: Labels, picture: str, layer: str) -> dict[str, object]
     ----------
     labels : with a layer of codes of shapes
     picture : file name of the image that the pixels count in: rows are azimuth, from early to late, columns range
-    layer : of codes, one for each shape; 0 is none
+    layer : of codes, one for each shape; 0 is none. Pixels where the layer of that name and ``_here`` is 0, which only
+        side lobes reach, belong to no mask
 
     Returns
     -------
     categories are the semantic classes, or the shapes' names where a shape has none; boxes are x, y, width and height
-    in pixels from the corner of the first pixel; ``iscrowd`` is 1, as COCO wants for masks of run lengths
+    in pixels from the corner of the first pixel. ``iscrowd`` is 0: each annotation is one shape; detectors drop those
+    where it is 1, and pycocotools reads masks of run lengths either way.
     """
     codes, values = labels.layers[layer].codes, labels[layer]
+    if f"{layer}_here" in labels.layers:
+        values = np.where(labels[f"{layer}_here"] != 0, values, 0)
     classes = {one.name: one.semantic_class for one in labels.instances if one.semantic_class}
     present = [int(code) for code in np.unique(values) if code > 0]
     names = {code: codes.get(code, str(code)) for code in present}
@@ -62,7 +66,7 @@ def _annotation(number: int, category: int, name: str, mask: NDArray[np.bool_]) 
         "name": name,
         "bbox": [int(value) for value in box],
         "area": int(mask.sum()),
-        "iscrowd": 1,
+        "iscrowd": 0,
         "segmentation": run_lengths(mask),
     }
 

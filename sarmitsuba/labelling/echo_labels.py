@@ -1,6 +1,6 @@
 """Labels of pixels from the paths whose echoes make them: mechanism, shape and material, level without speckle."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.image.labels import LabelLayer, LabelledInstance
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.labelling.geometric_layers import SurfacePoints, surface_points
 from sarmitsuba.labelling.instances import boxes, shadows, visible_shares
 from sarmitsuba.labelling.owners import SceneOwners, SceneShapes
 from sarmitsuba.scene.scene import Scene
@@ -22,6 +23,22 @@ from sarmitsuba.trace.path_groups import MECHANISMS
 
 # power of a shape's sums of echoes, over the strongest, down to which they count as its place in the image
 OWN_PLACE = 1e-6
+ECHO_LAYERS = (
+    "mechanism",
+    "mechanism_share",
+    "mechanism_energy",
+    "instance",
+    "instance_share",
+    "second_instance",
+    "second_instance_share",
+    "instance_here",
+    "material",
+    "material_share",
+    "class",
+    "class_share",
+    "expected_sigma0",
+    "expected_mechanism_share",
+)
 
 
 class EchoShares:
@@ -73,7 +90,7 @@ class EchoLabels:
     grid : of the image
     classes : semantic classes of shapes, by name
     seed : of the scene's random numbers; None: the scene's
-    window : of range and azimuth
+    windows : of range and azimuth
 
     Attributes
     ----------
@@ -89,13 +106,13 @@ class EchoLabels:
         classes: Mapping[str, str],
         *,
         seed: int | None = None,
-        window: str = DEFAULT_WINDOW,
+        windows: tuple[str, str] = (DEFAULT_WINDOW, DEFAULT_WINDOW),
     ) -> None:
         settings = replace(scene.settings, method="image", keep_subsets=False, keep_orders=False)
         if seed is not None:
             settings = replace(settings, seed=seed)
         run = Run(replace(scene, settings=settings))
-        self.imager = Imager(run, grid, range_window=window, azimuth_window=window)
+        self.imager = Imager(run, grid, range_window=windows[0], azimuth_window=windows[1])
         run.admit(grid)
         self.scene, self.grid, self.classes = scene, grid, classes
         self.shapes = SceneShapes.of(scene, classes)
@@ -135,15 +152,22 @@ class EchoLabels:
 
 @exclusive
 def echo_labels(
-    scene: Scene, grid: ImageGrid, classes: Mapping[str, str]
+    scene: Scene,
+    grid: ImageGrid,
+    classes: Mapping[str, str],
+    *,
+    windows: tuple[str, str] = (DEFAULT_WINDOW, DEFAULT_WINDOW),
+    points: Callable[[], SurfacePoints] | None = None,
 ) -> tuple[dict[str, LabelLayer], tuple[LabelledInstance, ...], tuple[str, ...]]:
-    """Labels of pixels from the echoes of one look, the default window, as method ``image`` makes them.
+    """Labels of pixels from the echoes of one look, as method ``image`` makes them.
 
     Parameters
     ----------
     scene : as loaded
     grid : of the image
     classes : semantic class of shapes, by name
+    windows : of range and azimuth
+    points : gives the scene's surfaces in the image where they are already known, for shadows of instances
 
     Returns
     -------
@@ -157,10 +181,10 @@ def echo_labels(
     with each other, so that their powers do not add up to the pixel's.
     """
     try:
-        echoes = EchoLabels(scene, grid, classes)
+        echoes = EchoLabels(scene, grid, classes, windows=windows)
         look = echoes.imager.look
     except (RadarError, DataError) as error:
-        return {}, (), (f"labels of echoes are left out: {error}",)
+        return {}, (), (f"echoes are left out: {error}",)
     del look
     layers: dict[str, LabelLayer] = {}
     shape = grid.shape
@@ -174,7 +198,7 @@ def echo_labels(
     layers["mechanism_energy"] = LabelLayer(
         energy, "m^2", "power of the echoes of each mechanism, as RCS, summed over channels", parts=MECHANISMS
     )
-    instances, by_shape, own = _instances(echoes)
+    instances, by_shape, own = _instances(echoes, points or (lambda: surface_points(scene, grid)))
     numbered = {i + 1: name for i, name in enumerate(echoes.shapes.names)}
     layers |= _of_parts("instance", "shape of most of the power", by_shape, echoes.shapes.names)
     layers["second_instance"] = LabelLayer(
@@ -207,7 +231,7 @@ def _of_parts(name: str, text: str, shares: EchoShares, names: Sequence[str]) ->
 
 
 def _instances(
-    echoes: EchoLabels,
+    echoes: EchoLabels, points: Callable[[], SurfacePoints]
 ) -> tuple[tuple[LabelledInstance, ...], EchoShares, NDArray[np.bool_]]:
     """Instances, the comparison of their powers, and where the strongest one has echoes."""
     shapes, scene = echoes.shapes, echoes.scene
@@ -220,7 +244,7 @@ def _instances(
     total = float(np.square(np.abs(image), dtype=np.float64).sum())
     energy = np.bincount(echoes.shape, echoes.groups.energies(image), shapes.n + 1)
     seen = visible_shares(scene, echoes.grid, shapes)
-    shadow = shadows(scene, echoes.grid, shapes)
+    shadow = shadows(scene, echoes.grid, shapes, points)
     materials = _materials_of(echoes)
     out = []
     for i, name in enumerate(shapes.names):
@@ -309,11 +333,13 @@ def _expected(echoes: EchoLabels, energy: F32) -> dict[str, LabelLayer]:
 
 def _notes(echoes: EchoLabels) -> tuple[str, ...]:
     """What the labels of echoes leave out."""
-    out = [
-        "labels of echoes are those of one look (method image): raw and hybrid images also change over the aperture",
-    ]
+    out = []
+    if echoes.scene.settings.method != "image":
+        out.append(
+            "echoes are those of one look (method image): raw and hybrid images also change over the aperture"
+        )
     if echoes.imager.run.plan.on("noise"):
-        out.append("labels of echoes are without receiver noise")
+        out.append("echoes are without receiver noise")
     if echoes.imager.run.plan.flags.diffuse_pairs:
         out.append("the expected level of pairs of diffuse scatterers is that of the pairs that were drawn")
     return tuple(out)

@@ -220,6 +220,19 @@ def _apart(found: Fragments, seen: NDArray[np.bool_], nearest: float) -> I64:
     return np.flatnonzero(kept)
 
 
+GEOMETRIC_LAYERS = (
+    "layover_shadow",
+    "surfaces",
+    "hidden_surfaces",
+    "local_incidence_angle",
+    "ground_position",
+    "surface_position",
+    "slant_position",
+    "shape",
+    "shadow_of",
+)
+
+
 def geometric_layers(scene: Scene, grid: ImageGrid, points: SurfacePoints) -> dict[str, LabelLayer]:
     """Layers of a scene's geometry, by name.
 

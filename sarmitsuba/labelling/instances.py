@@ -1,5 +1,7 @@
 """Boxes of shapes in an image, the share of each that the antenna sees, and the pixels in its shadow alone."""
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -7,7 +9,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.focusing.placement import ImagePlacement
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.labelling.geometric_layers import surface_points
+from sarmitsuba.labelling.geometric_layers import SurfacePoints
 from sarmitsuba.labelling.ground_shapes import surface_samples
 from sarmitsuba.labelling.owners import SceneShapes
 from sarmitsuba.labelling.sight import SightLines
@@ -95,23 +97,22 @@ def visible_shares(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> F64:
     return out
 
 
-def shadows(scene: Scene, grid: ImageGrid, shapes: SceneShapes) -> I64:
+def shadows(scene: Scene, grid: ImageGrid, shapes: SceneShapes, points: Callable[[], SurfacePoints]) -> I64:
     """Number of pixels whose ground each shape alone hides from the antenna, (n_shapes,)."""
     out = np.zeros(shapes.n, dtype=np.int64)
     geometry, solid = scene.geometry, _solid(scene)
     if scene.radar.all_round or not solid.size or not shapes.ground.any():
         return out
-    points = surface_points(scene, grid)
-    mesh = geometry.face_mesh
-    hidden = np.flatnonzero(~points.seen & shapes.ground[mesh[points.found.face]])
+    found, mesh = points(), geometry.face_mesh
+    hidden = np.flatnonzero(~found.seen & shapes.ground[mesh[found.found.face]])
     if not hidden.size:
         return out
     row_of = np.full(geometry.n_faces, -1, dtype=np.int64)
     row_of[solid] = np.arange(solid.size)
-    place, face = points.found.point[hidden].copy(), row_of[points.found.face[hidden]]
+    place, face = found.found.point[hidden].copy(), row_of[found.found.face[hidden]]
     antenna = ImagePlacement(grid, scene.radar).antenna(place)
     by = _hidden_by_one(geometry, solid, place, face, antenna)
-    pixel, alone = points.found.pixel[hidden][by >= 0], by[by >= 0]
+    pixel, alone = found.found.pixel[hidden][by >= 0], by[by >= 0]
     pairs = np.unique(np.stack([pixel, alone], axis=1), axis=0)
     np.add.at(out, pairs[:, 1], 1)
     out[shapes.ground] = 0

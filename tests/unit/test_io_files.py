@@ -554,7 +554,9 @@ def test_the_page_lists_every_dataset(tmp_path: Path) -> None:
 def test_the_page_lists_every_dataset_of_labels(tmp_path: Path) -> None:
     scene = shipped("plate")
     grid = default_grid(scene.radar, {"pixels_azimuth": 5, "pixels_range": 4})
-    sarmitsuba.labels(scene, grid).save(tmp_path / "labels.h5")
+    sarmitsuba.labels(scene, grid, classes={scene.geometry.mesh_names[0]: "metal"}).save(
+        tmp_path / "labels.h5"
+    )
     found = {
         re.sub(r"^/codes/\w+/", "/codes/LAYER/", name): unit
         for name, unit in held(tmp_path / "labels.h5").items()
