@@ -386,6 +386,12 @@ def labels_of_buildings() -> Figure:
     return labels_figure(image, labels("buildings16", image=image))
 
 
+def labels_of_echoes() -> Figure:
+    """Mechanisms of the bridge over water, in colours over its image by method image."""
+    image = _render("bridge", ["--method", "image"])
+    return labels_figure(image, labels("bridge", image=image, layers=["mechanism"]), "mechanism")
+
+
 def _pair(scene: str, *options: str) -> Figure:
     with tempfile.TemporaryDirectory() as folder:
         assert main(["insar", scene, "-o", f"{folder}/out", "--quiet", *options]) == 0
@@ -631,6 +637,7 @@ FIGURES = {
         interferogram_tower,
         interferogram_fields,
         labels_of_buildings,
+        labels_of_echoes,
         modes,
         footprints,
     )

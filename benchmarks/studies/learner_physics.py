@@ -3,8 +3,8 @@
 Usage: python benchmarks/studies/learner_physics.py [--train N] [--test N] [--seeds N] [--keep FOLDER]
 
 Data sets of the ten shipped vehicle-like and boat-like bodies are drawn by ``sarmitsuba dataset``: any aspect, three
-grounds, two looks, up to three boxes beside the body, 128 x 128 pixels. All tests are on chips of method hybrid with all
-bounces, drawn with other seeds than those for training. Rows differ in what the training chips are: their method,
+grounds, two looks, up to three boxes beside the body, 128 x 128 pixels. All tests are on chips of method hybrid with
+all bounces, drawn with other seeds than those for training. Rows differ in what the training chips are: their method,
 number of bounces, aspects (headings every so many degrees), resolution (of both).
 
 - **Classifier**: which of ten bodies. Means of power over 1 m x 1 m of the middle 24 m x 24 m, in dB less their mean,

@@ -26,6 +26,11 @@ class DrawnValue(ABC):
         """Number of values of a grid, gone through in turn; 1: drawn at random."""
         return 1
 
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """All texts that may be drawn."""
+        return ()
+
     @abstractmethod
     def draw(self, generator: np.random.Generator, level: int) -> Value | None:
         """One value; ``level`` is the place in a grid, 0 to ``levels - 1``."""
@@ -44,6 +49,11 @@ class Fixed(DrawnValue):
     def draw(self, generator: np.random.Generator, level: int) -> Value | None:
         """See the base class."""
         return self.value
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """See the base class."""
+        return (self.value,) if isinstance(self.value, str) else ()
 
     def __str__(self) -> str:
         return "automatic" if self.value is None else _shown(self.value)
@@ -105,6 +115,11 @@ class Choice(DrawnValue):
     def draw(self, generator: np.random.Generator, level: int) -> Value | None:
         """See the base class."""
         return self.values[int(generator.integers(len(self.values)))]
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """See the base class."""
+        return tuple(value for value in self.values if isinstance(value, str))
 
     def __str__(self) -> str:
         return f"one of {', '.join(_shown(v) for v in self.values)}"

@@ -1,6 +1,8 @@
 """Draw of one sample: its scene and radar, from the recipe's seed and the sample's number alone."""
 
+import hashlib
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -21,19 +23,23 @@ from sarmitsuba.datasets.drawn_shapes import (
 from sarmitsuba.datasets.layout import ShapeLayout
 from sarmitsuba.datasets.recipe import Recipe, RecipeSection, read_recipe
 from sarmitsuba.datasets.splits import SCENE_DRAW, VIEW_DRAW, DatasetParts
-from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.parameters import Value, float_value, string_value
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import mode_parameters
+from sarmitsuba.regular_files import read_bytes
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.simulation.fingerprint import fingerprint
 
 Values = Mapping[str, Value | None]
 # margin by which the feet of walls and boxes are sunk into ground with relief, m
 _SUNK = 0.05
+# most bytes of a file that the radar names
+_MOST_BYTES = 1_000_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +124,37 @@ class Drawer:
         section = recipe.sections["objects"]
         folder = mesh_folder(section.text("meshes"), recipe.path.parent)
         return read_instances(folder, section.text("classes"))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All that the recipe may draw as scene files or files of the radar, as it names them."""
+        wanted = {
+            f"{section.name}.{name}": kind.texts
+            for section in self.recipe.sections.values()
+            for name, kind in section.drawn.items()
+        }
+        return tuple(
+            sorted(
+                {
+                    text
+                    for name, texts in wanted.items()
+                    for text in texts
+                    if text and (name == "scene.file" or name.endswith("_file"))
+                }
+            )
+        )
+
+    def file_hash(self, name: str) -> str:
+        """Hash of a file of :attr:`files`; of a scene that of all that belongs to it. "" where it cannot be read."""
+        path = self.recipe.file_beside(name)
+        if self.recipe.from_file and name in self.recipe.drawn("scene", "file").texts:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SarmitsubaWarning)
+                try:
+                    return fingerprint(load_scene(path if os.path.isfile(path) else name))
+                except SarmitsubaError:  # its draws fail, and say why
+                    return ""
+        return hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest() if os.path.isfile(path) else ""
 
     @cached_property
     def parts(self) -> DatasetParts:

@@ -33,7 +33,8 @@ from sarmitsuba.io.journal import Journal
 from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.registry import load_extension
-from sarmitsuba.version import __version__
+from sarmitsuba.regular_files import read_bytes
+from sarmitsuba.simulation.fingerprint import program_hash
 
 STORE, CARD, JOURNAL = "dataset.h5", "datacard.md", "samples.journal"
 # names in the folder of a data set
@@ -43,6 +44,8 @@ DATASET_FILES = re.compile(
 )
 # tasks given to each process ahead
 _AHEAD = 2
+# most bytes of an extension
+_MOST_TEXT = 10_000_000
 
 
 class SampleWorkers(Protocol):
@@ -72,11 +75,15 @@ class GenerationPlan:
     bytes_needed: float
 
 
-def run_mark(drawer: Drawer) -> str:
-    """Hash of everything that decides the bits of the samples."""
-    state = hashlib.sha256(json.dumps([__version__, drawer.recipe.digest]).encode())
+def run_mark(drawer: Drawer, extensions: Sequence[str] = ()) -> str:
+    """Hash of all that decides the bits of the samples: recipe, meshes, files that it names, extensions, program."""
+    state = hashlib.sha256(json.dumps([program_hash(), drawer.recipe.digest]).encode())
     for mesh in drawer.meshes:
         state.update(mesh.name.encode() + mesh.vertices.tobytes() + mesh.faces.tobytes())
+    for name in drawer.files:
+        state.update(name.encode() + drawer.file_hash(name).encode())
+    for name in extensions:
+        state.update(name.encode() + (read_bytes(Path(name), _MOST_TEXT) if os.path.isfile(name) else b""))
     return state.hexdigest()
 
 
@@ -146,7 +153,7 @@ def generate(
     parts = drawer.parts.of_meshes  # refuses classes with too few meshes
     names = file_names(drawer, wanted)
     which = "all" if numbers is None else f"{wanted}"
-    mark = hashlib.sha256(f"{run_mark(drawer)} {which}".encode()).hexdigest()
+    mark = hashlib.sha256(f"{run_mark(drawer, extensions)} {which}".encode()).hexdigest()
     folder.check(mark, names, force=force)
     if folder.run_hash != mark:
         folder.clear(mark)

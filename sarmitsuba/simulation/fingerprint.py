@@ -33,10 +33,9 @@ def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
     and extensions registered by installed packages, count by name and not by text.
     """
     settings = replace(scene.settings, target_error_db=0.0, time_limit=0.0)
-    packages = [importlib.metadata.version(name) for name in _PACKAGES]
     texts = [Path(name).read_bytes() if os.path.isfile(name) else name for name in extensions]
     return _hash(
-        (shapes_hash(scene), scene.radar, settings, scene.image, scene.offset, _program(), packages, texts)
+        (shapes_hash(scene), scene.radar, settings, scene.image, scene.offset, program_hash(), texts)
     )
 
 
@@ -72,9 +71,9 @@ def _hash(content: object) -> str:
 
 
 @cache
-def _program() -> str:
-    """Hash of the package's source text (the version number does not change during development)."""
-    digest = hashlib.sha256()
+def program_hash() -> str:
+    """Hash of the package's source text (its version does not change during development) and of versions it uses."""
+    digest = hashlib.sha256(repr([importlib.metadata.version(name) for name in _PACKAGES]).encode())
     package = Path(__file__).parents[1]
     for path in sorted(package.rglob("*.py")):
         digest.update(path.relative_to(package).as_posix().encode() + path.read_bytes())

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from sarmitsuba import cli
 from sarmitsuba.datasets import generate, sample
 from sarmitsuba.datasets.draw import Drawer, DrawnSample
 from sarmitsuba.errors import RadarError, ResourceError
+from sarmitsuba.loader.library import scenes_dir
 
 RECIPE = """
 [dataset]
@@ -346,3 +348,27 @@ def test_scene_files_are_seen_under_drawn_radars(tmp_path: Path) -> None:
             32,
         )
         assert file["rows/channels"].asstr()[()].tolist() == ["HH,VV"] * 2
+
+
+def test_a_changed_scene_file_is_another_data_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Samples of two states of a scene must not stand in one file as of one recipe."""
+    for name in ("one", "two"):
+        scene = (scenes_dir() / "dihedral.xml").read_text(encoding="utf-8")
+        (tmp_path / f"{name}.xml").write_text(scene, encoding="utf-8")
+    recipe, out = tmp_path / "own.toml", tmp_path / "out"
+    recipe.write_text(
+        "[dataset]\nsamples = 2\n[images]\npixels_azimuth = 16\npixels_range = 16\n[scene]\n"
+        "file = { choice = ['one.xml', 'two.xml'] }\n[tracing]\nmethod = 'raster'\n"
+    )
+    first = made(recipe, out, "--jobs", "1")
+    assert made(recipe, out, "--jobs", "1") == first
+    changed = (
+        (tmp_path / "two.xml").read_text(encoding="utf-8").replace("<scene", "<!-- as it was --><scene", 1)
+    )
+    (tmp_path / "two.xml").write_text(changed, encoding="utf-8")
+    assert made(recipe, out, "--jobs", "1") == first  # nothing that the radar sees
+    point = (scenes_dir() / "trihedral.xml").read_text(encoding="utf-8")
+    shutil.copytree(scenes_dir() / "meshes", tmp_path / "meshes", ignore=shutil.ignore_patterns("targets"))
+    (tmp_path / "two.xml").write_text(point, encoding="utf-8")
+    assert cli.main(["dataset", str(recipe), "-o", str(out), "--quiet"]) == 2
+    assert "--force" in capsys.readouterr().err
