@@ -244,11 +244,23 @@ def _straight(radar: Radar) -> Callable[[F64], F64]:
     def antenna(point: F64) -> F64:
         if not np.isfinite(radar.half_aperture):
             return np.broadcast_to(base, point.shape)
-        sine = float(radar.pointing.boresight[0] @ along)  # the same for all pulses in stripmap
         leg = point - base
         ahead = leg @ along
         closest = np.sqrt(np.sum(leg**2, axis=1) - ahead**2)
-        return base + (ahead - closest * sine / np.sqrt(1.0 - sine**2))[:, None] * along
+        boresight = np.broadcast_to(radar.pointing.boresight, radar.track.position.shape)
+        pulse = np.unique(np.linspace(0, len(boresight) - 1, 200).astype(int))
+        place, sine = (radar.track.position[pulse] - base) @ along, boresight[pulse] @ along
+        tangent = sine / np.sqrt(1.0 - sine**2)
+        if np.ptp(tangent) == 0.0:
+            return base + (ahead - closest * tangent[0])[:, None] * along
+        # the pulse whose beam's middle passes the point: its place where this falls through zero
+        out = np.zeros(len(point))
+        for rows in np.array_split(np.arange(len(point)), 1 + len(point) // 20_000):
+            off = ahead[rows, None] - place - closest[rows, None] * tangent
+            last = np.clip((off > 0.0).sum(axis=1) - 1, 0, len(place) - 2)
+            here, there = (off[np.arange(len(rows)), last + k] for k in (0, 1))
+            out[rows] = place[last] + here / (here - there) * (place[last + 1] - place[last])
+        return base + out[:, None] * along
 
     return antenna
 
@@ -257,6 +269,12 @@ MODES = {
     "spotlight": {},
     "squinted spotlight": {"squint_angle_deg": 14.0},
     "stripmap": {"mode": "stripmap", "pattern": "rectangular", "antenna_length": 2.0, "antenna_height": 0.3},
+    "sliding spotlight": {
+        "mode": "sliding_spotlight",
+        "pattern": "rectangular",
+        "antenna_length": 2.0,
+        "antenna_height": 0.3,
+    },
     "squinted stripmap": {
         "mode": "stripmap",
         "squint_angle_deg": -10.0,
