@@ -66,7 +66,7 @@ def _shapes(labels: Sequence[JsonTable]) -> list[str]:
 
 
 def _drawn(recipe: Recipe, labels: Sequence[JsonTable]) -> list[str]:
-    lines = ["## DrawnValue values", ""]
+    lines = ["## Drawn values", ""]
     for name in labels[0]["facts"]:
         values = [label["facts"].get(name) for label in labels]
         section, _, key = name.partition(".")

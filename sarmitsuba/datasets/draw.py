@@ -158,7 +158,7 @@ class Drawer:
 
     @cached_property
     def parts(self) -> DatasetParts:
-        """DatasetParts of scenes and meshes."""
+        """Parts of scenes and meshes."""
         return DatasetParts(self.recipe, self.meshes)
 
     @property

@@ -291,7 +291,7 @@ def _departure(p: mi.Vector3f, n: mi.Vector3f, d: mi.Vector3f, clearance: mi.Flo
 
 
 def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootprint:
-    """TubeFootprint of the tube on the facet, ended at the facet's boundary edges, with the spreading loss."""
+    """Footprint of the tube on the facet, ended at the facet's boundary edges, with the spreading loss."""
     growth = mi.Float(hit.length) * lane.inverse_start
     cross_a, cross_b = ray.edge_a * growth, ray.edge_b * growth
     if ray.spread is not None:

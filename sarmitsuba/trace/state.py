@@ -365,7 +365,7 @@ class Hit:
 
 @dataclass(frozen=True, eq=False)
 class TubeFootprint:
-    """TubeFootprint of the ray tube on the facet that was hit.
+    """Footprint of the ray tube on the facet that was hit.
 
     Parameters
     ----------

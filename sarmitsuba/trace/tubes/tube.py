@@ -18,7 +18,7 @@ def footprint(edge: mi.Vector3f, d: mi.Vector3f, n: mi.Vector3f, cos_theta: mi.F
 
 @dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
 class TubeExtent:
-    """TubeExtent of a tube about its ray up to the edges of facets, in tube units (the edges u, v of its footprint).
+    """Extent of a tube about its ray up to the edges of facets, in tube units (the edges u, v of its footprint).
 
     ``right, left`` along +u, -u at v = 0; ``top, bottom`` along +v, -v at u = 0; each with the slope of the limiting
     edge (change of the distance per unit along the other axis). ``NOWHERE`` where nothing limits it. The coordinates
@@ -47,14 +47,14 @@ NOWHERE = 1e3
 
 
 def unlimited() -> TubeExtent:
-    """TubeExtent of a tube before the first hit."""
+    """Extent of a tube before the first hit."""
     return TubeExtent(*(mi.Float(x) for x in (NOWHERE, 0.0) * 4))
 
 
 def limited(
     extent: TubeExtent, edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
 ) -> TubeExtent:
-    """TubeExtent of a tube, intersected with the boundary edges of the facet that was hit.
+    """Extent of a tube, intersected with the boundary edges of the facet that was hit.
 
     Each edge limits the axis that crosses it more steeply, so slopes stay within one.
 
