@@ -346,8 +346,8 @@ class MotionCompensation(LinearMap):
             for part in self._parts():
                 place, turn = self._excess(part)
                 spectrum = _adjoint_sample(moved[part] * turn.conj(), place, self.n_fft)
-                spectrum = spectrum * self._shift(part).conj()
-                line = scipy.fft.ifft(spectrum, axis=1, workers=-1, norm="forward")
+                ramped = spectrum * self._shift(part).conj()
+                line = scipy.fft.ifft(ramped, axis=1, workers=-1, norm="forward")
                 data[layer, part] = line[:, : self.n_samples]
         return data
 

@@ -87,7 +87,7 @@ def _zeros(job: Job, n_layers: int, size: int) -> list[Complex]:
 
 def _single(pair: Complex) -> C64:
     """A pair as complex64."""
-    return (pair[0].numpy() + 1j * pair[1].numpy()).astype(np.complex64)
+    return np.asarray(pair[0].numpy() + 1j * pair[1].numpy(), dtype=np.complex64)
 
 
 def _subimage(job: Job, section: Section, grid: ImageGrid, pixels: C64) -> list[Complex]:

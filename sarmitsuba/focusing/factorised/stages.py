@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy.fft
 
-from sarmitsuba.arrays import C64, F64
+from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
@@ -265,7 +265,7 @@ def _corrected(
     return PolarAxes.of(job.types, section, level), out
 
 
-def corrections(job: Job, section: Section) -> tuple[tuple[int, int], list[int], list[F64]]:
+def corrections(job: Job, section: Section) -> tuple[tuple[int, int], list[int], list[F32]]:
     """Shape of the section's subimage, lengths of the transforms along both axes, and factors of their frequencies."""
     shape = (section.levels[-1].n_angles, section.n_ranges)
     sizes = [int(scipy.fft.next_fast_len(n + CORRECTION)) for n in shape]
