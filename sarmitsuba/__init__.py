@@ -25,7 +25,8 @@ if TYPE_CHECKING:
         SarmitsubaWarning,
         SceneError,
     )
-    from sarmitsuba.focusing import FocusingOperator, focus, focusing_operator
+    from sarmitsuba.focusing import focus
+    from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
     from sarmitsuba.image.labels import Labels
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
@@ -87,9 +88,9 @@ _HOME = {
     "cloude_pottier": "sarmitsuba.analysis.polarimetry",
     "error_budget": "sarmitsuba.analysis.quality",
     "explain": "sarmitsuba.simulation.prediction.explanation",
-    "FocusingOperator": "sarmitsuba.focusing",
+    "FocusingOperator": "sarmitsuba.focusing.operator",
     "focus": "sarmitsuba.focusing",
-    "focusing_operator": "sarmitsuba.focusing",
+    "focusing_operator": "sarmitsuba.focusing.operator",
     "height_map": "sarmitsuba.analysis.interferometry",
     "image_quality": "sarmitsuba.analysis.quality",
     "interferogram": "sarmitsuba.analysis.interferometry",

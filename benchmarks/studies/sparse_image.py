@@ -17,8 +17,8 @@ import numpy as np
 import sarmitsuba
 from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing import FocusingOperator, focusing_operator
 from sarmitsuba.focusing.ideal import ideal_echoes
+from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.build import build_scene

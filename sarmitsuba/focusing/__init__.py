@@ -4,7 +4,6 @@ from sarmitsuba.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTa
 from sarmitsuba.focusing.focus import focus
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.grid import default_grid, image_request
-from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
 from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import WINDOWS, WindowFamily, WindowParameter
 
@@ -17,13 +16,11 @@ __all__ = [
     "FocusTask",
     "Focused",
     "Focuser",
-    "FocusingOperator",
     "WindowFamily",
     "WindowParameter",
     "apply_autofocus_records",
     "default_grid",
     "focus",
-    "focusing_operator",
     "image_request",
     "range_compress",
 ]

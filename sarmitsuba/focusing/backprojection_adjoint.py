@@ -111,6 +111,3 @@ def _at_nodes(
                 value = value[0] + skew[0], value[1] + skew[1]
             nodes[j].append(times(_conjugate(factors[j]), value))
     return nodes
-
-
-__all__ = ["distribute"]

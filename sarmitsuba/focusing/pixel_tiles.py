@@ -1,5 +1,7 @@
 """Backprojection and its adjoint divided into independent launches of pixels and batches of pulses."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -168,7 +170,7 @@ class Tiles:
             progress("adjoint", float(done), float(len(launches)), {})
         return data
 
-    def _factors(self, launch: "_Launch") -> F64:
+    def _factors(self, launch: _TileLanes) -> F64:
         """Calibration of a launch's pixels; kept, because it takes the sum of all pulses' weights."""
         if not launch.sums_weights:
             return launch.factors(None)
@@ -177,13 +179,13 @@ class Tiles:
             self._known[first] = launch.factors(launch.sums(slice(0, 0), lambda work: None))
         return self._known[first]
 
-    def _launch(self, lines: PixelLines) -> "_Launch":
+    def _launch(self, lines: PixelLines) -> _TileLanes:
         types, radar = arrays(), self.raw.radar
         weighting = Weighting(
             beam=None if radar.antenna.pattern == "isotropic" else Beam.of(types, radar.antenna),
             band=_band(types, radar, self.azimuth_window) if np.isfinite(radar.half_aperture) else None,
         )
-        return _Launch(types, self, lines, weighting)
+        return _TileLanes(types, self, lines, weighting)
 
     @cached_property
     def _known(self) -> dict[int, F64]:
@@ -214,7 +216,7 @@ class TiledImaging(LinearMap):
 
 
 @dataclass(frozen=True, eq=False)
-class _Launch:
+class _TileLanes:
     """Pixels of one launch on the device, with what the kernels take of radar and data.
 
     Parameters

@@ -12,9 +12,10 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.chirp import n_fast_chirped
 from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import FOCUSERS, FocusingOperator, default_grid, focus, focusing_operator
+from sarmitsuba.focusing import FOCUSERS, default_grid, focus
 from sarmitsuba.focusing.focuser import FocusTask, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
+from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
 from sarmitsuba.focusing.pixel_lines import plan_line
 from sarmitsuba.focusing.profiles import plan_profiles
 from sarmitsuba.focusing.windows import parse_window
