@@ -166,7 +166,10 @@ def test_adjoint_of_every_focuser_and_mode(mode: str) -> None:
 
 
 def test_every_registered_focuser_is_among_them() -> None:
-    assert {name.split(",")[0] for name in NAMES} >= {focuser.name for focuser in FOCUSERS}
+    own = {
+        focuser.name for focuser in FOCUSERS if type(focuser).__module__.startswith("sarmitsuba.focusing.")
+    }
+    assert own and {name.split(",")[0] for name in NAMES} >= own
 
 
 @pytest.mark.parametrize("compression", ["flat", "matched"])
