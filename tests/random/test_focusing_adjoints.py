@@ -165,6 +165,17 @@ def test_adjoint_of_every_focuser_and_mode(mode: str) -> None:
         assert {"polar_format", *(name for name in NAMES if "factorised" in name)} <= served, served
 
 
+def test_the_check_sees_an_adjoint_that_is_off_by_a_hundred_thousandth() -> None:
+    radar, grid = drawn("spotlight", 5)
+    rng = np.random.default_rng(5)
+    raw = raw_noise(radar, rng)
+    operator = focusing_operator(raw, grid)
+    right = operator._rmatvec
+    operator._rmatvec = lambda y: right(y) * np.float32(1.00001)  # type: ignore[method-assign]
+    with pytest.raises(AssertionError):
+        check_adjoint(operator, raw, rng)
+
+
 def test_every_registered_focuser_is_among_them() -> None:
     own = {
         focuser.name for focuser in FOCUSERS if type(focuser).__module__.startswith("sarmitsuba.focusing.")
