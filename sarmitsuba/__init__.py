@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         SceneError,
     )
     from sarmitsuba.focusing import focus
+    from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
     from sarmitsuba.image.labels import Labels
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
@@ -87,7 +88,9 @@ _HOME = {
     "cloude_pottier": "sarmitsuba.analysis.polarimetry",
     "error_budget": "sarmitsuba.analysis.quality",
     "explain": "sarmitsuba.simulation.prediction.explanation",
+    "FocusingOperator": "sarmitsuba.focusing.operator",
     "focus": "sarmitsuba.focusing",
+    "focusing_operator": "sarmitsuba.focusing.operator",
     "height_map": "sarmitsuba.analysis.interferometry",
     "image_quality": "sarmitsuba.analysis.quality",
     "interferogram": "sarmitsuba.analysis.interferometry",
@@ -131,6 +134,7 @@ __all__ = [
     "DataError",
     "ExtensionError",
     "FilmDescription",
+    "FocusingOperator",
     "ImageGrid",
     "ImageRequest",
     "Labels",
@@ -160,6 +164,7 @@ __all__ = [
     "error_budget",
     "explain",
     "focus",
+    "focusing_operator",
     "height_map",
     "image_quality",
     "interferogram",

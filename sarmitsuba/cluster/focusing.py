@@ -10,7 +10,8 @@ import numpy as np
 from sarmitsuba.cluster.dask_workers import DaskWorkers
 from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.focuser import Auto, Focused, Focuser, FocusTask, OptionValue
-from sarmitsuba.focusing.focusers.backprojection import TILE_PIXELS, Backprojection, Tiles
+from sarmitsuba.focusing.focusers.backprojection import Backprojection
+from sarmitsuba.focusing.pixel_tiles import TILE_PIXELS, Tiles
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-from sarmitsuba.focusing.focusers.backprojection import TILE_PIXELS
+from sarmitsuba.focusing.pixel_tiles import TILE_PIXELS
 from sarmitsuba.memory import in_bytes
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.needs import duration

@@ -24,10 +24,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sarmitsuba.arrays import F64
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.boxes import box_corners
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.linear_map import LinearMap
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.samples import Samples
 
@@ -63,6 +64,45 @@ def carrier_range(
     return slant_range + range_rate * (1.0 / SPEED_OF_LIGHT) * (slant_range + kappa * range_rate - reference)
 
 
+@dataclass(frozen=True, eq=False)
+class BoresightPhase(LinearMap):
+    r"""Phase of the antenna's motion within the pulse, taken out of every sample as of an echo at the boresight.
+
+    Multiplication by :math:`\exp(j \frac{4 \pi}{\lambda} \frac{\dot r}{c} (e - R_0))`, see :func:`standing_still`.
+
+    Parameters
+    ----------
+    radar : not in the start-stop approximation
+    """
+
+    radar: Radar
+
+    def forward(self, values: C64) -> C64:
+        """Echoes (n_layers, n_pulses, n_samples) of the start-stop approximation."""
+        return self._turned(values, 1.0)
+
+    def adjoint(self, values: C64) -> C64:
+        """Echoes with the phase again."""
+        return self._turned(values, -1.0)
+
+    def _turned(self, values: C64, sign: float) -> C64:
+        radar, window = self.radar, self.radar.window
+        moving = InPulse.of(radar, slice(None))
+        assert moving is not None
+        rate = np.zeros(radar.track.n_pulses)
+        for track, pointing in zip(radar.tracks, (radar.pointings * 2)[: len(radar.tracks)], strict=True):
+            rate -= np.einsum("ni,ni->n", track.velocity, pointing.boresight) / len(radar.tracks)
+        turn = sign * 4.0 * np.pi / radar.waveform.wavelength / SPEED_OF_LIGHT * rate
+        sample = window.sample_spacing * np.arange(window.n_samples)
+        data = values.copy()
+        step = max(1, _BATCH // window.n_samples)
+        for start in range(0, len(turn), step):
+            some = slice(start, start + step)
+            beyond = (window.start_range - moving.reference)[some, None] + sample
+            data[:, some] *= np.exp(1j * turn[some, None] * beyond).astype(np.complex64)
+        return data
+
+
 def standing_still(raw: RawData) -> RawData:
     r"""Echoes corrected for the antenna's motion within the pulse (start-stop approximation), along the boresight.
 
@@ -75,22 +115,9 @@ def standing_still(raw: RawData) -> RawData:
     raw : range-compressed data; returned unchanged if they are in the start-stop approximation
     """
     radar = raw.radar
-    moving = InPulse.of(radar, slice(None))
-    if moving is None or raw.domain != "compressed":
+    if radar.delay is None or raw.domain != "compressed":
         return replace(raw, radar=radar.start_stop())
-    rate = np.zeros(radar.track.n_pulses)
-    for track, pointing in zip(radar.tracks, (radar.pointings * 2)[: len(radar.tracks)], strict=True):
-        rate -= np.einsum("ni,ni->n", track.velocity, pointing.boresight) / len(radar.tracks)
-    window = radar.window
-    turn = 4.0 * np.pi / radar.waveform.wavelength / SPEED_OF_LIGHT * rate
-    sample = window.sample_spacing * np.arange(window.n_samples)
-    data = raw.data.copy()
-    step = max(1, _BATCH // window.n_samples)
-    for start in range(0, len(turn), step):
-        some = slice(start, start + step)
-        beyond = (window.start_range - moving.reference)[some, None] + sample
-        data[:, some] *= np.exp(1j * turn[some, None] * beyond).astype(np.complex64)
-    return replace(raw, data=data, radar=radar.start_stop())
+    return replace(raw, data=BoresightPhase(radar).forward(raw.data), radar=radar.start_stop())
 
 
 def widest_shift(radar: Radar, box: F64, pulses: slice) -> float:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sarmitsuba.backend import device_numbers, dr
 from sarmitsuba.echo.gridding import GriddingKernel
-from sarmitsuba.focusing.device_complex import TWO_PI, cis, scaled, times, weighted_sum
+from sarmitsuba.focusing.device_complex import scaled, times, weighted_sum
+from sarmitsuba.focusing.lane_sight import LanePixels, Scales, Sight, parabola
 from sarmitsuba.radar.antenna import Antenna
 
 if TYPE_CHECKING:
@@ -46,22 +44,6 @@ class ProfileBatch:
     receivers: dr.ArrayBase | None
     axes: dr.ArrayBase
     profiles: dr.ArrayBase
-
-
-@dataclass(frozen=True)
-class Scales:
-    """Numbers of the geometry, float64 opaque.
-
-    Parameters
-    ----------
-    per_metre : profile samples per m of slant range
-    turns_per_metre : turns of the carrier's phase per m of slant range, 2 fc / c
-    inverse_square : 1 / R_0^2, 1 / m^2
-    """
-
-    per_metre: dr.ArrayBase
-    turns_per_metre: dr.ArrayBase
-    inverse_square: dr.ArrayBase
 
 
 @dataclass(frozen=True)
@@ -124,188 +106,6 @@ class Beam:
 
 
 @dataclass(frozen=True)
-class LanePixels:
-    """Equally spaced pixels of one lane, whose ranges and echoes are expanded about a few of them.
-
-    Parameters
-    ----------
-    n_pixels : in the lane; the range is expanded about pixel ``n_pixels // 2``
-    n_nodes : places where the profiles are interpolated; the pixels' values follow by the polynomial through them
-        (directly, where there are as many nodes as pixels)
-    step : from one pixel to the next, x, y, z, m, float64 opaque
-    checked : whether a pixel may lie outside the receive window; else no sample is tested
-    """
-
-    n_pixels: int
-    n_nodes: int
-    step: tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]
-    checked: bool
-
-    @property
-    def places(self) -> list[int]:
-        """Places of the pixels from the middle one, in steps."""
-        return list(range(-(self.n_pixels // 2), self.n_pixels - self.n_pixels // 2))
-
-    @property
-    def bends(self) -> tuple[int, ...]:
-        """Places where the weights are evaluated, between which they are parabolas."""
-        return (0,) if self.n_pixels == 1 else (0, -(self.n_pixels // 2), self.n_pixels // 2)
-
-    @property
-    def direct(self) -> bool:
-        """Whether the profiles are interpolated at every pixel."""
-        return self.n_nodes >= self.n_pixels
-
-    @property
-    def nodes(self) -> tuple[float, ...]:
-        """Places where the profiles are interpolated: Chebyshev's points."""
-        if self.direct:
-            return tuple(float(place) for place in self.places)
-        return _chebyshev_points(self.n_pixels, self.n_nodes)
-
-    def mix(self, place: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Weights of the sums and of the differences of opposite nodes in the polynomial's value at a place.
-
-        Nodes j and k - 1 - j are opposite; a middle one counts as a sum. Places m and -m take the same weights, the
-        differences' with the other sign.
-        """
-        return _polynomial_weights(self.nodes, place)
-
-
-@lru_cache(maxsize=64)
-def _chebyshev_points(n_pixels: int, n_nodes: int) -> tuple[float, ...]:
-    """Chebyshev's points over a line of pixels, in steps from its middle."""
-    x = np.cos(np.pi * (np.arange(n_nodes) + 0.5) / n_nodes)
-    return tuple(float(v) for v in 0.5 * n_pixels * x)
-
-
-@lru_cache(maxsize=1024)
-def _polynomial_weights(places: tuple[float, ...], place: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Weights of :meth:`LanePixels.mix` of the polynomial through values at ``places``."""
-    nodes, k = np.array(places), len(places)
-    lagrange = [
-        float(np.prod((place - np.delete(nodes, j)) / (nodes[j] - np.delete(nodes, j)))) for j in range(k)
-    ]
-    even = [0.5 * (lagrange[j] + lagrange[k - 1 - j]) for j in range((k + 1) // 2)]
-    odd = [0.5 * (lagrange[j] - lagrange[k - 1 - j]) for j in range(k // 2)]
-    if k % 2:
-        even[-1] = lagrange[k // 2]
-    return tuple(even), tuple(odd)
-
-
-@dataclass(frozen=True)
-class Sight:
-    """One pulse's line of sight to the middle of every lane's pixels.
-
-    Parameters
-    ----------
-    line : pixels of the lane
-    delta : x, y, z from antenna to pixel, float64, m
-    square, distance, inverse : of its length, float64
-    slope : m of range per pixel, float64
-    bend : m of range per pixel squared, float32
-    """
-
-    line: LanePixels
-    delta: tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]
-    square: dr.ArrayBase
-    distance: dr.ArrayBase
-    inverse: dr.ArrayBase
-    slope: dr.ArrayBase
-    bend: dr.ArrayBase
-
-    @classmethod
-    def of(cls, types: ModuleType, line: LanePixels, delta: tuple[dr.ArrayBase, ...]) -> Sight:
-        """Range and its expansion."""
-        dx, dy, dz = delta
-        sx, sy, sz = line.step
-        square = dr.fma(dx, dx, dr.fma(dy, dy, dz * dz))
-        distance = dr.sqrt(square)
-        inverse = dr.rcp(distance)
-        slope = dr.fma(dx, sx, dr.fma(dy, sy, dz * sz)) * inverse
-        step = dr.fma(sx, sx, dr.fma(sy, sy, sz * sz))
-        bend = types.Float32(0.5 * dr.fma(-slope, slope, step) * inverse)
-        return cls(line, (dx, dy, dz), square, distance, inverse, slope, bend)
-
-    def received_at(self, other: Sight) -> Sight:
-        """Bistatic slant range, half the path over the pixel to the receiver, and product of both ranges."""
-        assert self.line.n_pixels == 1
-        square, distance = self.distance * other.distance, 0.5 * (self.distance + other.distance)
-        return replace(self, square=square, distance=distance)
-
-    def direction(self, types: ModuleType, place: int) -> tuple[dr.ArrayBase, ...]:
-        """Unit vector, float32, to the pixel ``place`` steps from the middle one."""
-        d = [
-            types.Float32(dr.fma(float(place), s, v)) for v, s in zip(self.delta, self.line.step, strict=True)
-        ]
-        scale = dr.rsqrt(dr.fma(d[0], d[0], dr.fma(d[1], d[1], d[2] * d[2])))
-        return tuple(v * scale for v in d)
-
-    def middle_phasor(self, types: ModuleType, scales: Scales, weight: dr.ArrayBase) -> Complex:
-        r""":math:`w (R^2 / R_0^2) e^{+j 4 \pi f_c R / c}` of the middle pixel."""
-        gain = weight * types.Float32(self.square * scales.inverse_square)
-        return scaled(gain, cis(types, self.distance * scales.turns_per_metre))
-
-    def bends(self, types: ModuleType, scales: Scales) -> list[Complex]:
-        """Ratio of a node's phasor to the middle pixel's, without the phase linear in the place."""
-        Float = types.Float32
-        tilt = Float(2.0 * self.slope * self.inverse)
-        curve = dr.fma(2.0 * self.bend, Float(self.inverse), 0.25 * tilt * tilt)
-        turns = self.bend * Float(scales.turns_per_metre)
-        out = []
-        for x in self.line.nodes:
-            # to third order in the place: -slope bend x^3 / R
-            sin, cos = dr.sincos(turns * dr.fma(-0.5 * TWO_PI * x**3, tilt, TWO_PI * x * x))
-            out.append(scaled(dr.fma(x, dr.fma(x, curve, tilt), 1.0), (cos, sin)))
-        return out
-
-    def powers(self, types: ModuleType, scales: Scales) -> list[Complex]:
-        """Phasors of the phase linear in the place, of the places 0 ... ``n_pixels // 2``."""
-        out = [(types.Float32(1.0), types.Float32(0.0)), cis(types, self.slope * scales.turns_per_metre)]
-        for m in range(2, self.line.n_pixels // 2 + 1):
-            out.append(times(out[m // 2], out[m - m // 2]))
-        return out
-
-    def phasors(self, types: ModuleType, scales: Scales, weight: dr.ArrayBase) -> dict[int, Complex]:
-        r"""Of every pixel of the lane, :math:`w (R^2 / R_0^2) e^{+j 4 \pi f_c R / c}` by its place.
-
-        Phase and log magnitude are parabolas in the place, so the ratio of neighbours changes by a constant factor:
-        outwards from the middle, two complex products per pixel.
-        """
-        Float = types.Float32
-        out = {0: self.middle_phasor(types, scales, weight)}
-        if self.line.n_pixels == 1:
-            return out
-        odd = cis(types, self.slope * scales.turns_per_metre)
-        even = cis(types, types.Float64(self.bend) * scales.turns_per_metre)
-        # ln R^2 = ln R_0^2 + 2 a m + (2 bend / R - a^2) m^2, a = slope / R
-        a = Float(self.slope * self.inverse)
-        curve = dr.fma(2.0 * self.bend, Float(self.inverse), -a * a)
-        change = scaled(dr.fma(2.0 * curve, 1.0 + curve, 1.0), times(even, even))
-        for sign in (1, -1):
-            power = dr.fma(2.0 * sign, a, curve)
-            ratio = scaled(dr.fma(power, dr.fma(0.5, power, 1.0), 1.0), times((odd[0], sign * odd[1]), even))
-            value = out[0]
-            for place in self.line.places[::sign]:
-                if place * sign > 0:
-                    value = times(value, ratio)
-                    ratio = times(ratio, change)
-                    out[place] = value
-        return out
-
-
-def parabola(line: LanePixels, values: list[dr.ArrayBase]) -> list[dr.ArrayBase]:
-    """Values at all pixels of a line of a function known at its nodes."""
-    if line.n_pixels == 1:
-        return values
-    middle, low, high = values
-    half = line.n_pixels // 2
-    slope = (high - low) * (0.5 / half)
-    bend = (high + low - 2.0 * middle) * (0.5 / half**2)
-    return [dr.fma(float(m), dr.fma(float(m), bend, slope), middle) for m in line.places]
-
-
-@dataclass(frozen=True)
 class Weighting:
     """Weight of a pulse in a pixel: antenna pattern and aperture band.
 
@@ -355,6 +155,76 @@ def dot(u: tuple[dr.ArrayBase, ...], v: dr.ArrayBase) -> dr.ArrayBase:
     return dr.fma(u[0], v[0], dr.fma(u[1], v[1], u[2] * v[2]))
 
 
+@dataclass(frozen=True)
+class LanePulse:
+    """One pulse as the pixels of every lane see it.
+
+    Parameters
+    ----------
+    sight : line of sight to the middle pixel
+    weight : of the pulse, float32
+    weights, gains : of every pixel, the band's weight and the antenna's amplitude
+    samples : UInt32, of every node, the first sample of its taps within a layer of profiles
+    taps : of every node
+    valid : of every node, whether the receive window contains it; empty where no node is tested
+    """
+
+    sight: Sight
+    weight: dr.ArrayBase
+    weights: list[dr.ArrayBase]
+    gains: list[dr.ArrayBase]
+    samples: list[dr.ArrayBase]
+    taps: list[list[dr.ArrayBase]]
+    valid: list[dr.ArrayBase]
+
+    @classmethod
+    def of(
+        cls,
+        types: ModuleType,
+        t: dr.ArrayBase,
+        middle: tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase],
+        line: LanePixels,
+        pulses: ProfileBatch,
+        scales: Scales,
+        kernel: GriddingKernel,
+        weighting: Weighting,
+    ) -> LanePulse:
+        """Pulse ``t``; other parameters as for :func:`accumulate`."""
+        Float, UInt32, Int32 = types.Float32, types.UInt32, types.Int32
+        ax, ay, az, start = dr.gather(types.Array4f64, pulses.positions, t)
+        sight = Sight.of(types, line, (middle[0] - ax, middle[1] - ay, middle[2] - az))
+        if pulses.receivers is not None:
+            at = [dr.gather(types.Float64, pulses.receivers, 3 * t + axis) for axis in range(3)]
+            delta = tuple(m - x for m, x in zip(middle, at, strict=True))
+            sight = sight.received_at(Sight.of(types, line, delta))
+        pulse_weight = dr.gather(types.Float32, pulses.axes, t * AXES_STRIDE + 3)
+        weights, gains = weighting.of_line(types, sight, pulses.axes, t)
+        position = dr.fma(sight.distance, scales.per_metre, -start)
+        whole = dr.floor(position)
+        base, fraction = Int32(whole), Float(position - whole)
+        per_step = Float(sight.slope * scales.per_metre)
+        per_square = sight.bend * Float(scales.per_metre)
+        row = Int32(t * pulses.n_stored)
+        samples, taps, valid = [], [], []
+        for place in line.nodes:
+            x = dr.fma(place, dr.fma(place, per_square, per_step), fraction)
+            floor = dr.floor(x)
+            sample = base + Int32(floor)
+            if line.checked:
+                valid.append((sample >= 0) & (sample < pulses.last))
+                sample = dr.select(valid[-1], sample, 0)
+            samples.append(UInt32(row + sample))
+            taps.append(kernel.taps(x - floor, dr))
+        return cls(sight, pulse_weight, weights, gains, samples, taps, valid)
+
+    def amplitude(self, pixel: int, power: int = 1) -> dr.ArrayBase:
+        """Weight w g (``power`` 1) or w g^2 (2) in a pixel, zero outside the receive window."""
+        value = self.weights[pixel] * self.gains[pixel]
+        if power == 2:
+            value = value * self.gains[pixel]
+        return dr.select(self.valid[pixel], value, 0.0) if self.valid else value
+
+
 def accumulate(
     types: ModuleType,
     state: list[dr.ArrayBase],
@@ -388,50 +258,26 @@ def accumulate(
     their place, with an error that :func:`sarmitsuba.focusing.pixel_lines.plan_line` bounds. Samples outside the
     receive window count neither in the image nor in the weight.
     """
-    Float, UInt32, Int32 = types.Float32, types.UInt32, types.Int32
     stride = 2 * n_layers + 1
     sums_weights = line.checked or not weighting.uniform
 
     def body(t: dr.ArrayBase, *old: dr.ArrayBase) -> tuple[dr.ArrayBase, ...]:
         acc = list(old)
-        ax, ay, az, start = dr.gather(types.Array4f64, pulses.positions, t)
-        sight = Sight.of(types, line, (middle[0] - ax, middle[1] - ay, middle[2] - az))
-        if pulses.receivers is not None:
-            at = [dr.gather(types.Float64, pulses.receivers, 3 * t + axis) for axis in range(3)]
-            delta = tuple(m - x for m, x in zip(middle, at, strict=True))
-            sight = sight.received_at(Sight.of(types, line, delta))
-        pulse_weight = dr.gather(types.Float32, pulses.axes, t * AXES_STRIDE + 3)
-        weights, gains = weighting.of_line(types, sight, pulses.axes, t)
-        position = dr.fma(sight.distance, scales.per_metre, -start)
-        whole = dr.floor(position)
-        base, fraction = Int32(whole), Float(position - whole)
-        per_step = Float(sight.slope * scales.per_metre)
-        per_square = sight.bend * Float(scales.per_metre)
-        row = Int32(t * pulses.n_stored)
-        at_nodes, valid = [], []
-        for place in line.nodes:
-            x = dr.fma(place, dr.fma(place, per_square, per_step), fraction)
-            floor = dr.floor(x)
-            sample = base + Int32(floor)
-            if line.checked:
-                valid.append((sample >= 0) & (sample < pulses.last))
-                sample = dr.select(valid[-1], sample, 0)
-            at_nodes.append(
-                interpolate(types, pulses, UInt32(row + sample), kernel.taps(x - floor, dr), n_layers)
-            )
+        pulse = LanePulse.of(types, t, middle, line, pulses, scales, kernel, weighting)
+        at_nodes = [
+            interpolate(types, pulses, sample, taps, n_layers)
+            for sample, taps in zip(pulse.samples, pulse.taps, strict=True)
+        ]
         if line.direct:
-            phasors = sight.phasors(types, scales, pulse_weight)
+            phasors = pulse.sight.phasors(types, scales, pulse.weight)
             parts = [(at_nodes[i], phasors[place]) for i, place in enumerate(line.places)]
         else:
-            parts = between_nodes(types, sight, scales, pulse_weight, at_nodes)
+            parts = between_nodes(types, pulse.sight, scales, pulse.weight, at_nodes)
         for i, (values, factor) in enumerate(parts):
             if sums_weights:
-                amplitude, power = weights[i] * gains[i], weights[i] * gains[i] * gains[i]
-                if line.checked:
-                    amplitude, power = (dr.select(valid[i], value, 0.0) for value in (amplitude, power))
                 last = i * stride + stride - 1
-                acc[last] = dr.fma(pulse_weight, power, acc[last])
-                factor = scaled(amplitude, factor)
+                acc[last] = dr.fma(pulse.weight, pulse.amplitude(i, 2), acc[last])
+                factor = scaled(pulse.amplitude(i), factor)
             for layer, (re, im) in enumerate(values):
                 j = i * stride + 2 * layer
                 acc[j] = dr.fma(re, factor[0], dr.fma(-im, factor[1], acc[j]))
@@ -439,7 +285,7 @@ def accumulate(
         return (t + 1, *acc)
 
     out = dr.while_loop(
-        state=(UInt32(0), *state), cond=lambda t, *_: t < pulses.n_pulses, body=body, mode="symbolic"
+        state=(types.UInt32(0), *state), cond=lambda t, *_: t < pulses.n_pulses, body=body, mode="symbolic"
     )
     return list(out[1:])
 

@@ -3,38 +3,30 @@
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from sarmitsuba.constants import DEFAULT_WINDOW
-from sarmitsuba.echo.pulse_motion import standing_still
 from sarmitsuba.echo.raw_data import Layer, RawData
-from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.finite import check_pulses
 from sarmitsuba.focusing.aperture_weights import flight, incidence_angle
-from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
+from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, remove_error
 from sarmitsuba.focusing.beam_edge import beam_edge_warning
 from sarmitsuba.focusing.cells import azimuth_cells
-from sarmitsuba.focusing.data_error import data_error_db
-from sarmitsuba.focusing.focuser import DEFAULT, Focused, Focuser, FocusTask, parse_focuser
-from sarmitsuba.focusing.grid import default_grid
+from sarmitsuba.focusing.focuser import DEFAULT, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.image_noise import noise_equivalent_sigma0
-from sarmitsuba.focusing.memory_needs import check_image_fits
-from sarmitsuba.focusing.motion_compensation import compensate_motion, needs_compensation
-from sarmitsuba.focusing.range_compression import range_compress
+from sarmitsuba.focusing.motion_compensation import compensate_motion
+from sarmitsuba.focusing.preparation import prepare
 from sarmitsuba.focusing.shown import shown_share
-from sarmitsuba.focusing.windows import Window, parse_window
-from sarmitsuba.image.pixel_bounds import check_grid
+from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.validity import check_radar
 from sarmitsuba.units import db_from_power, power_from_db
 
 # deviation from 1 of the footprint's speed over the antenna's up to which a beam counts as fixed to the track: rounding
@@ -90,42 +82,27 @@ def focus(
     ResourceError
         The image does not fit into memory.
     """
-    check_radar(raw.radar)
-    if grid is not None:
-        check_grid(grid)
-    focuser = parse_focuser(focuser)
-    range_window, azimuth_window = parse_window(range_window), parse_window(azimuth_window)
-    check_pulses(raw.data, "focus: ")
-    raw = replace(range_compress(raw, method=compression), autofocus_records={})
-    halfway = start_stop_phase(raw.radar)
-    raw = echoes = standing_still(raw)
-    if grid is None:
-        grid = default_grid(raw, request)
-    grid = replace(grid.in_frame(raw.radar.offset), anchor=raw.anchor)
-    method = parse_autofocus(autofocus)
-    if method is not None and raw.radar.receiver is not None:
-        raise DataError("autofocus: not possible with bistatic data; leave it out")
-    compensation = needs_compensation(focuser, raw.radar, grid, motion_compensation)
-    focuser, chosen = focuser.resolved(raw.radar, grid, partial(data_error_db, raw))
-    n_layers = len(raw.layers)
-    check_image_fits(grid, n_layers, focuser.making_bytes(raw.radar, grid, n_layers))
+    windows = (range_window, azimuth_window)
+    chain = prepare(raw, grid, request, focuser, windows, compression, motion_compensation, autofocus)
+    raw, echoes, grid, focuser = chain.raw, chain.raw, chain.grid, chain.focuser
+    range_window, azimuth_window = chain.windows
     corrections: dict[str, object] = {}
     left_db = -np.inf
-    if compensation is not None:
-        plan, residual = compensation
+    if chain.compensation is not None:
+        plan, residual = chain.compensation
         raw = compensate_motion(raw, plan)
         left_db = residual.error_db
         corrections["motion_compensation"] = {
             "largest_displacement": plan.largest_displacement,
             "residual_phase": residual.phase,
         }
-    if method is not None:
+    if chain.autofocus is not None:
         one = replace(raw, data=raw.total()[None], layers=(Layer(raw.channels[0]),))
         task = AutofocusTask(one, grid, focuser, range_window, azimuth_window, progress)
-        raw, corrections["autofocus"] = remove_error(raw, method, task)
+        raw, corrections["autofocus"] = remove_error(raw, chain.autofocus, task)
     focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
-    if halfway != 0.0:
-        focused.pixels[...] *= np.complex64(np.exp(1j * halfway))
+    if chain.halfway != 0.0:
+        focused.pixels[...] *= np.complex64(np.exp(1j * chain.halfway))
 
     middle = grid.positions_on_line(grid.azimuth.size // 2)
     incidence = incidence_angle(raw.radar, middle)
@@ -138,7 +115,7 @@ def focus(
     facts = {
         "method": focuser.name,
         "stated_error_db": round(stated, 1) if np.isfinite(stated) else None,
-        **({"chosen": chosen} if chosen else {}),
+        **({"chosen": chain.chosen} if chain.chosen else {}),
         "range_window": str(range_window),
         "azimuth_window": str(azimuth_window),
         **focuser.options,
@@ -164,19 +141,6 @@ def focus(
         incidence_angle=incidence,
         metadata={**raw.metadata, "focus": facts},
     )
-
-
-def start_stop_phase(radar: Radar) -> float:
-    r"""Phase delay (rad) of an echo of the aim point against that of `Radar.start_stop`, at mid-aperture.
-
-    :math:`\frac{4 \pi}{\lambda} b^2 \cos^2\psi / 8 R` for a path b of the antenna between transmission and reception:
-    0.1 rad in X band from orbit, and the same for all pixels.
-    """
-    if not radar.receives_itself:
-        return 0.0
-    i = radar.track.center_index
-    excess = radar.slant_range(radar.aim_point)[i] - radar.start_stop().slant_range(radar.aim_point)[i]
-    return float(4.0 * np.pi / radar.waveform.wavelength * excess)
 
 
 def _of_the_radar(

@@ -15,6 +15,7 @@ from sarmitsuba.focusing.memory_needs import backprojection_bytes
 from sarmitsuba.focusing.options import OptionValue, WithOptions, option
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.linear_map import LinearMap
 from sarmitsuba.progress import Progress
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import Registry
@@ -106,6 +107,22 @@ class Focuser(WithOptions, ABC):
         """
         return self, ""
 
+    def imaging(self, task: FocusTask) -> LinearMap:
+        """Linear map from range-compressed data to pixels, with its adjoint; call ``objection`` before.
+
+        Of data (n_layers, n_pulses, n_samples) of the task's radar, whose own data do not count, to pixels (n_layers,
+        n_azimuth, n_range), both complex64. A focuser without one is no linear operator for
+        :func:`sarmitsuba.focusing_operator`.
+
+        Raises
+        ------
+        DataError
+            The focuser has none.
+        """
+        raise DataError(
+            f"focuser {self.name}: it states no adjoint, so that it is no linear operator; take {EXACT}"
+        )
+
     @abstractmethod
     def focus(self, task: FocusTask) -> Focused:
         """Focus; call ``objection`` before."""
@@ -174,6 +191,10 @@ class Auto(Focuser):
         if found is None:
             raise DataError(f"focuser auto: {reason}")
         return found, reason
+
+    def imaging(self, task: FocusTask) -> LinearMap:
+        """Linear map of the chosen focuser."""
+        return self.resolved(task.raw.radar, task.grid)[0].imaging(task)
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus with the chosen focuser."""

@@ -1,11 +1,15 @@
 """Conversion from the slant grid of a straight track to a ground grid by band-limited interpolation over range."""
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 import scipy
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.focusing.grid import natural_spacing
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.linear_map import LinearMap
 from sarmitsuba.radar.radar import Radar
 
 # taps of the windowed sinc, and its Kaiser parameter: errors below -90 dB at the oversampling of 2.5 of slant_below
@@ -42,32 +46,47 @@ def slant_ranges(radar: Radar, ground: ImageGrid) -> F64:
     return np.asarray(np.copysign(np.hypot(across, origin[2] - ground.height), across))
 
 
-def to_ground(pixels: C64, slant: ImageGrid, rho: F64, carrier: float) -> C64:
-    """Pixels interpolated at other ranges.
+@dataclass(frozen=True, eq=False)
+class RangeInterpolation(LinearMap):
+    """Interpolation of an image's rows at other ranges.
 
     Parameters
     ----------
-    pixels : (n_layers, n_azimuth, n_slant) complex64 on ``slant``
     slant : oversampled at least 2.5 times
     rho : (n_range,) float64, m, where pixels are wanted
     carrier : rad/m, middle of the spectrum over range
-
-    Returns
-    -------
-    (n_layers, n_azimuth, n_range) complex64
     """
-    at = (rho - slant.range[0]) / slant.range_spacing
-    base = np.floor(at).astype(np.int64)
-    column = base[:, None] + np.arange(_TAPS) - (_TAPS // 2 - 1)
-    offset = at[:, None] - column
-    window = np.i0(_BETA * np.sqrt(np.clip(1.0 - (2.0 * offset / _TAPS) ** 2, 0.0, None))) / np.i0(_BETA)
-    # interpolated in baseband; the carrier is applied again at the new ranges
-    turn = np.exp(1j * carrier * slant.range_spacing * offset)
-    value = (np.sinc(offset) * window * turn).astype(np.complex64)
-    there = (column >= 0) & (column < slant.range.size)
-    row = np.broadcast_to(np.arange(rho.size)[:, None], column.shape)
-    matrix = scipy.sparse.csr_array(
-        (value[there], (row[there], column[there])), shape=(rho.size, slant.range.size)
-    )
-    flat = pixels.reshape(-1, slant.range.size)
-    return np.asarray((matrix @ flat.T).T, dtype=np.complex64).reshape(*pixels.shape[:2], rho.size)
+
+    slant: ImageGrid
+    rho: F64
+    carrier: float
+
+    def forward(self, values: C64) -> C64:
+        """Pixels (n_layers, n_azimuth, n_range) of those on ``slant``, (n_layers, n_azimuth, n_slant)."""
+        return self._applied(self._matrix, values)
+
+    def adjoint(self, values: C64) -> C64:
+        """Pixels on ``slant`` from those at the other ranges."""
+        return self._applied(self._matrix.conj().T, values)
+
+    @staticmethod
+    def _applied(matrix: "scipy.sparse.sparray", values: C64) -> C64:
+        flat = values.reshape(-1, values.shape[-1])
+        return np.asarray((matrix @ flat.T).T, dtype=np.complex64).reshape(*values.shape[:-1], -1)
+
+    @cached_property
+    def _matrix(self) -> "scipy.sparse.csr_array":
+        slant, rho, carrier = self.slant, self.rho, self.carrier
+        at = (rho - slant.range[0]) / slant.range_spacing
+        base = np.floor(at).astype(np.int64)
+        column = base[:, None] + np.arange(_TAPS) - (_TAPS // 2 - 1)
+        offset = at[:, None] - column
+        window = np.i0(_BETA * np.sqrt(np.clip(1.0 - (2.0 * offset / _TAPS) ** 2, 0.0, None))) / np.i0(_BETA)
+        # interpolated in baseband; the carrier is applied again at the new ranges
+        turn = np.exp(1j * carrier * slant.range_spacing * offset)
+        value = (np.sinc(offset) * window * turn).astype(np.complex64)
+        there = (column >= 0) & (column < slant.range.size)
+        row = np.broadcast_to(np.arange(rho.size)[:, None], column.shape)
+        return scipy.sparse.csr_array(
+            (value[there], (row[there], column[there])), shape=(rho.size, slant.range.size)
+        )

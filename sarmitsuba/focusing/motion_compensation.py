@@ -1,18 +1,20 @@
 """Motion compensation: conversion of data from a recorded track to a straight, level, uniform track."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C64, F64
+from sarmitsuba.arrays import C64, C128, F32, F64, I64
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import direction_gain
 from sarmitsuba.focusing.focuser import Focuser, check_focuser
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.linear_map import LinearMap
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
@@ -252,8 +254,8 @@ def _beam_change(plan: Straightening, point: F64, direction: F64) -> float:
     return float(np.sum((taken - exact) ** 2) / np.sum(exact**2))
 
 
-def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
-    r"""Range-compressed data converted to the straight line.
+class MotionCompensation(LinearMap):
+    r"""Linear map from range-compressed data of the recorded track to data of the straight line.
 
     Two steps in range, then the pulses are resampled to uniform positions along the line:
 
@@ -266,12 +268,7 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
 
     Parameters
     ----------
-    raw : range compressed
     plan : from :func:`plan_straightening`
-
-    Returns
-    -------
-    RawData with the radar on the line; its receive window follows the reference
 
     Notes
     -----
@@ -280,43 +277,87 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
     :func:`compensation_residual` gives, and with terrain off the image plane, and the change of :math:`R^{-2}` and of
     the beam's gain by the displacement.
     """
+
+    def __init__(self, plan: Straightening) -> None:
+        self.plan = plan
+        radar, window = plan.radar, plan.radar.window
+        self.kc = 4.0 * np.pi / radar.waveform.wavelength
+        self.history = plan.reference_history(plan.x)
+        center = float(np.linalg.norm(plan.aim)) if plan.sine is None else _middle_range(plan)
+        at = self.history if plan.sine is None else np.full(self.history.shape, center)
+        self.first = plan.excess(at[:, None])[:, 0]
+        self.walk = self.first + self.history
+
+        # u is the range from the reference's; sample 0 of pulse t is at u = start - walk
+        self.start = window.start_range - self.walk
+        self.u0, self.spacing = float(self.start.min()), window.sample_spacing
+        self.n_samples = window.n_samples
+        self.n_out = window.n_samples + int(np.ceil(np.ptp(self.start) / self.spacing))
+        self.n_fft = int(scipy.fft.next_fast_len(self.n_out + _GUARD))
+        self.kappa = 2.0 * np.pi * scipy.fft.fftfreq(self.n_fft, self.spacing)
+
+        place = plan.place
+        self.place = place if np.abs(place - np.arange(place.size)).max() > 1e-6 else None
+        straight_walk = plan.reference_history(plan.uniform)
+        self.back = np.exp(-1j * np.mod(self.kc * straight_walk, 2.0 * np.pi)).astype(np.complex64)
+        receive = ReceiveWindow(self.u0 + straight_walk, self.spacing, self.n_out)
+        self.radar = replace(plan.straight, window=receive)
+        """The radar on the line; its receive window follows the reference."""
+
+    def _parts(self) -> Iterator[slice]:
+        """Pulses of each batch."""
+        step = max(1, _BATCH // self.n_fft)
+        for begin in range(0, self.plan.x.size, step):
+            yield slice(begin, begin + step)
+
+    def _shift(self, part: slice) -> C128:
+        """Phase ramp over the band (n, n_fft) of some pulses."""
+        return np.exp(-1j * np.outer(self.start[part] - self.u0, self.kappa))
+
+    def _excess(self, part: slice) -> tuple[F64, C128]:
+        """Places (n, n_out), samples, at which some pulses are read, and their phasors."""
+        u = self.u0 + self.spacing * np.arange(self.n_out)
+        delta = _rows(self.plan, part).excess(u + self.history[part, None]) - self.first[part, None]
+        turn = np.exp(1j * np.mod(self.kc * (self.walk[part, None] + delta), 2.0 * np.pi))
+        return (u - self.u0 + delta) / self.spacing, turn
+
+    def forward(self, values: C64) -> C64:
+        """Data (n_layers, n_pulses, n_out) on the line."""
+        data = np.empty((len(values), self.back.size, self.n_out), dtype=np.complex64)
+        for layer, pulses in enumerate(values):
+            moved = np.empty((self.plan.x.size, self.n_out), dtype=np.complex64)
+            for part in self._parts():
+                spectrum = scipy.fft.fft(pulses[part], n=self.n_fft, axis=1, workers=-1)
+                spectrum *= self._shift(part)
+                place, turn = self._excess(part)
+                moved[part] = _sample(spectrum, place) * turn
+            if self.place is not None:
+                moved = _along(moved, self.place)
+            data[layer] = moved * self.back[:, None]
+        return data
+
+    def adjoint(self, values: C64) -> C64:
+        """Data (n_layers, n_pulses, n_samples) of the recorded track."""
+        data = np.empty((len(values), self.plan.x.size, self.n_samples), dtype=np.complex64)
+        for layer, pulses in enumerate(values):
+            moved = pulses * self.back[:, None].conj()
+            if self.place is not None:
+                moved = _adjoint_along(moved, self.place)
+            for part in self._parts():
+                place, turn = self._excess(part)
+                spectrum = _adjoint_sample(moved[part] * turn.conj(), place, self.n_fft)
+                ramped = spectrum * self._shift(part).conj()
+                line = scipy.fft.ifft(ramped, axis=1, workers=-1, norm="forward")
+                data[layer, part] = line[:, : self.n_samples]
+        return data
+
+
+def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
+    """Range-compressed data converted to the straight line, see :class:`MotionCompensation`."""
     if raw.domain != "compressed":
         raise DataError("motion compensation: the data are not range compressed; call range_compress first")
-    radar, window = raw.radar, raw.radar.window
-    kc = 4.0 * np.pi / radar.waveform.wavelength
-    history = plan.reference_history(plan.x)
-    center = float(np.linalg.norm(plan.aim)) if plan.sine is None else _middle_range(plan)
-    at = history if plan.sine is None else np.full(history.shape, center)
-    first = plan.excess(at[:, None])[:, 0]
-    walk = first + history
-
-    # u is the range from the reference's; sample 0 of pulse t is at u = start - walk
-    start = window.start_range - walk
-    u0, spacing = float(start.min()), window.sample_spacing
-    n_out = window.n_samples + int(np.ceil(np.ptp(start) / spacing))
-    n_fft = int(scipy.fft.next_fast_len(n_out + _GUARD))
-    kappa = 2.0 * np.pi * scipy.fft.fftfreq(n_fft, spacing)
-    u = u0 + spacing * np.arange(n_out)
-
-    uniform, place = plan.uniform, plan.place
-    straight_walk = plan.reference_history(uniform)
-    back = np.exp(-1j * np.mod(kc * straight_walk, 2.0 * np.pi)).astype(np.complex64)
-    data = np.empty((len(raw.layers), uniform.size, n_out), dtype=np.complex64)
-    step = max(1, _BATCH // n_fft)
-    for layer in range(len(raw.layers)):
-        moved = np.empty((plan.x.size, n_out), dtype=np.complex64)
-        for begin in range(0, plan.x.size, step):
-            part = slice(begin, begin + step)
-            spectrum = scipy.fft.fft(raw.data[layer, part], n=n_fft, axis=1, workers=-1)
-            spectrum *= np.exp(-1j * np.outer(start[part] - u0, kappa))
-            delta = _rows(plan, part).excess(u + history[part, None]) - first[part, None]
-            sampled = _sample(spectrum, (u - u0 + delta) / spacing)
-            moved[part] = sampled * np.exp(1j * np.mod(kc * (walk[part, None] + delta), 2.0 * np.pi))
-        if np.abs(place - np.arange(place.size)).max() > 1e-6:
-            moved = _along(moved, place)
-        data[layer] = moved * back[:, None]
-    straight = replace(plan.straight, window=ReceiveWindow(u0 + straight_walk, spacing, n_out))
-    return replace(raw, data=data, radar=straight)
+    compensation = MotionCompensation(plan)
+    return replace(raw, data=compensation.forward(raw.data), radar=compensation.radar)
 
 
 def _middle_range(plan: Straightening) -> float:
@@ -345,22 +386,45 @@ def _sample(spectrum: NDArray[np.complexfloating], place: F64) -> C64:
     (rows, m) complex64
     """
     rows, n = spectrum.shape
-    kernel = gridding_kernel(_WIDTH)
     half = n // 2
     padded = np.zeros((rows, 2 * n), dtype=np.complex64)
-    gain = 2.0 / kernel.transform(scipy.fft.fftfreq(n) / 2.0)
+    gain = _gain(n)
     padded[:, : n - half] = spectrum[:, : n - half] * gain[: n - half]
     padded[:, 2 * n - half :] = spectrum[:, n - half :] * gain[n - half :]
     fine = scipy.fft.ifft(padded, axis=1, workers=-1)
+    out = np.zeros(place.shape, dtype=np.complex64)
+    for index, tap in _read_from(place, n):
+        out += fine.ravel()[index] * tap
+    return out
+
+
+def _gain(n: int) -> F64:
+    """Gain (n,) of the transform to twice the rate, with the kernel's transform divided out."""
+    return np.asarray(2.0 / gridding_kernel(_WIDTH).transform(scipy.fft.fftfreq(n) / 2.0))
+
+
+def _read_from(place: F64, n: int) -> Iterator[tuple[I64, F32]]:
+    """Flat index and weight (rows, m) of each of the kernel's taps on rows of 2 n samples at twice the rate."""
+    kernel = gridding_kernel(_WIDTH)
     at = 2.0 * place
     base = np.floor(at)
-    taps = kernel.taps(at - base)
     index = base.astype(np.int64) - kernel.lead
-    offset = np.arange(rows)[:, None] * (2 * n)
-    out = np.zeros(place.shape, dtype=np.complex64)
-    for k, tap in enumerate(taps):
-        out += fine.ravel()[offset + (index + k) % (2 * n)] * tap.astype(np.float32)
-    return out
+    offset = np.arange(place.shape[0])[:, None] * (2 * n)
+    for k, tap in enumerate(kernel.taps(at - base)):
+        yield offset + (index + k) % (2 * n), tap.astype(np.float32)
+
+
+def _adjoint_sample(values: NDArray[np.complexfloating], place: F64, n: int) -> C64:
+    """Adjoint of :func:`_sample`: spectra (rows, n) from values (rows, m)."""
+    rows, half = values.shape[0], n // 2
+    fine = np.zeros(rows * 2 * n, dtype=np.complex128)
+    for index, tap in _read_from(place, n):
+        weighted = (values * tap).ravel()
+        fine.real += np.bincount(index.ravel(), weighted.real, minlength=fine.size)
+        fine.imag += np.bincount(index.ravel(), weighted.imag, minlength=fine.size)
+    padded = scipy.fft.fft(fine.reshape(rows, 2 * n).astype(np.complex64), axis=1, workers=-1, norm="forward")
+    spectrum = np.concatenate([padded[:, : n - half], padded[:, 2 * n - half :]], axis=1)
+    return np.asarray(spectrum * _gain(n), dtype=np.complex64)
 
 
 def _along(data: C64, place: F64) -> C64:
@@ -374,6 +438,19 @@ def _along(data: C64, place: F64) -> C64:
         out[:, begin : begin + step] = _sample(
             spectrum, np.broadcast_to(place, (columns.shape[0], place.size))
         ).T
+    return out
+
+
+def _adjoint_along(data: C64, place: F64) -> C64:
+    """Adjoint of :func:`_along`."""
+    n = int(scipy.fft.next_fast_len(data.shape[0] + 2 * _GUARD))
+    out = np.empty_like(data)
+    step = max(1, _BATCH // n)
+    for begin in range(0, data.shape[1], step):
+        columns = np.ascontiguousarray(data[:, begin : begin + step].T)
+        at = np.broadcast_to(place, (columns.shape[0], place.size))
+        line = scipy.fft.ifft(_adjoint_sample(columns, at, n), axis=1, workers=-1, norm="forward")
+        out[:, begin : begin + step] = line[:, : data.shape[0]].T
     return out
 
 

@@ -118,6 +118,12 @@ class ProfilePlan:
         out = scipy.fft.fft(data, n=self.n_fft, axis=-1, workers=workers)
         return np.asarray(out * self.gains.astype(np.float32), dtype=np.complex64)
 
+    def adjoint_spectrum(self, spectrum: C64) -> C64:
+        """Adjoint of :meth:`spectrum`: samples (..., n_samples) from spectra (..., n_fft)."""
+        weighted = spectrum * self.gains.astype(np.float32)
+        line = scipy.fft.ifft(weighted, axis=-1, workers=-1, overwrite_x=True, norm="forward")
+        return np.asarray(line[..., : self.n_samples], dtype=np.complex64)
+
     def profiles(self, data: C64, beyond: int = 0) -> C64:
         """Upsampled profiles (..., n_stored) complex64; entry ``kernel.lead`` is the first receiver sample.
 
@@ -137,6 +143,20 @@ class ProfilePlan:
         return (
             np.concatenate([fine[..., n_up - lead :], body], axis=-1) if lead else np.ascontiguousarray(body)
         )
+
+    def adjoint_profiles(self, profiles: C64, beyond: int = 0) -> C64:
+        """Adjoint of :meth:`profiles`: samples (..., n_samples) complex64 from profiles (..., n_stored)."""
+        n, n_up = self.n_fft, self.n_fft * self.oversampling
+        lead = self.kernel.lead + beyond * self.oversampling
+        fine = np.zeros((*profiles.shape[:-1], n_up), dtype=np.complex64)
+        fine[..., : profiles.shape[-1] - lead] = profiles[..., lead:]
+        if lead:
+            fine[..., n_up - lead :] += profiles[..., :lead]
+        padded = scipy.fft.fft(fine, axis=-1, workers=-1, overwrite_x=True)
+        half = n // 2
+        spectrum = np.concatenate([padded[..., : n - half], padded[..., n_up - half :]], axis=-1)
+        spectrum *= np.float32(1.0 / n)
+        return self.adjoint_spectrum(spectrum)
 
 
 def plan_profiles(

@@ -1,17 +1,19 @@
 """Range compression of chirped echoes into range profiles."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 import scipy.fft
 
-from sarmitsuba.arrays import C128
+from sarmitsuba.arrays import C64, C128
 from sarmitsuba.echo.chirp import chirp_spectrum, n_fast_chirped
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.profiles import band_weights
 from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.linear_map import LinearMap
 from sarmitsuba.radar.radar import Radar
 
 Compression = Literal["flat", "matched"]
@@ -46,6 +48,61 @@ def compression_filter(radar: Radar, n_fft: int, method: str = "matched") -> C12
     return np.asarray(inverse * (rate / wave.bandwidth))
 
 
+@dataclass(frozen=True, eq=False)
+class RangeCompression(LinearMap):
+    """Range compression of chirped echoes, pulse by pulse.
+
+    Parameters
+    ----------
+    radar : that recorded them
+    method : ``matched`` or ``flat``, see :func:`compression_filter`
+    """
+
+    radar: Radar
+    method: str
+
+    @property
+    def n_fast(self) -> int:
+        """Samples of a chirped pulse."""
+        return n_fast_chirped(self.radar)
+
+    @cached_property
+    def response(self) -> C64:
+        """Frequency response (n_fft,) of the filter."""
+        n_fft = int(scipy.fft.next_fast_len(self.n_fast + 1))
+        return compression_filter(self.radar, n_fft, self.method).astype(np.complex64)
+
+    def forward(self, values: C64) -> C64:
+        """Compressed echoes (n_layers, n_pulses, n_samples) of chirped ones (n_layers, n_pulses, n_fast)."""
+        n_layers, n_pulses, _ = values.shape
+        response, n_samples = self.response, self.radar.window.n_samples
+        out = np.empty((n_layers, n_pulses, n_samples), dtype=np.complex64)
+        step = max(1, _BATCH // response.size)
+        for layer in range(n_layers):
+            for start in range(0, n_pulses, step):
+                pick = slice(start, start + step)
+                work = scipy.fft.fft(values[layer, pick], n=response.size, axis=-1, workers=-1)
+                line = scipy.fft.ifft(work * response, axis=-1, workers=-1)
+                out[layer, pick] = line[:, :n_samples]
+        return out
+
+    def adjoint(self, values: C64) -> C64:
+        """Chirped echoes from compressed ones by the conjugate filter."""
+        n_layers, n_pulses, _ = values.shape
+        response, n_fast = self.response.conj(), self.n_fast
+        out = np.empty((n_layers, n_pulses, n_fast), dtype=np.complex64)
+        step = max(1, _BATCH // response.size)
+        for layer in range(n_layers):
+            for start in range(0, n_pulses, step):
+                pick = slice(start, start + step)
+                work = scipy.fft.fft(
+                    values[layer, pick], n=response.size, axis=-1, workers=-1, norm="forward"
+                )
+                line = scipy.fft.ifft(work * response, axis=-1, workers=-1, norm="forward")
+                out[layer, pick] = line[:, :n_fast]
+        return out
+
+
 def range_compress(raw: RawData, *, method: str = "matched") -> RawData:
     """Range compression of every echo; compressed data are returned unchanged.
 
@@ -65,22 +122,13 @@ def range_compress(raw: RawData, *, method: str = "matched") -> RawData:
     if raw.domain == "compressed":
         return raw
     radar = raw.radar
-    n_fast = n_fast_chirped(radar)
+    compression = RangeCompression(radar, method)
+    n_fast = compression.n_fast
     if raw.data.shape[2] != n_fast:
         raise DataError(
             f"raw data: {raw.data.shape[2]} samples per pulse, but the window of {radar.window.n_samples} and the "
             "pulse "
             f"width of {radar.waveform.pulse_width:g} s need {n_fast}"
         )
-    n_fft = int(scipy.fft.next_fast_len(n_fast + 1))
-    response = compression_filter(radar, n_fft, method).astype(np.complex64)
-    n_layers, n_pulses, _ = raw.data.shape
-    out = np.empty((n_layers, n_pulses, radar.window.n_samples), dtype=np.complex64)
-    step = max(1, _BATCH // n_fft)
-    for layer in range(n_layers):
-        for start in range(0, n_pulses, step):
-            pick = slice(start, start + step)
-            work = scipy.fft.fft(raw.data[layer, pick], n=n_fft, axis=-1, workers=-1)
-            line = scipy.fft.ifft(work * response, axis=-1, workers=-1)
-            out[layer, pick] = line[:, : radar.window.n_samples]
+    out = compression.forward(raw.data)
     return replace(raw, data=out, domain="compressed", metadata={**raw.metadata, "range_compression": method})

@@ -54,6 +54,7 @@ FLOORS = (
         "unfinished",
         "units",
         "version",
+        "linear_map",
     ),
 )
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}

@@ -137,7 +137,7 @@ def test_the_raster_is_the_sum_over_samples(seed: int) -> None:
     samples = rng.standard_normal((2, 40, 50))
     samples = (samples[0] + 1j * samples[1]).astype(np.complex64)
     raster = _WavenumberRaster.of(k * slope[:, :, None], places)
-    got = raster.image(samples.ravel())
+    got = raster.forward(samples.ravel())
     wave = (k[None, :, None] * slope[:, None, :]).reshape(-1, 2)
     exact = np.exp(1j * places @ wave.T) @ samples.ravel().astype(np.complex128)
     # tol: two kernels of six taps at twice the rate, -103 dB each at the band's rms, -90 dB at its edge; float32

@@ -12,6 +12,7 @@ FUNCTIONS = {
     "cloude_pottier": ("coherency",),
     "explain": ("scene",),
     "focus": ("raw", "grid"),
+    "focusing_operator": ("raw", "grid"),
     "height_map": ("pair", "phase", "lowest"),
     "error_budget": ("image",),
     "image_quality": ("image", "points", "areas"),

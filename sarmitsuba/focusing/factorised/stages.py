@@ -4,33 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from types import ModuleType
+from typing import TypeAlias
 
 import numpy as np
 import scipy.fft
 
-from sarmitsuba.arrays import C64, F64
+from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing.backprojection_kernel import AXES_STRIDE, Weighting
 from sarmitsuba.focusing.factorised.division import Plan, Section, SubimageLevel
 from sarmitsuba.focusing.factorised.image_weights import axes_table, pulse_weights, weighting_of
-from sarmitsuba.focusing.factorised.kernels import (
-    ANGLES,
-    GroupPulses,
-    PolarAxes,
-    form,
-    merge,
-    quads,
-)
+from sarmitsuba.focusing.factorised.kernels import form, merge
+from sarmitsuba.focusing.factorised.polar_lanes import ANGLES, GroupPulses, PolarAxes, quads
 from sarmitsuba.focusing.factorised.resampling import Pixels, along_rows, resample
 from sarmitsuba.focusing.factorised.sampling import CORRECTION, SubimageSampling, correction
 from sarmitsuba.focusing.profiles import MOST_BEYOND, ProfilePlan
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress
+from sarmitsuba.radar.radar import Radar
 
 # bytes of profiles at a time
 BATCH_BYTES = 32 << 20
@@ -38,6 +33,12 @@ BATCH_BYTES = 32 << 20
 _COPIES = 6
 # pixels per launch
 TILE_PIXELS = 1 << 22
+
+
+Merger: TypeAlias = (
+    "tuple[tuple[PolarAxes, SubimageLevel], tuple[PolarAxes, SubimageLevel], "
+    "dr.ArrayBase, dr.ArrayBase, dr.ArrayBase, float]"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,7 @@ def run_plan(job: Job, plan: Plan, grid: ImageGrid, progress: Progress) -> C64:
     """Pixels (n_layers, n_azimuth, n_range): sums over all pulses before division by the summed weights."""
     types, n_layers = job.types, len(job.raw.layers)
     image = np.empty((n_layers, *grid.shape), dtype=np.complex64)
-    tiles = list(_tiles(grid))
+    tiles = list(image_tiles(grid))
     states = [
         [dr.zeros(types.Float32, (rows.stop - rows.start) * grid.shape[1]) for _ in range(2 * n_layers)]
         for rows in tiles
@@ -86,7 +87,7 @@ def run_plan(job: Job, plan: Plan, grid: ImageGrid, progress: Progress) -> C64:
             if rows.start < section.rows.stop and section.rows.start < rows.stop:
                 lanes = (rows.stop - rows.start) * grid.shape[1]
                 kernel = job.profiles.kernel
-                pixels, images = _pixels(types, section, grid, rows), words
+                pixels, images = tile_pixels(types, section, grid, rows), words
                 if section.on_rows:
                     samples = (rows.stop - rows.start) * section.n_ranges
                     images = along_rows(types, polar, pixels, samples, kernel, words)
@@ -111,13 +112,14 @@ def run_plan(job: Job, plan: Plan, grid: ImageGrid, progress: Progress) -> C64:
     return image
 
 
-def _tiles(grid: ImageGrid) -> Iterator[slice]:
+def image_tiles(grid: ImageGrid) -> Iterator[slice]:
+    """Rows of the image of each launch."""
     step = max(1, TILE_PIXELS // grid.shape[1])
     for start in range(0, grid.shape[0], step):
         yield slice(start, min(start + step, grid.shape[0]))
 
 
-def _centers(section: Section, level: SubimageLevel, antenna: F64) -> F64:
+def group_centers(section: Section, level: SubimageLevel, antenna: F64) -> F64:
     """Mean antenna position (n_groups, 3) of a level's groups in the section's frame; zero for groups of padding."""
     if level.n_groups == 1:
         return np.zeros((1, 3))
@@ -130,25 +132,32 @@ def _centers(section: Section, level: SubimageLevel, antenna: F64) -> F64:
 
 def _subimage(job: Job, section: Section) -> list[dr.ArrayBase]:
     """The section's own subimage, words [angle, range] per layer."""
-    types = job.types
+    antenna, centers = antenna_and_centers(job, section)
+    images = _finest(job, section, antenna, centers[0])
+    for step in range(len(section.levels) - 1):
+        images = merge(job.types, *merger(job, section, centers, step), images)
+    return images
+
+
+def antenna_and_centers(job: Job, section: Section) -> tuple[F64, list[F64]]:
+    """Antenna positions (n_pulses, 3) of a section, and each level's groups' mean positions, in the section's frame."""
     span = slice(section.first, section.first + section.n_pulses)
     antenna = section.local(job.raw.radar.track.position[span])
-    centers = [_centers(section, level, antenna) for level in section.levels]
-    images = _finest(job, section, antenna, centers[0])
-    polars = [PolarAxes.of(types, section, level) for level in section.levels]
-    for i, (low, high) in enumerate(pairwise(section.levels)):
-        shift = centers[i] - np.repeat(centers[i + 1], low.n_groups // high.n_groups, axis=0)
-        images = merge(
-            types,
-            (polars[i], low),
-            (polars[i + 1], high),
-            quads(types, shift, squares=True),
-            quads(types, centers[i + 1], squares=False),
-            job.turns_per_metre,
-            job.sampling.upsampling,
-            images,
-        )
-    return images
+    return antenna, [group_centers(section, level, antenna) for level in section.levels]
+
+
+def merger(job: Job, section: Section, centers: list[F64], step: int) -> Merger:
+    """Parameters of :func:`sarmitsuba.focusing.factorised.kernels.merge` from a level to the next, images left out."""
+    low, high = section.levels[step : step + 2]
+    shift = centers[step] - np.repeat(centers[step + 1], low.n_groups // high.n_groups, axis=0)
+    return (
+        (PolarAxes.of(job.types, section, low), low),
+        (PolarAxes.of(job.types, section, high), high),
+        quads(job.types, shift, squares=True),
+        quads(job.types, centers[step + 1], squares=False),
+        job.turns_per_metre,
+        job.sampling.upsampling,
+    )
 
 
 def _finest(job: Job, section: Section, antenna: F64, centers: F64) -> list[dr.ArrayBase]:
@@ -158,18 +167,14 @@ def _finest(job: Job, section: Section, antenna: F64, centers: F64) -> list[dr.A
     size = level.n_groups * level.n_angles * section.n_ranges
     out = [dr.zeros(types.UInt64, size) for _ in range(n_layers)]
     dr.make_opaque(out)
-    used = -(-section.n_pulses // level.n_pulses)
-    bytes_per_group = 8 * n_layers * level.n_pulses * job.profiles.n_stored
-    step = max(1, BATCH_BYTES // bytes_per_group)
-    for start in range(0, used, step):
-        groups = slice(start, min(start + step, used))
+    for groups in group_batches(job, section, n_layers):
         n = groups.stop - groups.start
         form(
             types,
             polar,
             n * (level.n_angles // ANGLES),
             quads(types, centers[groups], squares=False),
-            _pulses(job, section, antenna, centers, groups),
+            group_pulses(job, section, antenna, centers, groups, job.raw.data),
             job.profiles.kernel,
             n_layers,
             job.weighting,
@@ -182,13 +187,34 @@ def _finest(job: Job, section: Section, antenna: F64, centers: F64) -> list[dr.A
     return out
 
 
-def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slice) -> GroupPulses:
-    """Tables of the pulses of selected groups; padding pulses at the section's end have weight zero."""
+def group_batches(job: Job, section: Section, n_layers: int) -> Iterator[slice]:
+    """Groups of a section whose profiles are in memory together."""
+    level = section.levels[0]
+    used = -(-section.n_pulses // level.n_pulses)
+    step = max(1, BATCH_BYTES // (8 * n_layers * level.n_pulses * job.profiles.n_stored))
+    for start in range(0, used, step):
+        yield slice(start, min(start + step, used))
+
+
+def own_pulses(section: Section, groups: slice) -> slice:
+    """Pulses of the radar in selected groups."""
+    length = section.levels[0].n_pulses
+    stop = min(groups.stop * length, section.n_pulses)
+    return slice(section.first + groups.start * length, section.first + stop)
+
+
+def group_pulses(
+    job: Job, section: Section, antenna: F64, centers: F64, groups: slice, data: C64 | None
+) -> GroupPulses:
+    """Tables of the pulses of selected groups; padding pulses at the section's end have weight zero.
+
+    With the profiles of data (n_layers, n_pulses, n_samples); without any where ``data`` is None.
+    """
     types, plan, radar = job.types, job.profiles, job.raw.radar
     length = section.levels[0].n_pulses
     first, stop = groups.start * length, min(groups.stop * length, section.n_pulses)
     n, padded = stop - first, (groups.stop - groups.start) * length
-    own = slice(section.first + first, section.first + stop)
+    own = own_pulses(section, groups)
     shift = np.zeros((padded, 3))
     shift[:n] = antenna[first:stop] - centers[np.arange(first, stop) // length]
     starts = np.zeros(padded)
@@ -197,8 +223,9 @@ def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slic
     axes[:n] = axes_table(radar, job.pulse_weights, own, section.axes)
     axes[n:, 7] = 1.0
     stored = plan.n_stored + 2 * MOST_BEYOND * plan.oversampling
-    profiles = np.zeros((len(job.raw.layers), padded, stored), dtype=np.complex64)
-    profiles[:, :n] = plan.profiles(job.raw.data[:, own], MOST_BEYOND)
+    profiles = np.zeros((0 if data is None else len(data), padded, stored), dtype=np.complex64)
+    if data is not None:
+        profiles[:, :n] = plan.profiles(data[:, own], MOST_BEYOND)
     Float64, UInt32 = types.Float64, types.UInt32
     return GroupPulses(
         n_pulses=dr.opaque(UInt32, length),
@@ -220,9 +247,7 @@ def _corrected(
 ) -> tuple[PolarAxes, list[dr.ArrayBase]]:
     """The section's subimage with the gridding kernel's transform divided out, in angle and where needed in range."""
     level = section.levels[-1]
-    shape = (level.n_angles, section.n_ranges)
-    sizes = [scipy.fft.next_fast_len(n + CORRECTION) for n in shape]
-    factors = [correction(job.sampling, n) for n in sizes]
+    shape, sizes, factors = corrections(job, section)
     out = []
     for image in images:
         if section.on_rows:
@@ -240,7 +265,14 @@ def _corrected(
     return PolarAxes.of(job.types, section, level), out
 
 
-def _pixels(types: ModuleType, section: Section, grid: ImageGrid, rows: slice) -> Pixels:
+def corrections(job: Job, section: Section) -> tuple[tuple[int, int], list[int], list[F32]]:
+    """Shape of the section's subimage, lengths of the transforms along both axes, and factors of their frequencies."""
+    shape = (section.levels[-1].n_angles, section.n_ranges)
+    sizes = [int(scipy.fft.next_fast_len(n + CORRECTION)) for n in shape]
+    return shape, sizes, [correction(job.sampling, n) for n in sizes]
+
+
+def tile_pixels(types: ModuleType, section: Section, grid: ImageGrid, rows: slice) -> Pixels:
     """Rows of the image in the section's frame."""
     base = grid.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, grid.height])
     corner = section.local(base + grid.azimuth[rows.start] * grid.along)
@@ -265,17 +297,21 @@ def plan_bytes(plan: Plan, profiles: ProfilePlan, grid: ImageGrid, n_layers: int
     return _COPIES * max(group, BATCH_BYTES) + n_layers * (plan.n_bytes + 8 * pixels) + launch
 
 
+def image_reference(radar: Radar, grid: ImageGrid) -> float:
+    """Range of the image's middle from the middle of the track, m, whose spreading loss is divided out."""
+    middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
+    return float(np.linalg.norm(middle - radar.track.center_position))
+
+
 def make_job(raw: RawData, profiles: ProfilePlan, plan: Plan, window: Window, grid: ImageGrid) -> Job:
     """Data common to all stages, from raw data and plan."""
     types, radar = arrays(), raw.radar
-    middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
-    reference = float(np.linalg.norm(middle - radar.track.center_position))
     return Job(
         types,
         raw,
         profiles,
         pulse_weights(radar, window),
         weighting_of(types, radar, window),
-        reference,
+        image_reference(radar, grid),
         plan.sampling,
     )

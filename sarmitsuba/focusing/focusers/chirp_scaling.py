@@ -7,7 +7,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
+from sarmitsuba.focusing.focuser import FOCUSERS, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.chirp_z import ChirpZ, VirtualChirp
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
@@ -19,7 +19,7 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     plan_migration,
 )
 from sarmitsuba.focusing.frequency_domain.row_costs import RowsFocuser
-from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, WavenumberBand, focus_rows
+from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, RowsImaging, WavenumberBand
 from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.focusing.frequency_domain.track_geometry import slant_grid
 from sarmitsuba.image.sar_image import ImageGrid
@@ -55,10 +55,20 @@ class _ChirpLines(RangeLaw):
 
     def lines(self, spectrum: C64, kx: F64, ky: F64) -> C64:
         """Chirp scaling and azimuth compression."""
-        factor = np.clip(self.law.scaling_factor(kx[:, 0]), -_LARGEST, _LARGEST)
-        out = self.chirp(spectrum, self.band.first, self.band.step, factor, self.points, self.at)
+        out = self.chirp(spectrum, self.band.first, self.band.step, self._factor(kx), self.points, self.at)
         out *= unit_phasor(self.law.azimuth(kx, self.band.rho))
         return out
+
+    def adjoint_lines(self, pixels: C64, kx: F64, ky: F64) -> C64:
+        """Adjoint of azimuth compression and of chirp scaling."""
+        band = self.band
+        values = pixels * unit_phasor(-self.law.azimuth(kx, band.rho))
+        samples = slice(band.first, band.first + band.count)
+        return self.chirp.adjoint(values, samples, band.step, self._factor(kx), self.points, self.at)
+
+    def _factor(self, kx: F64) -> F64:
+        """Chirp scaling factor (rows,)."""
+        return np.clip(self.law.scaling_factor(kx[:, 0]), -_LARGEST, _LARGEST)
 
 
 @dataclass(frozen=True)
@@ -84,8 +94,8 @@ class ChirpScaling(RowsFocuser):
 
     Notes
     -----
-    Ignores what :func:`sarmitsuba.focusing.frequency_domain.rows.focus_rows` ignores, and the change of secondary range
-    compression with range.
+    Ignores what :class:`sarmitsuba.focusing.frequency_domain.rows.RowsImaging` ignores, and the change of secondary
+    range compression with range.
     """
 
     name: ClassVar[str] = "chirp_scaling"
@@ -121,15 +131,15 @@ class ChirpScaling(RowsFocuser):
         """See :func:`sarmitsuba.focusing.frequency_domain.stated.stated_error_db`."""
         return stated_error_db(radar, grid, plan_migration(radar, grid, self._treatment))
 
-    def focus(self, task: FocusTask) -> Focused:
-        """Focus."""
+    def imaging(self, task: FocusTask) -> RowsImaging:
+        """Linear map from data to pixels."""
         radar = task.raw.radar
         law = plan_migration(radar, task.grid, self._treatment)
 
         def room(sines: F64, extent: float) -> float:
             return 1.2 * VirtualChirp.length(_largest(law, sines), 1.5 * extent, radar.waveform.range_cell)
 
-        return focus_rows("chirp scaling", task, lambda band: _ChirpLines(band, law), room)
+        return RowsImaging("chirp scaling", task, lambda band: _ChirpLines(band, law), room)
 
 
 FOCUSERS.register(ChirpScaling())

@@ -1,18 +1,22 @@
 """Fast factorised backprojection focuser: two-stage and recursive."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
+from sarmitsuba.arrays import C64, F32
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import DARK, matched_weights
+from sarmitsuba.focusing.factorised.adjoint_stages import adjoint_plan
 from sarmitsuba.focusing.factorised.division import Plan
-from sarmitsuba.focusing.factorised.image_weights import alike, image_weights
+from sarmitsuba.focusing.factorised.image_weights import alike, image_weights, pulse_weights
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
 from sarmitsuba.focusing.factorised.section_plan import make_plan
-from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan
+from sarmitsuba.focusing.factorised.stages import Job, image_reference, make_job, plan_bytes, run_plan
 from sarmitsuba.focusing.focuser import (
     ERROR_DB,
     FOCUSERS,
@@ -22,9 +26,10 @@ from sarmitsuba.focusing.focuser import (
     option,
 )
 from sarmitsuba.focusing.memory_needs import PIXEL
-from sarmitsuba.focusing.profiles import plan_profiles
+from sarmitsuba.focusing.profiles import ProfilePlan, plan_profiles
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.linear_map import LinearMap
 from sarmitsuba.memory import check_fits
 from sarmitsuba.radar.radar import Radar
 
@@ -141,8 +146,8 @@ class Factorised(Focuser):
         uniform = radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)
         return plan.seconds + (0.0 if uniform else _WEIGHTS * radar.track.n_pulses)
 
-    def focus(self, task: FocusTask) -> Focused:
-        """Focus.
+    def imaging(self, task: FocusTask) -> LinearMap:
+        """Linear map from data to pixels.
 
         Raises
         ------
@@ -151,32 +156,77 @@ class Factorised(Focuser):
         ResourceError
             Subimages and profiles do not fit into memory.
         """
-        raw, grid = task.raw, task.grid
-        radar, n_layers = raw.radar, len(raw.layers)
-        plan = self.plan(radar, grid, task.azimuth_window)
+        radar = task.raw.radar
+        plan = self.plan(radar, task.grid, task.azimuth_window)
         if isinstance(plan, str):
             raise DataError(f"focuser factorised: {plan}")
         profiles = plan_profiles(radar, task.range_window, interpolation=plan.sampling.interpolation)
         check_fits(
             f"focuser factorised: subimages of {len(plan.sections)} sections",
-            plan_bytes(plan, profiles, grid, min(n_layers, _MAX_LAYERS)),
+            plan_bytes(plan, profiles, task.grid, min(len(task.raw.layers), _MAX_LAYERS)),
             "make the image smaller, or use focuser backprojection",
         )
-        image = np.empty((n_layers, *grid.shape), dtype=np.complex64)
-        for start in range(0, n_layers, _MAX_LAYERS):
-            layers = slice(start, min(start + _MAX_LAYERS, n_layers))
-            some = replace(raw, data=raw.data[layers], layers=raw.layers[layers])
-            job = make_job(some, profiles, plan, task.azimuth_window, grid)
-            image[layers] = run_plan(job, plan, grid, task.progress)
-            weights = (
-                np.full((1, 1), job.pulse_weights.sum(), dtype=np.float32)
-                if alike(radar)
-                else image_weights(radar, grid, task.azimuth_window).at(grid)
-            )
-            seen = weights > _DARK * job.pulse_weights.sum()
-            scale = np.float32(job.reference**2 / radar.amplitude_constant)
-            image[layers] *= np.divide(scale, weights, out=np.zeros_like(weights), where=seen)
-        return Focused(image, lambda point: matched_weights(radar, point, task.azimuth_window))
+        return FactorisedImaging(task, plan, profiles)
+
+    def focus(self, task: FocusTask) -> Focused:
+        """Focus; raises as :meth:`imaging` does."""
+        radar, pixels = task.raw.radar, self.imaging(task).forward(task.raw.data)
+        return Focused(pixels, lambda point: matched_weights(radar, point, task.azimuth_window))
+
+
+@dataclass(frozen=True, eq=False)
+class FactorisedImaging(LinearMap):
+    """Linear map of factorised backprojection, from range-compressed data to pixels.
+
+    Parameters
+    ----------
+    task : with data of the right shape
+    plan : division of the aperture
+    profiles : interpolation plan of the echoes
+    """
+
+    task: FocusTask
+    plan: Plan
+    profiles: ProfilePlan
+
+    def forward(self, values: C64) -> C64:
+        """Pixels (n_layers, n_azimuth, n_range) of data (n_layers, n_pulses, n_samples)."""
+        grid = self.task.grid
+        image = np.empty((len(values), *grid.shape), dtype=np.complex64)
+        for layers, job in self._jobs(values):
+            image[layers] = run_plan(job, self.plan, grid, self.task.progress)
+            image[layers] *= self._scale
+        return image
+
+    def adjoint(self, values: C64) -> C64:
+        """Data from pixels."""
+        raw = self.task.raw
+        data = np.empty(raw.data.shape, dtype=np.complex64)
+        for layers, job in self._jobs(raw.data):
+            pixels = values[layers] * self._scale
+            data[layers] = adjoint_plan(job, self.plan, self.task.grid, pixels, self.task.progress)
+        return data
+
+    def _jobs(self, data: C64) -> Iterator[tuple[slice, Job]]:
+        """Layers that are processed together."""
+        task, raw = self.task, self.task.raw
+        for start in range(0, len(raw.layers), _MAX_LAYERS):
+            layers = slice(start, min(start + _MAX_LAYERS, len(raw.layers)))
+            some = replace(raw, data=data[layers], layers=raw.layers[layers])
+            yield layers, make_job(some, self.profiles, self.plan, task.azimuth_window, task.grid)
+
+    @cached_property
+    def _scale(self) -> F32:
+        """Calibration of the pixels, (n_azimuth, n_range), or one for all; 0 where dark."""
+        radar, grid, window = self.task.raw.radar, self.task.grid, self.task.azimuth_window
+        whole = pulse_weights(radar, window).sum()
+        weights = (
+            np.full((1, 1), whole, dtype=np.float32)
+            if alike(radar)
+            else image_weights(radar, grid, window).at(grid)
+        )
+        scale = np.float32(image_reference(radar, grid) ** 2 / radar.amplitude_constant)
+        return np.divide(scale, weights, out=np.zeros_like(weights), where=weights > _DARK * whole)
 
 
 FOCUSERS.register(Factorised())

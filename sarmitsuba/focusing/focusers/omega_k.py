@@ -9,8 +9,8 @@ import scipy.fft
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
-from sarmitsuba.focusing.frequency_domain.chirp_z import WIDTH, ChirpZ, kernel_transform, spread
+from sarmitsuba.focusing.focuser import FOCUSERS, FocusTask, option
+from sarmitsuba.focusing.frequency_domain.chirp_z import WIDTH, ChirpZ, interpolate, kernel_transform, spread
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
     PHASES,
@@ -20,7 +20,7 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     plan_migration,
 )
 from sarmitsuba.focusing.frequency_domain.row_costs import RowsFocuser
-from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, WavenumberBand, focus_rows
+from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, RowsImaging, WavenumberBand
 from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.focusing.frequency_domain.track_geometry import track_refusal
 from sarmitsuba.focusing.windows import Window, parse_window
@@ -51,6 +51,13 @@ class _Stolt(RangeLaw):
         line = scipy.fft.ifft(gridded, axis=1)
         return np.asarray(line[:, self.pixels % self.n] * self.carrier)
 
+    def adjoint_lines(self, pixels: C64, kx: F64, ky: F64) -> C64:
+        """Adjoint of Stolt's mapping."""
+        line = np.zeros((pixels.shape[0], self.n), dtype=np.complex64)
+        line[:, self.pixels % self.n] = pixels * self.carrier.conj()
+        gridded = scipy.fft.fft(line, axis=1, overwrite_x=True, norm="forward")
+        return interpolate(gridded, (ky - self.center) * self.cells)
+
 
 class _WithoutStolt(RangeLaw):
     """Bulk compression by the reference function; pixels by a chirp-z transform, residual phases by multiplication."""
@@ -69,6 +76,10 @@ class _WithoutStolt(RangeLaw):
         out = self.points(spectrum)
         out *= unit_phasor(self.law.azimuth(kx, self.band.rho))
         return out
+
+    def adjoint_lines(self, pixels: C64, kx: F64, ky: F64) -> C64:
+        """Adjoint of the phase and of the chirp-z transform."""
+        return self.points.adjoint(pixels * unit_phasor(-self.law.azimuth(kx, self.band.rho)))
 
 
 def omega_k(
@@ -99,7 +110,7 @@ def omega_k(
 
     Notes
     -----
-    The formula is in :mod:`sarmitsuba.focusing.frequency_domain.rows`; what it ignores, at ``focus_rows`` there.
+    The formula is in :mod:`sarmitsuba.focusing.frequency_domain.rows`; what it ignores, at ``RowsImaging`` there.
     """
     task = FocusTask(raw, grid, parse_window(range_window), parse_window(azimuth_window), progress)
     return OmegaK().focus(task).pixels
@@ -136,7 +147,7 @@ class OmegaK(RowsFocuser):
 
     Notes
     -----
-    Ignores what :func:`sarmitsuba.focusing.frequency_domain.rows.focus_rows` ignores.
+    Ignores what :class:`sarmitsuba.focusing.frequency_domain.rows.RowsImaging` ignores.
     """
 
     name: ClassVar[str] = "omega_k"
@@ -173,13 +184,13 @@ class OmegaK(RowsFocuser):
         law = None if treatment is None else plan_migration(radar, grid, treatment)
         return stated_error_db(radar, grid, law)
 
-    def focus(self, task: FocusTask) -> Focused:
-        """Focus."""
+    def imaging(self, task: FocusTask) -> RowsImaging:
+        """Linear map from data to pixels."""
         treatment = self._treatment
         if treatment is None:
-            return focus_rows("omega-K", task, _Stolt)
+            return RowsImaging("omega-K", task, _Stolt)
         law = plan_migration(task.raw.radar, task.grid, treatment)
-        return focus_rows("omega-K", task, lambda band: _WithoutStolt(band, law))
+        return RowsImaging("omega-K", task, lambda band: _WithoutStolt(band, law))
 
 
 FOCUSERS.register(OmegaK())

@@ -22,6 +22,7 @@ from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.linear_map import LinearMap
 from sarmitsuba.radar.radar import Radar
 
 # taps of both kernels, polar samples onto the wavenumber grid and image onto the pixels; rms error of each, dB, is
@@ -122,8 +123,8 @@ def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
     return float(10.0 * np.log10(power + 10.0 ** (0.1 * _FLOOR_DB))) if np.isfinite(power) else float("nan")
 
 
-def polar_format(task: FocusTask) -> C64:
-    r"""Polar format focusing of range-compressed data with one aperture for all pixels.
+class _PolarImaging(LinearMap):
+    r"""Linear map of polar format, from range-compressed data with one aperture for all pixels to the pixels.
 
     With :math:`k = 4 \pi (f_c + f) / c`, S the spectrum of pulse t about the image's centre at the distance
     :math:`R_t`, and :math:`\mathbf u_t` the growth of range per metre along and across the image plane, every sample
@@ -143,10 +144,6 @@ def polar_format(task: FocusTask) -> C64:
     exact value passes ``LARGEST_PHASE``. The phase is that of backprojection: of the phase that is left, the mean over
     the aperture is taken out of every pixel.
 
-    Returns
-    -------
-    (n_layers, n_azimuth, n_range) complex64, m (square root of RCS)
-
     Notes
     -----
     Source: W. G. Carrara, R. S. Goodman, R. M. Majewski, Spotlight Synthetic Aperture Radar (1995), chapters 3 and 4;
@@ -155,30 +152,45 @@ def polar_format(task: FocusTask) -> C64:
     pattern is compensated at each pixel, not used as a weight. Pixels that the receive window does not hold at
     mid-aperture are zero.
     """
-    raw, grid = task.raw, task.grid
-    radar = raw.radar
-    if raw.domain != "compressed":
-        raise DataError("polar format: the data are not range compressed; call range_compress first")
-    polar = _PlaneWaves.of(radar, grid)
-    lag = radar.window.start_range - polar.distance
-    plan = plan_spectrum(
-        radar, task.range_window, extra=int(np.ceil(np.ptp(lag) / radar.window.sample_spacing))
-    )
-    used = np.flatnonzero(plan.gains > 0.0)
-    offset = 2.0 * np.pi * scipy.fft.fftfreq(plan.n_fft, radar.window.sample_spacing)[used]
-    kc = 4.0 * np.pi / radar.waveform.wavelength
-    weight = task.azimuth_window.aperture(radar.track.n_pulses) * polar.distance**2 / plan.n_fft
-    turn = weight * np.exp(1j * np.mod(kc * polar.distance, 2.0 * np.pi))
-    turn = turn[:, None] * np.exp(-1j * np.outer(lag, offset))
 
-    scale, places = _scale_and_places(radar, grid, polar, task.azimuth_window)
-    raster = _WavenumberRaster.of((kc + offset) * polar.slope[:, :, None], places)
-    image = np.empty((len(raw.layers), *grid.shape), dtype=np.complex64)
-    for layer in range(len(raw.layers)):
-        spectrum = plan.spectrum(raw.data[layer])[:, used] * turn
-        image[layer] = raster.image(spectrum.ravel()).reshape(grid.shape) * scale
-        task.progress("focus", layer + 1.0, float(len(raw.layers)), {})
-    return image
+    def __init__(self, task: FocusTask) -> None:
+        raw, grid, radar = task.raw, task.grid, task.raw.radar
+        if raw.domain != "compressed":
+            raise DataError("polar format: the data are not range compressed; call range_compress first")
+        polar = _PlaneWaves.of(radar, grid)
+        lag = radar.window.start_range - polar.distance
+        self.plan = plan_spectrum(
+            radar, task.range_window, extra=int(np.ceil(np.ptp(lag) / radar.window.sample_spacing))
+        )
+        self.used = np.flatnonzero(self.plan.gains > 0.0)
+        offset = 2.0 * np.pi * scipy.fft.fftfreq(self.plan.n_fft, radar.window.sample_spacing)[self.used]
+        kc = 4.0 * np.pi / radar.waveform.wavelength
+        weight = task.azimuth_window.aperture(radar.track.n_pulses) * polar.distance**2 / self.plan.n_fft
+        turn = weight * np.exp(1j * np.mod(kc * polar.distance, 2.0 * np.pi))
+        self.turn = turn[:, None] * np.exp(-1j * np.outer(lag, offset))
+        self.scale, places = _scale_and_places(radar, grid, polar, task.azimuth_window)
+        self.raster = _WavenumberRaster.of((kc + offset) * polar.slope[:, :, None], places)
+        self.progress = task.progress
+
+    def forward(self, values: C64) -> C64:
+        """Pixels (n_layers, n_azimuth, n_range) complex64, m (square root of RCS)."""
+        image = np.empty((len(values), *self.scale.shape), dtype=np.complex64)
+        for layer, data in enumerate(values):
+            spectrum = self.plan.spectrum(data)[:, self.used] * self.turn
+            image[layer] = self.raster.forward(spectrum.ravel()).reshape(self.scale.shape) * self.scale
+            self.progress("focus", layer + 1.0, float(len(values)), {})
+        return image
+
+    def adjoint(self, values: C64) -> C64:
+        """Data (n_layers, n_pulses, n_samples) complex64."""
+        data = np.empty((len(values), len(self.turn), self.plan.n_samples), dtype=np.complex64)
+        for layer, pixels in enumerate(values):
+            samples = self.raster.adjoint((pixels * self.scale.conj()).ravel())
+            spectrum = np.zeros((len(self.turn), self.plan.n_fft), dtype=np.complex64)
+            spectrum[:, self.used] = samples.reshape(self.turn.shape) * self.turn.conj()
+            data[layer] = self.plan.adjoint_spectrum(spectrum)
+            self.progress("adjoint", layer + 1.0, float(len(values)), {})
+        return data
 
 
 def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window: Window) -> tuple[C128, F64]:
@@ -217,7 +229,7 @@ def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _PlaneWaves, window:
 
 
 @dataclass(frozen=True, eq=False)
-class _WavenumberRaster:
+class _WavenumberRaster(LinearMap):
     """Cartesian raster between samples anywhere in the wavenumber plane and pixels anywhere in the image plane.
 
     Parameters
@@ -274,12 +286,19 @@ class _WavenumberRaster:
             carrier=np.exp(1j * np.mod(phase, 2.0 * np.pi)).astype(np.complex64),
         )
 
-    def image(self, samples: NDArray[np.complexfloating]) -> C64:
-        """Sum of samples times :math:`e^{j k q}` at every pixel, (n_pixels,) complex64."""
-        plane = self._spread(samples * self.shift)
+    def forward(self, values: NDArray[np.complexfloating]) -> C64:
+        """Sum of samples (n_samples,) times :math:`e^{j k q}` at every pixel, (n_pixels,) complex64."""
+        plane = self._spread(values * self.shift, self.cells)
         field = scipy.fft.ifft2(plane.astype(np.complex64), workers=-1, overwrite_x=True)
         field *= (self.deapodise[0][:, None] * self.deapodise[1]).astype(np.float32)
-        return self._read(np.ascontiguousarray(field)) * self.carrier
+        return self._read(np.ascontiguousarray(field), self.pixels) * self.carrier
+
+    def adjoint(self, values: NDArray[np.complexfloating]) -> C64:
+        """Samples (n_samples,) complex64 from pixels (n_pixels,)."""
+        field = self._spread(values * self.carrier.conj(), self.pixels).astype(np.complex64)
+        field *= (self.deapodise[0][:, None] * self.deapodise[1]).astype(np.float32)
+        plane = scipy.fft.fft2(field, workers=-1, overwrite_x=True, norm="forward")
+        return self._read(np.ascontiguousarray(plane), self.cells) * self.shift.conj()
 
     def _taps(self, cells: F64) -> tuple[list[I64], list[list[F64]]]:
         kernel = gridding_kernel(_WIDTH)
@@ -287,12 +306,12 @@ class _WavenumberRaster:
         first = [(b.astype(np.int64) - kernel.lead) for b in base]
         return first, [kernel.taps(cell - b) for cell, b in zip(cells, base, strict=True)]
 
-    def _spread(self, samples: NDArray[np.complexfloating]) -> C128:
+    def _spread(self, samples: NDArray[np.complexfloating], cells: F64) -> C128:
         plane = np.zeros(self.shape[0] * self.shape[1], dtype=np.complex128)
         step = _BATCH // _WIDTH**2
         for start in range(0, samples.size, step):
             part = slice(start, start + step)
-            first, taps = self._taps(self.cells[:, part])
+            first, taps = self._taps(cells[:, part])
             line, column = (
                 (cell + np.arange(_WIDTH)[:, None]) % n for cell, n in zip(first, self.shape, strict=True)
             )
@@ -302,11 +321,11 @@ class _WavenumberRaster:
             plane.imag += np.bincount(index, (weight * samples[part].imag).ravel(), minlength=plane.size)
         return plane.reshape(self.shape)
 
-    def _read(self, field: C64) -> C64:
-        out = np.empty(self.pixels.shape[1], dtype=np.complex64)
+    def _read(self, field: C64, cells: F64) -> C64:
+        out = np.empty(cells.shape[1], dtype=np.complex64)
         for start in range(0, out.size, _BATCH):
             part = slice(start, start + _BATCH)
-            first, taps = self._taps(self.pixels[:, part])
+            first, taps = self._taps(cells[:, part])
             total = np.zeros(taps[0][0].size, dtype=np.complex64)
             for i, row in enumerate(taps[0]):
                 line = (first[0] + i) % self.shape[0] * self.shape[1]
@@ -326,7 +345,7 @@ def pulse_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window) 
 
 @dataclass(frozen=True)
 class PolarFormat(Focuser):
-    """Polar format, see :func:`polar_format`: spotlight, any track, images small enough for plane waves."""
+    """Polar format, see :class:`_PolarImaging`: spotlight, any track, images small enough for plane waves."""
 
     name: ClassVar[str] = "polar_format"
     title: ClassVar[str] = "spotlight of small scenes, any track; plane waves about the image's centre"
@@ -348,10 +367,14 @@ class PolarFormat(Focuser):
         """Spreading of every sample and reading of every pixel, as measured by benchmarks/suite/focusers.py."""
         return _SECONDS * (radar.track.n_pulses * radar.window.n_samples + float(np.prod(grid.shape)))
 
+    def imaging(self, task: FocusTask) -> LinearMap:
+        """Linear map from data to pixels."""
+        return _PolarImaging(task)
+
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""
-        radar = task.raw.radar
-        return Focused(polar_format(task), lambda point: pulse_weights(radar, point, task.azimuth_window))
+        radar, pixels = task.raw.radar, self.imaging(task).forward(task.raw.data)
+        return Focused(pixels, lambda point: pulse_weights(radar, point, task.azimuth_window))
 
 
 FOCUSERS.register(PolarFormat())

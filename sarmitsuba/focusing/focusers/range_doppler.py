@@ -8,8 +8,8 @@ import scipy.fft
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
-from sarmitsuba.focusing.frequency_domain.chirp_z import interpolate, kernel_transform
+from sarmitsuba.focusing.focuser import FOCUSERS, FocusTask, option
+from sarmitsuba.focusing.frequency_domain.chirp_z import interpolate, kernel_transform, spread
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
     PHASES,
@@ -19,7 +19,7 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     plan_migration,
 )
 from sarmitsuba.focusing.frequency_domain.row_costs import RowsFocuser
-from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, WavenumberBand, focus_rows
+from sarmitsuba.focusing.frequency_domain.rows import RangeLaw, RowsImaging, WavenumberBand
 from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
@@ -55,6 +55,14 @@ class _InterpolatedLines(RangeLaw):
         out *= unit_phasor(self.law.azimuth(kx, self.band.rho))
         return out
 
+    def adjoint_lines(self, pixels: C64, kx: F64, ky: F64) -> C64:
+        """Adjoint of azimuth compression and of range migration correction."""
+        cell = 2.0 * np.pi / (self.n * self.band.step)
+        values = pixels * unit_phasor(-self.law.azimuth(kx, self.band.rho))
+        line = spread(values, self.law.slope(kx) * (self.band.away / cell), self.n)
+        wide = scipy.fft.fft(line, axis=1, norm="forward")
+        return np.asarray(wide[:, self.index] * self.gain)
+
 
 @dataclass(frozen=True)
 class RangeDoppler(RowsFocuser):
@@ -78,8 +86,8 @@ class RangeDoppler(RowsFocuser):
 
     Notes
     -----
-    Ignores what :func:`sarmitsuba.focusing.frequency_domain.rows.focus_rows` ignores, and the change of secondary range
-    compression with range.
+    Ignores what :class:`sarmitsuba.focusing.frequency_domain.rows.RowsImaging` ignores, and the change of secondary
+    range compression with range.
     """
 
     name: ClassVar[str] = "range_doppler"
@@ -108,10 +116,10 @@ class RangeDoppler(RowsFocuser):
         """See :func:`sarmitsuba.focusing.frequency_domain.stated.stated_error_db`."""
         return stated_error_db(radar, grid, plan_migration(radar, grid, self._treatment))
 
-    def focus(self, task: FocusTask) -> Focused:
-        """Focus."""
+    def imaging(self, task: FocusTask) -> RowsImaging:
+        """Linear map from data to pixels."""
         law = plan_migration(task.raw.radar, task.grid, self._treatment)
-        return focus_rows("range-Doppler", task, lambda band: _InterpolatedLines(band, law))
+        return RowsImaging("range-Doppler", task, lambda band: _InterpolatedLines(band, law))
 
 
 FOCUSERS.register(RangeDoppler())

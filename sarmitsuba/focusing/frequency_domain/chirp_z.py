@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from sarmitsuba.arrays import C64, F64
+from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.echo.phasor import unit_phasor
 
@@ -56,6 +56,11 @@ class ChirpZ:
     def n_fft(self) -> int:
         """Length of the transforms."""
         return int(self._chirps[1].size)
+
+    @property
+    def adjoint(self) -> "ChirpZ":
+        """The adjoint sums, from points to coefficients: another chirp-z transform."""
+        return ChirpZ(self.n_out, self.n_in, self.low, self.first, -self.turn)
 
     def __call__(self, lines: C64, axis: int = -1) -> C64:
         """Sums of (..., n_in, ...) complex64 along an axis: (..., n_out, ...) complex64."""
@@ -184,22 +189,45 @@ class VirtualChirp:
         -------
         (rows, n_out) complex64: the lines at ``at * (1 + C)``
         """
-        n, rate = self.n_fft, self.rate
-        m = np.arange(n, dtype=np.float64) - n // 2
-        q = step * m
-        one = 1.0 + factor[:, None]
-        work = np.zeros((lines.shape[0], n), dtype=np.complex64)
-        own = slice(first + n // 2, first + n // 2 + lines.shape[1])
-        work[:, own] = lines * unit_phasor(-0.5 * q[own] ** 2 / rate)
-        u = 2.0 * np.pi / (n * step) * m
+        own, phases, level = self._phases(slice(first, first + lines.shape[1]), step, factor, at)
+        work = np.zeros((lines.shape[0], self.n_fft), dtype=np.complex64)
+        work[:, own] = lines * unit_phasor(phases[0])
         line = np.fft.fftshift(
             scipy.fft.ifft(np.fft.ifftshift(work, axes=1), axis=1, overwrite_x=True), axes=1
         )
-        line *= unit_phasor(0.5 * rate * factor[:, None] * u**2)
+        line *= unit_phasor(phases[1])
         line = scipy.fft.fft(np.fft.ifftshift(line, axes=1), axis=1, overwrite_x=True)
         line = np.fft.fftshift(line, axes=1)
-        line *= unit_phasor(0.5 * q**2 / (rate * one))
+        line *= unit_phasor(phases[2])
         out = points(line)
-        out *= unit_phasor(-0.5 * rate * factor[:, None] * one * at**2)
-        out /= np.sqrt(one).astype(np.float32)
+        out *= unit_phasor(phases[3])
+        out /= level
         return out
+
+    def adjoint(self, lines: C64, band: slice, step: float, factor: F64, points: ChirpZ, at: F64) -> C64:
+        """Adjoint: spectra (rows, n) at the whole numbers ``band`` of ``step`` from scaled lines (rows, n_out)."""
+        own, phases, level = self._phases(band, step, factor, at)
+        line = points.adjoint(lines / level * unit_phasor(-phases[3]))
+        line *= unit_phasor(-phases[2])
+        line = scipy.fft.ifft(np.fft.ifftshift(line, axes=1), axis=1, overwrite_x=True, norm="forward")
+        line = np.fft.fftshift(line, axes=1)
+        line *= unit_phasor(-phases[1])
+        work = scipy.fft.fft(np.fft.ifftshift(line, axes=1), axis=1, overwrite_x=True, norm="forward")
+        return np.asarray(np.fft.fftshift(work, axes=1)[:, own] * unit_phasor(-phases[0]))
+
+    def _phases(
+        self, band: slice, step: float, factor: F64, at: F64
+    ) -> tuple[slice, tuple[F64, F64, F64, F64], F32]:
+        """Place of the band in the transforms, the four steps' phases (rad), and the amplitude (rows, 1)."""
+        n, rate = self.n_fft, self.rate
+        m = np.arange(n, dtype=np.float64) - n // 2
+        q, u = step * m, 2.0 * np.pi / (n * step) * m
+        one = 1.0 + factor[:, None]
+        own = slice(band.start + n // 2, band.stop + n // 2)
+        phases = (
+            -0.5 * q[own] ** 2 / rate,
+            0.5 * rate * factor[:, None] * u**2,
+            0.5 * q**2 / (rate * one),
+            -0.5 * rate * factor[:, None] * one * at**2,
+        )
+        return own, phases, np.sqrt(one).astype(np.float32)

@@ -114,7 +114,8 @@ class Migration:
             middle = kc * self.sin_squint
             level = np.sqrt(kc**2 - middle**2)
             moved = moved + (np.sqrt((kc + offset) ** 2 - middle**2) - level - self.reference_slope * offset)
-        return np.asarray(self.reference_range * moved)
+        # without compression and correction it is the same for all rows
+        return np.array(np.broadcast_to(self.reference_range * moved, ky.shape))
 
     def azimuth(self, kx: F64, rho: F64) -> F64:
         """Phase, rad, that multiplies the lines at closest-approach ranges, m."""

@@ -1,10 +1,11 @@
-"""Memory and processor time of the frequency-domain focusers."""
+"""Base class of the frequency-domain focusers: focusing, memory and processor time."""
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import ClassVar
 
-from sarmitsuba.focusing.focuser import CALL_SECONDS, WEIGHT_SECONDS, Focuser
+from sarmitsuba.focusing.focuser import CALL_SECONDS, WEIGHT_SECONDS, Focused, Focuser, FocusTask
+from sarmitsuba.focusing.frequency_domain.rows import RowsImaging
 from sarmitsuba.focusing.frequency_domain.stated import spectrum_rows, spectrum_work
 from sarmitsuba.focusing.frequency_domain.track_geometry import (
     own_apertures,
@@ -27,7 +28,7 @@ _THREADS = 70_000_000
 
 
 class RowsFocuser(Focuser, ABC):
-    """A focuser by :func:`sarmitsuba.focusing.frequency_domain.rows.focus_rows`.
+    """A focuser by :class:`sarmitsuba.focusing.frequency_domain.rows.RowsImaging`.
 
     Attributes
     ----------
@@ -35,6 +36,15 @@ class RowsFocuser(Focuser, ABC):
     """
 
     sample_seconds: ClassVar[float]
+
+    @abstractmethod
+    def imaging(self, task: FocusTask) -> RowsImaging:
+        """Linear map from data to pixels."""
+
+    def focus(self, task: FocusTask) -> Focused:
+        """Focus."""
+        imaging = self.imaging(task)
+        return Focused(imaging.forward(task.raw.data), imaging.pulse_weights)
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Processor time: the algorithm's rate times the common work."""

@@ -22,11 +22,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.fft
 
-from sarmitsuba.arrays import C64, F64
+from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 from sarmitsuba.errors import DataError, SarmitsubaWarning
-from sarmitsuba.focusing.focuser import Focused, FocusTask
-from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
+from sarmitsuba.focusing.focuser import FocusTask
+from sarmitsuba.focusing.frequency_domain.aperture_filter import ApertureFilter, aperture_filter
 from sarmitsuba.focusing.frequency_domain.chirp_z import ChirpZ
 from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
@@ -40,10 +40,11 @@ from sarmitsuba.focusing.frequency_domain.track_geometry import (
     wavenumber,
 )
 from sarmitsuba.focusing.frequency_domain.weights import normalisation, pulse_weights
-from sarmitsuba.focusing.ground import slant_ranges, to_ground
-from sarmitsuba.focusing.profiles import ProfilePlan, plan_spectrum
+from sarmitsuba.focusing.ground import RangeInterpolation, slant_ranges
+from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.linear_map import LinearMap
 from sarmitsuba.radar.radar import Radar
 
 # Doppler band of the image over the PRF above which a warning about azimuth aliasing is given
@@ -106,19 +107,119 @@ class RangeLaw(ABC):
     def lines(self, spectrum: C64, kx: F64, ky: F64) -> C64:
         """Pixels (rows, n_range) of rows of the spectrum (rows, count); zero without data."""
 
+    @abstractmethod
+    def adjoint_lines(self, pixels: C64, kx: F64, ky: F64) -> C64:
+        """Adjoint of :meth:`lines`: rows of the spectrum (rows, count) from pixels (rows, n_range)."""
+
 
 def _no_room(sines: F64, extent: float) -> float:
     """Range margin, zero, of an algorithm that does not shift echoes."""
     return 0.0
 
 
-def focus_rows(
-    name: str,
-    task: FocusTask,
-    law: Callable[[WavenumberBand], RangeLaw],
-    room: Callable[[F64, float], float] = _no_room,
-) -> Focused:
-    """Focus range-compressed data of a straight track with one algorithm's law.
+def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> None:
+    """Call ``work(start, stop)`` for all of ``count`` in blocks, on all cores."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        # reading the results raises exceptions of the threads
+        list(pool.map(lambda start: work(start, min(start + block, count)), range(0, count, block)))
+
+
+@dataclass(frozen=True, eq=False)
+class _RowsMap(LinearMap):
+    """Map from the spectrum (k_x, k) to range lines (k_x, rho).
+
+    Parameters
+    ----------
+    geometry : of the track whose spectrum it is
+    band, law : see there
+    n_x : rows of the spectrum over the track
+    m : whole numbers of the rows used, k_x = 2 pi m / period
+    side : rad/m, largest distance of k_x from that of the squint
+    aperture : spectrum of the pulse weights; None where it is 1
+    """
+
+    geometry: TrackGeometry
+    band: WavenumberBand
+    law: RangeLaw
+    n_x: int
+    m: I64
+    side: float
+    aperture: ApertureFilter | None
+
+    @staticmethod
+    def of(
+        radar: Radar,
+        grid: ImageGrid,
+        geometry: TrackGeometry,
+        band: WavenumberBand,
+        law: RangeLaw,
+        n_x: int,
+        window: Window,
+    ) -> "_RowsMap":
+        """Map of a slant grid."""
+        k = band.center_wavenumber + band.offset
+        dkx = 2.0 * np.pi / (n_x * geometry.spacing)
+        center = k * geometry.sin_squint
+        side = geometry.reach(band.center_wavenumber) * band.center_wavenumber
+        first = int(np.ceil((center.min() - side) / dkx))
+        last = int(np.floor((center.max() + side) / dkx))
+        reach = np.array([first, last + 1]) * (dkx / k.min())
+        aperture = aperture_filter(radar, grid, geometry, window, reach)
+        return _RowsMap(geometry, band, law, n_x, np.arange(first, last + 1), side, aperture)
+
+    def _reference(self, rows: slice) -> tuple[C64, F64, F64]:
+        """Reference function (n, count) of some rows, with their k_x (n, 1) and k_y (n, count)."""
+        band, geometry = self.band, self.geometry
+        offset = band.offset
+        k = band.center_wavenumber + offset
+        dkx = 2.0 * np.pi / (self.n_x * geometry.spacing)
+        center = k * geometry.sin_squint
+        kx: F64 = np.asarray(self.m[rows, None] * dkx, dtype=np.float64)
+        square = k**2 - kx**2
+        keep = (np.abs(kx - center) <= self.side) & (square > 0.0)
+        ky: F64 = np.sqrt(np.where(keep, square, 1.0))
+        phase = self.law.bulk(kx, ky, offset)
+        phase -= offset * geometry.range_center
+        phase -= kx * (geometry.x[0] - geometry.x_center)
+        ratio = (k / ky).astype(np.float32)
+        gain = ratio * ratio * ratio / np.sqrt(ky.astype(np.float32))
+        gain[~keep] = 0.0
+        value = unit_phasor(phase)
+        value *= gain
+        if self.aperture is not None:
+            value *= self.aperture(kx, k, ky)
+        return value, kx, ky
+
+    def forward(self, values: C64) -> C64:
+        """Lines (n_kx, n_range) of a spectrum (n_x, count)."""
+        out = np.zeros((self.m.size, self.band.rho.size), dtype=np.complex64)
+
+        def work(start: int, stop: int) -> None:
+            line, kx, ky = self._reference(slice(start, stop))
+            line *= values[self.m[start:stop] % self.n_x]
+            out[start:stop] = self.law.lines(line, kx, ky)
+
+        _in_threads(work, self.m.size, max(1, _BATCH // self.band.count))
+        return out
+
+    def adjoint(self, values: C64) -> C64:
+        """Spectrum (n_x, count) from lines (n_kx, n_range)."""
+        lines = np.empty((self.m.size, self.band.count), dtype=np.complex64)
+
+        def work(start: int, stop: int) -> None:
+            reference, kx, ky = self._reference(slice(start, stop))
+            lines[start:stop] = self.law.adjoint_lines(values[start:stop], kx, ky) * reference.conj()
+
+        _in_threads(work, self.m.size, max(1, _BATCH // self.band.count))
+        out = np.zeros((self.n_x, self.band.count), dtype=np.complex64)
+        for start in range(0, self.m.size, self.n_x):
+            some = slice(start, start + self.n_x)
+            out[self.m[some] % self.n_x] += lines[some]
+        return out
+
+
+class RowsImaging(LinearMap):
+    """Linear map from range-compressed data of a straight track to pixels, by one algorithm's law.
 
     Parameters
     ----------
@@ -140,173 +241,215 @@ def focus_rows(
     them. Where the aperture's and the image's Doppler band together pass the PRF the pulse rate is raised by deramping;
     a still wider image is aliased, with a warning.
     """
-    raw, radar = task.raw, task.raw.radar
-    if raw.domain != "compressed":
-        raise DataError(f"{name}: the data are not range compressed; call range_compress first")
-    refusal = track_refusal(radar, task.grid)
-    if refusal:
-        raise DataError(f"{name}: {refusal}")
-    grid = slant_grid(radar, task.grid)
-    geometry = track_geometry(radar, grid)
-    own = own_apertures(radar)
-    weights = np.ones(radar.track.n_pulses) if own else task.azimuth_window.aperture(radar.track.n_pulses)
 
-    upsampling, band_fill = rate_factor(radar, grid, geometry)
-    if band_fill > _FOLDED:
-        warnings.warn(
-            f"{name}: the image needs a Doppler bandwidth of {band_fill:.2f} times the PRF, and so folds over; "
-            "shrink it in azimuth, raise prf or use focuser backprojection",
-            SarmitsubaWarning,
-            stacklevel=3,
+    def __init__(
+        self,
+        name: str,
+        task: FocusTask,
+        law: Callable[[WavenumberBand], RangeLaw],
+        room: Callable[[F64, float], float] = _no_room,
+    ) -> None:
+        raw, radar = task.raw, task.raw.radar
+        if raw.domain != "compressed":
+            raise DataError(f"{name}: the data are not range compressed; call range_compress first")
+        refusal = track_refusal(radar, task.grid)
+        if refusal:
+            raise DataError(f"{name}: {refusal}")
+        self.radar, self.window, self.progress = radar, task.azimuth_window, task.progress
+        self.grid = grid = slant_grid(radar, task.grid)
+        self.geometry = geometry = track_geometry(radar, grid)
+        own, n_pulses = own_apertures(radar), radar.track.n_pulses
+        self.weights = np.ones(n_pulses) if own else self.window.aperture(n_pulses)
+
+        self.upsampling, band_fill = rate_factor(radar, grid, geometry)
+        if band_fill > _FOLDED:
+            warnings.warn(
+                f"{name}: the image needs a Doppler bandwidth of {band_fill:.2f} times the PRF, and so folds over; "
+                "shrink it in azimuth, raise prf or use focuser backprojection",
+                SarmitsubaWarning,
+                stacklevel=4,
+            )
+        kc = wavenumber(radar)
+        reach = replace(geometry, spacing=geometry.spacing / self.upsampling).reach(kc)
+        sines = np.clip(geometry.sin_squint + np.array([-reach, reach]), -0.999, 0.999)
+        extra = range_walk(radar, grid, geometry) + int(
+            np.ceil(room(sines, radar.window.extent) / radar.window.sample_spacing)
         )
-    kc = wavenumber(radar)
-    reach = replace(geometry, spacing=geometry.spacing / upsampling).reach(kc)
-    sines = np.clip(geometry.sin_squint + np.array([-reach, reach]), -0.999, 0.999)
-    extra = range_walk(radar, grid, geometry) + int(
-        np.ceil(room(sines, radar.window.extent) / radar.window.sample_spacing)
-    )
-    plan = plan_spectrum(radar, task.range_window)
-    n_fft = max(plan.n_fft, plan_spectrum(radar, task.range_window, extra=extra).n_fft)
-    used = scipy.fft.fftfreq(plan.n_fft)[plan.gains > 0.0]
-    low = max(int(used.min() * n_fft) - _EDGE, -(n_fft // 2))
-    high = min(int(used.max() * n_fft) + _EDGE, (n_fft - 1) // 2)
-    band = WavenumberBand(
-        center_wavenumber=kc,
-        first=low,
-        count=high - low + 1,
-        step=2.0 * np.pi / (n_fft * radar.window.sample_spacing),
-        sines=sines,
-        rho=grid.range,
-        geometry=geometry,
-    )
-    factor = normalisation(radar, grid, geometry, task.azimuth_window) * (grid.range**2.5 / n_fft)
-    turn = np.sqrt(2.0 * np.pi) * np.exp(0.25j * np.pi)
-    rows_law = law(band)
-    image = np.empty((len(raw.layers), *grid.shape), dtype=np.complex64)
-    for layer in range(len(raw.layers)):
-        spectrum = _range_spectrum(raw.data[layer], radar, plan, n_fft, band, weights)
-        dense = geometry
-        if upsampling > 1:
-            spectrum, dense = _densify(spectrum, kc + band.offset, geometry, upsampling)
+        self.plan = plan_spectrum(radar, task.range_window)
+        n_fft = max(self.plan.n_fft, plan_spectrum(radar, task.range_window, extra=extra).n_fft)
+        used = scipy.fft.fftfreq(self.plan.n_fft)[self.plan.gains > 0.0]
+        low = max(int(used.min() * n_fft) - _EDGE, -(n_fft // 2))
+        high = min(int(used.max() * n_fft) + _EDGE, (n_fft - 1) // 2)
+        self.n_fft = n_fft
+        self.band = WavenumberBand(
+            center_wavenumber=kc,
+            first=low,
+            count=high - low + 1,
+            step=2.0 * np.pi / (n_fft * radar.window.sample_spacing),
+            sines=sines,
+            rho=grid.range,
+            geometry=geometry,
+        )
+        dense = _denser(geometry, self.upsampling) if self.upsampling > 1 else geometry
         n_x = int(scipy.fft.next_fast_len(int(np.ceil(track_period(radar, grid, dense) / dense.spacing))))
-        spectrum = scipy.fft.fft(spectrum, n=n_x, axis=0, workers=-1, overwrite_x=True)
-        columns, first = _map_rows(spectrum, radar, grid, dense, band, rows_law, n_x, task.azimuth_window)
-        del spectrum
-        _to_azimuth(columns, first, n_x, dense, grid, image[layer])
-        image[layer] *= (factor * (1.0 / (n_x * dense.spacing))).astype(np.float32) * np.complex64(turn)
-        task.progress("focus", layer + 1.0, float(len(raw.layers)), {})
-    if task.grid.kind == "ground":
-        image = to_ground(image, grid, slant_ranges(radar, task.grid), kc * geometry.cosine)
-    return Focused(image, lambda point: pulse_weights(radar, grid, point, task.azimuth_window))
+        self.rows = _RowsMap.of(radar, grid, dense, self.band, law(self.band), n_x, self.window)
+        factor = normalisation(radar, grid, geometry, self.window) * (grid.range**2.5 / n_fft)
+        turn = np.sqrt(2.0 * np.pi) * np.exp(0.25j * np.pi)
+        self.scale = (factor * (1.0 / (n_x * dense.spacing))).astype(np.float32) * np.complex64(turn)
+        self.ground: RangeInterpolation | None = None
+        if task.grid.kind == "ground":
+            self.ground = RangeInterpolation(grid, slant_ranges(radar, task.grid), kc * geometry.cosine)
+
+    def pulse_weights(self, point: F64) -> F64:
+        """Weight of every pulse in the pixel at points (..., 3), (..., n_pulses) float64."""
+        return pulse_weights(self.radar, self.grid, point, self.window)
+
+    def forward(self, values: C64) -> C64:
+        """Pixels (n_layers, n_azimuth, n_range) of data (n_layers, n_pulses, n_samples)."""
+        image = np.empty((len(values), *self.grid.shape), dtype=np.complex64)
+        for layer, data in enumerate(values):
+            spectrum = self._range_spectrum(data)
+            if self.upsampling > 1:
+                spectrum = self._densify(spectrum)
+            spectrum = scipy.fft.fft(spectrum, n=self.rows.n_x, axis=0, workers=-1, overwrite_x=True)
+            columns = self.rows.forward(spectrum)
+            del spectrum
+            self._to_azimuth(columns, image[layer])
+            image[layer] *= self.scale
+            self.progress("focus", layer + 1.0, float(len(values)), {})
+        return image if self.ground is None else self.ground.forward(image)
+
+    def adjoint(self, values: C64) -> C64:
+        """Data (n_layers, n_pulses, n_samples) from pixels (n_layers, n_azimuth, n_range)."""
+        image = values if self.ground is None else self.ground.adjoint(values)
+        data = np.empty((len(image), self.weights.size, self.plan.n_samples), dtype=np.complex64)
+        rows = self.rows.geometry.x.size
+        for layer, pixels in enumerate(image):
+            spectrum = self.rows.adjoint(self._from_azimuth(pixels * self.scale.conj()))
+            spectrum = scipy.fft.ifft(spectrum, axis=0, workers=-1, overwrite_x=True, norm="forward")
+            held = np.zeros((rows, self.band.count), dtype=np.complex64)
+            held[: self.rows.n_x] = spectrum[:rows]
+            del spectrum
+            self._adjoint_spectrum(self._adjoint_densify(held) if self.upsampling > 1 else held, data[layer])
+            self.progress("adjoint", layer + 1.0, float(len(image)), {})
+        return data
+
+    @property
+    def _walk(self) -> F64:
+        """Ranges (n_pulses,) of the first samples from the range to the image's centre, m."""
+        return np.asarray(self.radar.window.start_range - self.geometry.range_center)
+
+    def _range_spectrum(self, data: C64) -> C64:
+        """Weighted spectra (n_pulses, count) over fast time, its origin at the range to the image's centre for all."""
+        plan, band, shift = self.plan, self.band, self._walk
+        out = np.empty((data.shape[0], band.count), dtype=np.complex64)
+        index = (band.first + np.arange(band.count)) % self.n_fft
+
+        def work(start: int, stop: int) -> None:
+            part = slice(start, stop)
+            line = plan.spectrum(data[part], workers=1)
+            if self.n_fft > plan.n_fft:
+                # longer transforms weight the band's edges differently: first the profiles common to all focusers
+                line = scipy.fft.ifft(line, axis=1, overwrite_x=True)[:, : data.shape[1]]
+                line = scipy.fft.fft(line, n=self.n_fft, axis=1, overwrite_x=True)
+            line = line[:, index]
+            line *= phase_ramp(-shift[part] * band.step, band.first, band.count)
+            line *= self.weights[part, None].astype(np.float32)
+            out[part] = line
+
+        _in_threads(work, data.shape[0], max(1, _BATCH // self.n_fft))
+        return out
+
+    def _adjoint_spectrum(self, spectrum: C64, out: C64) -> None:
+        """Adjoint of :meth:`_range_spectrum`, written into ``out``."""
+        plan, band, shift = self.plan, self.band, self._walk
+        index = (band.first + np.arange(band.count)) % self.n_fft
+
+        def work(start: int, stop: int) -> None:
+            part = slice(start, stop)
+            value = spectrum[part] * self.weights[part, None].astype(np.float32)
+            value *= phase_ramp(shift[part] * band.step, band.first, band.count)
+            line = np.zeros((stop - start, self.n_fft), dtype=np.complex64)
+            line[:, index] = value
+            if self.n_fft > plan.n_fft:
+                line = scipy.fft.ifft(line, axis=1, overwrite_x=True, norm="forward")[:, : plan.n_samples]
+                line = scipy.fft.fft(line, n=plan.n_fft, axis=1, overwrite_x=True, norm="forward")
+            out[part] = plan.adjoint_spectrum(line)
+
+        _in_threads(work, spectrum.shape[0], max(1, _BATCH // self.n_fft))
+
+    def _ramp(self, part: slice) -> C64:
+        """Phase of the image's centre (n, columns) on the denser track, at columns of the spectrum."""
+        geometry = self.geometry
+        x = self.rows.geometry.x
+        distance = np.hypot(x - geometry.x_center, geometry.rho_center) - geometry.range_center
+        k = self.band.center_wavenumber + self.band.offset
+        return unit_phasor(np.outer(distance, k[part]))
+
+    def _densify(self, spectrum: C64) -> C64:
+        """Raise the pulse rate by a whole factor: deramp to the centre, zero-pad the Doppler spectrum, reramp."""
+        factor, rows = self.upsampling, self.rows.geometry.x.size
+        n, held = rows // factor, slice(_GUARD, _GUARD + spectrum.shape[0])
+        out = np.empty((rows, spectrum.shape[1]), dtype=np.complex64)
+
+        def work(start: int, stop: int) -> None:
+            ramp = self._ramp(slice(start, stop))
+            line = np.zeros((n, ramp.shape[1]), dtype=np.complex64)
+            line[held] = spectrum[:, start:stop]
+            line = scipy.fft.fft(line * ramp[::factor], axis=0)
+            wide = np.zeros_like(ramp)
+            wide[: n - n // 2] = line[: n - n // 2]
+            wide[rows - n // 2 :] = line[n - n // 2 :]
+            out[:, start:stop] = scipy.fft.ifft(wide, axis=0) * ramp.conj()
+
+        _in_threads(work, spectrum.shape[1], max(1, _BATCH // rows))
+        return out
+
+    def _adjoint_densify(self, spectrum: C64) -> C64:
+        """Adjoint of :meth:`_densify`."""
+        factor, rows = self.upsampling, spectrum.shape[0]
+        n, held = rows // factor, slice(_GUARD, _GUARD + self.weights.size)
+        out = np.empty((self.weights.size, spectrum.shape[1]), dtype=np.complex64)
+
+        def work(start: int, stop: int) -> None:
+            ramp = self._ramp(slice(start, stop))
+            wide = scipy.fft.fft(spectrum[:, start:stop] * ramp, axis=0, norm="forward")
+            line = np.concatenate([wide[: n - n // 2], wide[rows - n // 2 :]])
+            line = scipy.fft.ifft(line, axis=0, norm="forward") * ramp[::factor].conj()
+            out[:, start:stop] = line[held]
+
+        _in_threads(work, spectrum.shape[1], max(1, _BATCH // rows))
+        return out
+
+    @property
+    def _points(self) -> ChirpZ:
+        """Sums over k_x at the azimuth pixels."""
+        rows, n_azimuth = self.rows, self.grid.azimuth.size
+        turn = 2.0 * np.pi * self.grid.azimuth_spacing / (rows.n_x * rows.geometry.spacing)
+        return ChirpZ(rows.m.size, n_azimuth, int(rows.m[0]), -(n_azimuth // 2), turn)
+
+    def _to_azimuth(self, columns: C64, out: C64) -> None:
+        r"""Write :math:`\sum_m c_m e^{j 2 \pi m x / P}` at the azimuth pixels (chirp-z transform) into ``out``."""
+        _along_columns(self._points, columns, out)
+
+    def _from_azimuth(self, pixels: C64) -> C64:
+        """Adjoint of :meth:`_to_azimuth`."""
+        columns = np.empty((self.rows.m.size, pixels.shape[1]), dtype=np.complex64)
+        _along_columns(self._points.adjoint, pixels, columns)
+        return columns
 
 
-def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> None:
-    """Call ``work(start, stop)`` for all of ``count`` in blocks, on all cores."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        # reading the results raises exceptions of the threads
-        list(pool.map(lambda start: work(start, min(start + block, count)), range(0, count, block)))
-
-
-def _range_spectrum(
-    data: C64, radar: Radar, plan: ProfilePlan, n_fft: int, band: WavenumberBand, weights: F64
-) -> C64:
-    """Weighted spectra (n_pulses, count) over fast time, its origin at the range to the image's centre for all."""
-    out = np.empty((data.shape[0], band.count), dtype=np.complex64)
-    index = (band.first + np.arange(band.count)) % n_fft
-    shift = radar.window.start_range - band.geometry.range_center
-
-    def work(start: int, stop: int) -> None:
-        part = slice(start, stop)
-        line = plan.spectrum(data[part], workers=1)
-        if n_fft > plan.n_fft:
-            # longer transforms weight the band's edges differently: first the profiles common to all focusers are made
-            line = scipy.fft.ifft(line, axis=1, overwrite_x=True)[:, : data.shape[1]]
-            line = scipy.fft.fft(line, n=n_fft, axis=1, overwrite_x=True)
-        line = line[:, index]
-        line *= phase_ramp(-shift[part] * band.step, band.first, band.count)
-        line *= weights[part, None].astype(np.float32)
-        out[part] = line
-
-    _in_threads(work, data.shape[0], max(1, _BATCH // n_fft))
-    return out
-
-
-def _map_rows(
-    spectrum: C64,
-    radar: Radar,
-    grid: ImageGrid,
-    geometry: TrackGeometry,
-    band: WavenumberBand,
-    law: RangeLaw,
-    n_x: int,
-    window: Window,
-) -> tuple[C64, int]:
-    """Map (kx, k) to (kx, rho): returns (n_kx, n_range) complex64 and the index m of its first kx = 2 pi m / period."""
-    offset = band.offset
-    k = band.center_wavenumber + offset
-    dkx = 2.0 * np.pi / (n_x * geometry.spacing)
-    center = k * geometry.sin_squint
-    side = geometry.reach(band.center_wavenumber) * band.center_wavenumber
-    first = int(np.ceil((center.min() - side) / dkx))
-    last = int(np.floor((center.max() + side) / dkx))
-    m = np.arange(first, last + 1)
-    reach = np.array([first, last + 1]) * (dkx / k.min())
-    aperture = aperture_filter(radar, grid, geometry, window, reach)
-    out = np.zeros((m.size, grid.range.size), dtype=np.complex64)
-
-    def work(start: int, stop: int) -> None:
-        kx: F64 = np.asarray(m[start:stop, None] * dkx, dtype=np.float64)
-        square = k**2 - kx**2
-        keep = (np.abs(kx - center) <= side) & (square > 0.0)
-        ky: F64 = np.sqrt(np.where(keep, square, 1.0))
-        phase = law.bulk(kx, ky, offset)
-        phase -= offset * geometry.range_center
-        phase -= kx * (geometry.x[0] - geometry.x_center)
-        ratio = (k / ky).astype(np.float32)
-        gain = ratio * ratio * ratio / np.sqrt(ky.astype(np.float32))
-        gain[~keep] = 0.0
-        value = unit_phasor(phase)
-        value *= gain
-        if aperture is not None:
-            value *= aperture(kx, k, ky)
-        value *= spectrum[m[start:stop] % n_x]
-        out[start:stop] = law.lines(value, kx, ky)
-
-    _in_threads(work, m.size, max(1, _BATCH // k.size))
-    return out, first
-
-
-def _densify(spectrum: C64, k: F64, geometry: TrackGeometry, factor: int) -> tuple[C64, TrackGeometry]:
-    """Raise the pulse rate by a whole factor: deramp to the image's centre, zero-pad the Doppler spectrum, reramp."""
-    n = scipy.fft.next_fast_len(spectrum.shape[0] + 2 * _GUARD)
-    x = geometry.x[0] + geometry.spacing * (np.arange(n * factor) / factor - _GUARD)
-    distance = np.hypot(x - geometry.x_center, geometry.rho_center) - geometry.range_center
-    out = np.empty((n * factor, k.size), dtype=np.complex64)
-
-    def work(start: int, stop: int) -> None:
-        part = slice(start, stop)
-        ramp = unit_phasor(np.outer(distance, k[part]))
-        line = np.zeros((n, ramp.shape[1]), dtype=np.complex64)
-        line[_GUARD : _GUARD + spectrum.shape[0]] = spectrum[:, part]
-        line = scipy.fft.fft(line * ramp[::factor], axis=0)
-        wide = np.zeros_like(ramp)
-        wide[: n - n // 2] = line[: n - n // 2]
-        wide[wide.shape[0] - n // 2 :] = line[n - n // 2 :]
-        out[:, part] = scipy.fft.ifft(wide, axis=0) * ramp.conj()
-
-    _in_threads(work, k.size, max(1, _BATCH // (n * factor)))
-    return out, replace(geometry, x=x, spacing=geometry.spacing / factor)
-
-
-def _to_azimuth(
-    columns: C64, first: int, n_x: int, geometry: TrackGeometry, grid: ImageGrid, out: C64
-) -> None:
-    r"""Write :math:`\sum_m c_m e^{j 2 \pi m x / P}` at the azimuth pixels (chirp-z transform) into ``out``."""
-    n_az = grid.azimuth.size
-    turn = 2.0 * np.pi * grid.azimuth_spacing / (n_x * geometry.spacing)
-    sums = ChirpZ(columns.shape[0], n_az, first, -(n_az // 2), turn)
+def _along_columns(sums: ChirpZ, columns: C64, out: C64) -> None:
+    """Write the sums of every column into ``out``."""
 
     def work(start: int, stop: int) -> None:
         out[:, start:stop] = sums(np.ascontiguousarray(columns[:, start:stop].T)).T
 
     _in_threads(work, columns.shape[1], max(1, _BATCH // sums.n_fft))
+
+
+def _denser(geometry: TrackGeometry, factor: int) -> TrackGeometry:
+    """Track with a pulse rate raised by a whole factor, with pulses of zeros on either side."""
+    n = scipy.fft.next_fast_len(geometry.x.size + 2 * _GUARD)
+    x = geometry.x[0] + geometry.spacing * (np.arange(n * factor) / factor - _GUARD)
+    return replace(geometry, x=x, spacing=geometry.spacing / factor)
