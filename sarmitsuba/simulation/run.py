@@ -141,8 +141,9 @@ class Run:
     def otherwise(self, scene: Scene) -> "Run":
         """Run of the same scene with other settings, its effects decided in the same context."""
         assert self.context is not None
-        plan = plan_in(replace(self.context, scene=scene), warn=False)
-        shared = self.trace_scene if with_endless_ground(scene).same_shapes(self._built_from) else None
+        continued = with_endless_ground(scene)
+        plan = plan_in(replace(self.context, scene=continued), warn=False)
+        shared = self.trace_scene if continued.same_shapes(self._built_from) else None
         return Run(scene, plan=plan, clock=self.timer.clock, geometry=shared)
 
     def needs(self, grid: ImageGrid | None = None) -> Needs:

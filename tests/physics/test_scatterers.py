@@ -20,7 +20,7 @@ from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import CELLS_PER_RESOLUTION
-from sarmitsuba.trace.source import launches
+from sarmitsuba.trace.source import Launch, launches
 from sarmitsuba.trace.state import Contribution
 from sarmitsuba.trace.surfaces import Surfaces
 from tests.support.draws import few_of
@@ -80,6 +80,13 @@ class _Power:
 
     def __init__(self) -> None:
         self.memory = dr.zeros(mi.Float64, 1)
+
+    def before(self, launch: Launch, n_pulses: int) -> None:
+        pass
+
+    @property
+    def written(self) -> list[mi.Float64]:
+        return [self.memory]
 
     def begin(self) -> tuple[Any, ...]:
         return (mi.UInt32(0), mi.Float(0.0), mi.Float(0.0))

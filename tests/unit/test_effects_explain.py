@@ -132,6 +132,15 @@ def test_table_tells_measured_bounds_and_what_timing_cannot_tell() -> None:
     assert "three (25 %);" in idle and "one" not in idle.split(":")[1]
 
 
+def test_a_run_with_other_settings_keeps_the_ground_that_goes_on() -> None:
+    """Ground continued beyond its rim has more shapes than the scene: a plan on the scene alone does not fit."""
+    scene = load_scene(resolve("tower"))
+    run = Run(scene)
+    other = run.otherwise(replace(scene, settings=replace(scene.settings, max_depth=1)))
+    assert other.plan.max_depth == 1
+    assert other.trace_scene is run.trace_scene
+
+
 def _true_db(scene: Scene, run: Run, decision: Decision, interval: int) -> float:
     """Change of the focused image of the whole run, the other way with the same blocks, worst channel, dB."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomllib
 import trimesh
 
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
@@ -173,9 +174,24 @@ def test_every_shipped_mesh_and_map_is_used():
         for n in ElementTree.parse(s.path).iter("string")
         if n.get("name") == "filename"
     }
-    there = [*scenes_dir().glob("meshes/*.*"), *scenes_dir().glob("maps/*.png")]
-    there = [*scenes_dir().glob("meshes/*"), *scenes_dir().glob("maps/*")]
+    there = [p for p in (*scenes_dir().glob("meshes/*"), *scenes_dir().glob("maps/*")) if p.is_file()]
     assert used == {p.relative_to(scenes_dir()).as_posix() for p in there}
+
+
+def test_every_folder_of_meshes_is_that_of_a_shipped_recipe():
+    recipes = [tomllib.loads(p.read_text(encoding="utf-8")) for p in scenes_dir().glob("recipes/*.toml")]
+    used = {layer["meshes"] for recipe in recipes for layer in _tables(recipe) if "meshes" in layer}
+    assert used == {p.name for p in scenes_dir().glob("meshes/*") if p.is_dir()}
+
+
+def _tables(node):
+    """Every table of a document, at any depth."""
+    if isinstance(node, dict):
+        yield node
+        node = list(node.values())
+    if isinstance(node, list):
+        for below in node:
+            yield from _tables(below)
 
 
 def test_shipped_meshes_are_those_of_the_build_script():
