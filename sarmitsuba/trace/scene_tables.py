@@ -242,6 +242,7 @@ def build_trace_scene(
     antenna: F64 | None = None,
     places: F64 | None = None,
     seed: int = 0,
+    aperture: F64 | None = None,
 ) -> TraceScene:
     """Build the intersection structure and the tables of a scene.
 
@@ -252,6 +253,7 @@ def build_trace_scene(
     antenna : (3,) m, position for which the density of diffuse rays is planned; None: normal incidence on each face
     places : (n, 3) m, scatterers that are not part of the mesh (which may then be empty); None or empty: none
     seed : of the random features of the scene, such as the waves of water
+    aperture : (m, 3) m, positions of the antennas that see corners of metal facets; None: any position
 
     Raises
     ------
@@ -260,7 +262,8 @@ def build_trace_scene(
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     if places is not None and len(places):
-        return _with_places(geometry, materials, wavelength, antenna, places, seed, bool(visible.any()))
+        meshed = bool(visible.any())
+        return _with_places(geometry, materials, wavelength, antenna, places, seed, meshed, aperture)
     if not visible.any():
         raise SceneError(
             "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
@@ -295,7 +298,7 @@ def build_trace_scene(
     metal = np.array([m.metallic for m in materials], dtype=bool)[material]
     shared = np.bincount(np.concatenate(pairs) // 3, minlength=len(triangles)) == 3
     flat_metal = metal if curved is None else metal & ~curved
-    planned, wanted = corner_needs(triangles, flat.part, flat_metal, shared, wavelength)
+    planned, wanted = corner_needs(triangles, flat.part, flat_metal, shared, wavelength, aperture)
     needs = (np.minimum(needs[0], planned), needs[1])
     if antenna is not None:
         needs = (needs[0], needs[1] * slant_factor(triangles, antenna))
@@ -359,10 +362,11 @@ def _with_places(
     places: F64,
     seed: int,
     visible: bool,
+    aperture: F64 | None,
 ) -> TraceScene:
     """The scene with bounds that include scatterers beside its mesh; without a mesh, one in which rays hit nothing."""
     if visible:
-        scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed)
+        scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed, aperture=aperture)
         beside = np.stack([places.min(axis=0), places.max(axis=0)])
         return replace(scene, bounds=_joined(scene.bounds, beside), beside=beside)
     # tables need at least one row: a face that no ray can hit
