@@ -175,13 +175,15 @@ class _Facets:
         along /= np.sqrt(np.einsum("pi,pi->p", along, along))[:, None]
         heights, theirs = self._extents(two, m, along)
         widths, ours = self._extents(one, n, along)
-        above = (np.einsum("pi,pi->p", self.points[self.start[k]], v) for k, v in ((one, m), (two, n)))
-        across = [
-            _in_front(*(x - base for x in ends), self.sheet[of])
-            for ends, base, of in zip((heights, widths), above, (one, two), strict=True)
-        ]
+        above, beyond = (
+            np.einsum("pi,pi->p", self.points[self.start[k]], v) for k, v in ((one, m), (two, n))
+        )
+        across = (
+            _in_front(heights[0] - above, heights[1] - above, self.sheet[one]),
+            _in_front(widths[0] - beyond, widths[1] - beyond, self.sheet[two]),
+        )
         common = np.minimum(theirs[1], ours[1]) - np.maximum(theirs[0], ours[0])
-        return np.maximum(np.minimum(np.minimum(*across), common), 0.0)
+        return np.asarray(np.maximum(np.minimum(np.minimum(*across), common), 0.0))
 
     def _extents(self, of: NDArray[np.intp], *directions: F64) -> list[tuple[F64, F64]]:
         """Least and greatest coordinate of facets (n,) along directions (n, 3)."""
@@ -221,7 +223,7 @@ def _outermost(
 
 
 def _in_front(low: F64, high: F64, both: NDArray[np.bool_]) -> F64:
-    """Extent (n,), m, of heights above a facet's plane; 0 where it begins higher than its length; of sheets the larger."""
+    """Extent (n,), m, of heights above a plane; 0 where it begins higher than its length; of sheets the larger."""
 
     def above(bottom: F64, top: F64) -> F64:
         bottom = np.maximum(bottom, 0.0)

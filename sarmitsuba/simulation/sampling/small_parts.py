@@ -132,11 +132,10 @@ def coarse_corners(
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
     if area[under].sum() <= 0.0:
         return ()
-    means = (
-        float(np.exp(np.average(np.log(v[under]), weights=area[under])))
-        for v in (spacing, scene.corner_needs)
-    )
-    return (Shortfall(grid.purpose, float(area[under].sum() / area.sum()), *means, corners=True),)
+    weight = area[under]
+    mean = float(np.exp(np.average(np.log(spacing[under]), weights=weight)))
+    needed = float(np.exp(np.average(np.log(scene.corner_needs[under]), weights=weight)))
+    return (Shortfall(grid.purpose, float(weight.sum() / area.sum()), mean, needed, corners=True),)
 
 
 def expected_finer_rays(
