@@ -109,14 +109,19 @@ def both(scene: Scene) -> str:
 def samples(count: int) -> None:
     """Samples of the recipe."""
     drawer = Drawer.of(str(RECIPE))
-    print("| sample | true before, dB | stated | rays | true, dB | stated | rays |\n|---|---|---|---|---|---|---|")
+    print(
+        "| sample | true before, dB | stated | rays | true, dB | stated | rays |\n|---|---|---|---|---|---|---|"
+    )
     for number in SAMPLES:
         print(f"| {number} | {both(drawer.draw(number, 0).scene)} |", flush=True)
 
 
 def corners(count: int) -> None:
     """Drawn corners; how far the statement is below the truth."""
-    print("| seed | wavelengths | true before, dB | stated | rays | true, dB | stated | rays |\n|---|" + "---|" * 7)
+    print(
+        "| seed | wavelengths | true before, dB | stated | rays | true, dB | stated | rays |\n|---|"
+        + "---|" * 7
+    )
     over = []
     for seed in range(count):
         scene, wide = drawn_corners(seed)
@@ -156,7 +161,9 @@ def seconds(job: Callable[[], object]) -> float:
 
 def scenes(count: int) -> None:
     """Rays and times of shipped scenes; the least of interleaved rounds."""
-    print("| scene | rays before | rays | more, % | geometry, ms | search for corners, ms | of the run's plan, % |")
+    print(
+        "| scene | rays before | rays | more, % | geometry, ms | search for corners, ms | of the run's plan, % |"
+    )
     print("|---|" + "---|" * 6)
     for name in SCENES:
         scene = load_scene(name)

@@ -7,12 +7,15 @@ from sarmitsuba.arrays import F64, I64
 
 # rad; facets farther from a right angle return little by double bounces
 ABOUT_RIGHT = np.radians(10.0)
-# wavelengths, ray spacing, and least width of a chain. A tube of a double bounce is as wide as its spacing where the
-# chain ends, not cut there as at a facet's edge: above the first, the returns of corners off broadside are those of
-# these stairs (benchmarks/studies/metal_corners.py); what is narrower than the second returns little
-WIDEST_TUBE, NARROWEST = 1.5, 1.0
-# rays for the double bounces of a scene, so many more with the spacings of lattices, which are halved (HALVED)
-MOST_RAYS = 16_000
+# wavelengths, largest and least ray spacing, and least width of a chain. A tube of a double bounce is as wide as its
+# spacing where the chain ends, not cut there as at a facet's edge: above the first, the returns of corners off broadside
+# are those of these stairs (benchmarks/studies/metal_corners.py); what is narrower than the last returns little
+WIDEST_TUBE, FINEST_TUBE, NARROWEST = 1.5, 0.25, 0.5
+# rays across a chain: with fewer, two lattices err alike
+ACROSS_CHAIN = 4.0
+# rays for the double bounces of a scene, halvings make them up to four times more: so many serve all of its corners,
+# or half as many a part of them
+MOST_RAYS = 32_000
 # coarser spacings that are tried where the rays do not suffice, as factors
 FACTORS = (1.0, 2.0, 4.0)
 # most facets examined, the largest ones
@@ -35,10 +38,10 @@ def corner_needs(
 ) -> tuple[F64, F64]:
     r"""Ray spacings for double bounces between metal facets at right angles, m: (n,) that is planned, (n,) needed.
 
-    A facet needs a spacing of 1.5 wavelengths where one of its chains is at least a wavelength wide: the least of the
-    common length along the line of intersection and of both facets' extents across it, in front of the other facet.
-    Facets that need the fewest rays are served first, within ``MOST_RAYS``, then others with spacings twice and four
-    times as wide. Infinite for facets without such a partner.
+    A facet needs four rays across its widest chain, with spacings of 0.25 to 1.5 wavelengths. The width of a chain is
+    the least of the common length along the line of intersection and of both facets' extents across it, in front of
+    the other facet. Where ``MOST_RAYS`` do not suffice for all, half of them serve facets that need the fewest rays,
+    then others with spacings twice and four times as wide. Infinite for facets without a chain of half a wavelength.
 
     Parameters
     ----------
@@ -79,7 +82,8 @@ def corner_needs(
         found = facets.chain_width(one[of], two[of])
         np.maximum.at(width, one[of], found)
         np.maximum.at(width, two[of], found)
-    need = np.where(width >= NARROWEST * wavelength, WIDEST_TUBE * wavelength, np.inf)
+    need = np.clip(width / ACROSS_CHAIN, FINEST_TUBE * wavelength, WIDEST_TUBE * wavelength)
+    need[width < NARROWEST * wavelength] = np.inf
     if np.isinf(need).all():
         return planned, needed
     number = np.repeat(np.arange(len(first)), np.diff(first, append=len(rows)))
@@ -89,7 +93,9 @@ def corner_needs(
 
 def _within_bound(need: F64, area: F64) -> F64:
     """Needs of facets (n,), m, that ``MOST_RAYS`` allow for their projected areas, m^2; infinite for others."""
-    granted, left = np.full(need.size, np.inf), float(MOST_RAYS)
+    granted = np.full(need.size, np.inf)
+    all_rays = float((area / np.square(need)).sum())
+    left = float(MOST_RAYS) if all_rays <= MOST_RAYS else 0.5 * MOST_RAYS
     for factor in FACTORS:
         rays = area / np.square(factor * need)
         open_ = np.flatnonzero(np.isinf(granted) & np.isfinite(need))

@@ -1,4 +1,4 @@
-"""Drawn metal corners on dark ground, in images so large that automatic rays are several wavelengths apart."""
+"""Drawn metal corners on grass, in images so large that automatic rays are several wavelengths apart."""
 
 import numpy as np
 
@@ -35,13 +35,14 @@ def drawn_corners(seed: int) -> tuple[Scene, float]:
         yaw = np.radians(rng.uniform(-50.0, 50.0) + (45.0 if trihedral else 0.0))
         c, s = np.cos(yaw), np.sin(yaw)
         place = np.array([rng.uniform(-11.0, 11.0), y - 0.5 * length, rng.uniform(0.3, 2.0)])
-        corners = plates(wide * WAVELENGTH, length, trihedral=trihedral) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        corners = plates(wide * WAVELENGTH, length, trihedral=trihedral) @ np.array(
+            [[c, s, 0], [-s, c, 0], [0, 0, 1]]
+        )
         vertices = (corners + place).reshape(-1, 3)
         meshes.append(SceneMesh(vertices, np.arange(len(vertices)).reshape(-1, 3), "pec", f"corner {k}"))
     half = 0.5 * EXTENT
     square = np.array([[-half, -half, 0.0], [half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0]])
-    dark = {"material": "asphalt", "smooth": True}
-    meshes.append(SceneMesh(square, [[0, 1, 2], [0, 2, 3]], dark, "ground"))
+    meshes.append(SceneMesh(square, [[0, 1, 2], [0, 2, 3]], {"material": "grass"}, "ground"))
     radar = RadarDescription(
         slant_range=8000.0,
         look_angle_deg=float(rng.uniform(35.0, 55.0)),
