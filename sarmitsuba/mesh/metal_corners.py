@@ -8,7 +8,7 @@ from sarmitsuba.arrays import F64, I64
 # rad; facets farther from a right angle return little by double bounces
 ABOUT_RIGHT = np.radians(10.0)
 # wavelengths, largest and least ray spacing, and least width of a chain. A tube of a double bounce is as wide as its
-# spacing where the chain ends, not cut there as at a facet's edge: above the first, the returns of corners off broadside
+# spacing where the chain ends, not cut there as at an edge: above the first, the returns of corners off broadside
 # are those of these stairs (benchmarks/studies/metal_corners.py); what is narrower than the last returns little
 WIDEST_TUBE, FINEST_TUBE, NARROWEST = 1.5, 0.25, 0.5
 # rays across a chain: with fewer, two lattices err alike
@@ -68,7 +68,9 @@ def corner_needs(
     cross = np.stack([a[:, i - 2] * b[:, i - 1] - a[:, i - 1] * b[:, i - 2] for i in range(3)], axis=1)
     twice = np.sqrt(np.einsum("ti,ti->t", cross, cross))
     first = np.flatnonzero(np.diff(part[rows], prepend=part[rows[0]] - 1))
-    facets = _Facets.of(points, cross / np.maximum(twice, 1e-300)[:, None], 0.5 * twice, closed[rows], first)
+    facets = _MetalFacets.of(
+        points, cross / np.maximum(twice, 1e-300)[:, None], 0.5 * twice, closed[rows], first
+    )
     shown = facets.shown(antennas)
     # a narrow facet has narrow chains
     kept = (2.0 * facets.area >= NARROWEST * wavelength * facets.size) & (shown > 0.0)
@@ -108,7 +110,7 @@ def _within_bound(need: F64, area: F64) -> F64:
     return granted
 
 
-class _Facets:
+class _MetalFacets:
     """Flat facets, one row each.
 
     Attributes
@@ -127,7 +129,7 @@ class _Facets:
     @staticmethod
     def of(
         corners: F64, normal: F64, area: F64, closed: NDArray[np.bool_], first: NDArray[np.intp]
-    ) -> "_Facets":
+    ) -> "_MetalFacets":
         """Facets of triangles, those of one facet in turn from ``first`` on."""
         low, high = (
             np.minimum.reduceat(corners.min(axis=1), first),
@@ -135,7 +137,7 @@ class _Facets:
         )
         sheet = ~np.logical_and.reduceat(closed, first)
         count = np.diff(first, append=len(corners))
-        facets = _Facets(np.add.reduceat(area, first), normal[first], sheet, low, high)
+        facets = _MetalFacets(np.add.reduceat(area, first), normal[first], sheet, low, high)
         facets.points, facets.start, facets.count = _outermost(corners, normal[first], first, count)
         return facets
 
