@@ -42,7 +42,7 @@ SCENES = ("tower", "buildings16", "urban_block", "bridge", "car_park", "dihedral
 FINE = 0.25
 # wavelengths, planned spacings that are compared
 SPACINGS = (0.75, 1.5, 3.0)
-ROUNDS = 15
+ROUNDS = 7
 # one of two runs has twice the error energy of their mean
 OF_ONE_DB = 10.0 * float(np.log10(2.0))
 
