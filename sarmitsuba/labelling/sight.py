@@ -5,12 +5,10 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.backend import device_array, ensure_backend, mi
-from sarmitsuba.trace.intersector import intersector
+from sarmitsuba.trace.intersector import intersector, query_ray
 
 # distance off a surface at which a line of sight begins, m, and in rounding errors of float32 positions
 _OFF, _ROUNDINGS = 1e-5, 8.0
-# components of directions below this are 0: Embree misses triangles where one is about 1e-18, its least divisor
-_LEVEL = 1e-9
 # rays traced at once
 _RAYS = 2_000_000
 
@@ -57,10 +55,10 @@ class SightLines:
 
     def _met(self, point: F64, side: F64, direction: F64) -> I64:
         start = (point + self._off * side - self._middle).astype(np.float32)
-        to = np.where(np.abs(direction) < _LEVEL, 0.0, direction).astype(np.float32)
+        to = direction.astype(np.float32)
         found = [np.zeros(0, dtype=np.int64)]
         for k in range(0, len(start), _RAYS):
-            rays = mi.Ray3f(*(_vector(rows[k : k + _RAYS]) for rows in (start, to)))
+            rays = query_ray(*(_vector(rows[k : k + _RAYS]) for rows in (start, to)))
             hit = self._scene.ray_intersect_preliminary(rays, coherent=True)
             row = np.asarray(hit.prim_index, dtype=np.int64)
             found.append(np.where(np.asarray(hit.is_valid(), dtype=bool), row, -1))

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
+import numpy as np
+
 from sarmitsuba.arrays import C64
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
@@ -18,6 +20,9 @@ from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.source import Part
+
+# positions of each antenna along the aperture, or a few more, from which corners of metal facets may be seen
+APERTURE = 32
 
 
 @dataclass(frozen=True)
@@ -188,5 +193,7 @@ def built(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
     geometry, materials, seed = scene.geometry, scene.materials, scene.settings.seed
-    made = build_trace_scene(geometry, materials, wavelength, antenna, scene.source_places, seed)
+    tracks = scene.radar.tracks
+    aperture = np.concatenate([t.position[:: max(1, t.n_pulses // APERTURE)] for t in tracks])
+    made = build_trace_scene(geometry, materials, wavelength, antenna, scene.source_places, seed, aperture)
     return replace(made, passages=passages_of(scene))

@@ -18,6 +18,7 @@ from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size
+from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.launch import frame_towards, window_of
 from sarmitsuba.trace.scene_tables import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
 from sarmitsuba.trace.table_rows import FaceRow, MaterialRow
@@ -148,7 +149,7 @@ class Raster:
         origin = center + axis_x * gx + axis_y * gy - d * back
 
         # ---- visible surface
-        pi = scene.mi_scene.ray_intersect_preliminary(mi.Ray3f(origin, d), coherent=True)
+        pi = scene.mi_scene.ray_intersect_preliminary(query_ray(origin, d), coherent=True)
         seen = pi.is_valid()
         p = origin + d * pi.t
         rows = pi.prim_index * 3

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from sarmitsuba.arrays import F32
-from sarmitsuba.backend import mi
+from sarmitsuba.backend import dr, mi
+
+# components of directions below this are traced as 0: they move a ray by less than float32 rounding of its origin
+LEAST_COMPONENT = 1e-12
 
 
 def intersector(corners: F32) -> mi.Scene:
@@ -21,3 +24,19 @@ def intersector(corners: F32) -> mi.Scene:
     params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
     params.update()
     return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
+
+
+def query_ray(origin: mi.Point3f, direction: mi.Vector3f, distance: mi.Float | None = None) -> mi.Ray3f:
+    """Ray for an intersector, without the components of its direction that are only rounding.
+
+    Embree misses triangles where neighbouring lanes have components of very different size below about 1e-15, such as
+    0, 1e-18 and 1e-24: rays along an axis but for rounding.
+
+    Parameters
+    ----------
+    origin : m
+    direction : unit vectors
+    distance : m, end of the ray; None: none
+    """
+    level = mi.Vector3f(dr.select(dr.abs(direction) < LEAST_COMPONENT, 0.0, direction))
+    return mi.Ray3f(origin, level) if distance is None else mi.Ray3f(origin, level, distance, 0.0, [])

@@ -15,6 +15,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.trace import field
 from sarmitsuba.trace.antenna_weight import BeamPattern
+from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.slab_coefficients import lets_waves_through
 from sarmitsuba.trace.slab_passage import along
@@ -101,7 +102,7 @@ class Surroundings:
             if walls is None:
                 return mi.Bool(True)
             scene = walls
-        return ~scene.ray_test(mi.Ray3f(start, direction, distance, 0.0, []), coherent=True, active=active)
+        return ~scene.ray_test(query_ray(start, direction, distance), coherent=True, active=active)
 
     def passed(
         self,

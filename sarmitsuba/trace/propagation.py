@@ -13,6 +13,7 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.antenna_weight import fade
 from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
+from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.leg import Surroundings, beam_patterns
 from sarmitsuba.trace.movement import ShadowBoundary
 from sarmitsuba.trace.passage import passed
@@ -248,11 +249,11 @@ def next_facet(scene: TraceScene, lane: Lane, ray: RayState) -> Found:
     Neighbouring lanes are neighbouring rays, so that Embree traverses them in packets (``coherent``).
     """
     d, first = mi.Vector3f(ray.direction), ray.hits == 0
-    query = mi.Ray3f(ray.origin, d)
+    query = query_ray(ray.origin, d)
     found = scene.mi_scene.ray_intersect_preliminary(query, coherent=True, active=ray.active)
     # rays aimed exactly at a vertex or a T-junction may miss: they are traced again, slightly displaced
     lost = ray.active & ~found.is_valid() & first
-    query = mi.Ray3f(ray.origin + lane.nudge, d)
+    query = query_ray(ray.origin + lane.nudge, d)
     found = dr.select(
         lost, scene.mi_scene.ray_intersect_preliminary(query, coherent=True, active=lost), found
     )

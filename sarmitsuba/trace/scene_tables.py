@@ -18,6 +18,7 @@ from sarmitsuba.mesh.boundary_edges import N_EDGES, facets
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.edge_pairs import edge_pairs
 from sarmitsuba.mesh.flattening import flattened
+from sarmitsuba.mesh.metal_corners import corner_needs
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_needs, slant_factor
 from sarmitsuba.mesh.welding import copies_apart, weld
 from sarmitsuba.scene.geometry import Geometry
@@ -59,6 +60,8 @@ class TraceScene:
     curvature_table : (8 n_faces,) float32, curvature of the smooth surfaces, see
         :func:`sarmitsuba.mesh.curvature.facet_curvature`; None in a flat scene
     needs : (n_faces,) m, largest permitted ray spacing on each face, for coherent and for diffuse returns
+    corner_needs : (n_faces,) m, ray spacing that double bounces between metal facets need, also where the rays for
+        them do not suffice and ``needs`` is coarser; infinite without
     triangles : (n_faces, 3, 3) float64, m
     piece : (n_faces,) number of the piece of surface of each face, see :func:`sarmitsuba.mesh.pieces.piece_of`
     geometry_faces : (n_faces,) rows of these faces in ``Geometry.faces``
@@ -91,6 +94,7 @@ class TraceScene:
     n_faces: int
     curvature_table: mi.Float | None
     needs: tuple[F64, F64]
+    corner_needs: F64
     triangles: F64
     piece: I64
     geometry_faces: NDArray[np.intp]
@@ -238,6 +242,7 @@ def build_trace_scene(
     antenna: F64 | None = None,
     places: F64 | None = None,
     seed: int = 0,
+    aperture: F64 | None = None,
 ) -> TraceScene:
     """Build the intersection structure and the tables of a scene.
 
@@ -248,6 +253,7 @@ def build_trace_scene(
     antenna : (3,) m, position for which the density of diffuse rays is planned; None: normal incidence on each face
     places : (n, 3) m, scatterers that are not part of the mesh (which may then be empty); None or empty: none
     seed : of the random features of the scene, such as the waves of water
+    aperture : (m, 3) m, positions of the antennas that see corners of metal facets; None: any position
 
     Raises
     ------
@@ -256,7 +262,8 @@ def build_trace_scene(
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     if places is not None and len(places):
-        return _with_places(geometry, materials, wavelength, antenna, places, seed, bool(visible.any()))
+        meshed = bool(visible.any())
+        return _with_places(geometry, materials, wavelength, antenna, places, seed, meshed, aperture)
     if not visible.any():
         raise SceneError(
             "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
@@ -288,6 +295,11 @@ def build_trace_scene(
     sizes = part_sizes(triangles, flat.part, area, width, curved)
     round_need = None if curved is None else round_needs(triangles, vertex, flat.part, curved, wavelength)
     needs = ray_needs(area, width, sizes, bend, round_need, wavelength)
+    metal = np.array([m.metallic for m in materials], dtype=bool)[material]
+    shared = np.bincount(np.concatenate(pairs) // 3, minlength=len(triangles)) == 3
+    flat_metal = metal if curved is None else metal & ~curved
+    planned, wanted = corner_needs(triangles, flat.part, flat_metal, shared, wavelength, aperture)
+    needs = (np.minimum(needs[0], planned), needs[1])
     if antenna is not None:
         needs = (needs[0], needs[1] * slant_factor(triangles, antenna))
     info = np.stack(
@@ -321,6 +333,7 @@ def build_trace_scene(
         n_faces=len(triangles),
         curvature_table=None if bend is None else _table32(bend),
         needs=needs,
+        corner_needs=wanted,
         triangles=triangles,
         piece=piece,
         geometry_faces=rows_kept,
@@ -349,10 +362,11 @@ def _with_places(
     places: F64,
     seed: int,
     visible: bool,
+    aperture: F64 | None,
 ) -> TraceScene:
     """The scene with bounds that include scatterers beside its mesh; without a mesh, one in which rays hit nothing."""
     if visible:
-        scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed)
+        scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed, aperture=aperture)
         beside = np.stack([places.min(axis=0), places.max(axis=0)])
         return replace(scene, bounds=_joined(scene.bounds, beside), beside=beside)
     # tables need at least one row: a face that no ray can hit
@@ -370,6 +384,7 @@ def _with_places(
         bounds=np.stack([places.min(axis=0), places.max(axis=0)]),
         n_faces=0,
         needs=(np.zeros(0), np.zeros(0)),
+        corner_needs=np.zeros(0),
         triangles=np.zeros((0, 3, 3)),
         piece=np.zeros(0, dtype=np.int64),
         geometry_faces=np.zeros(0, dtype=np.intp),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
+from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.slab_coefficients import SlabFactors, slab
 from sarmitsuba.trace.table_rows import FaceRow, MaterialRow, SlabRow
@@ -64,7 +65,7 @@ def along(
     def next_slab(
         left: mi.Float, active: mi.Bool, shift: mi.Vector3f, vectors: tuple[ComplexVector, ...]
     ) -> tuple[mi.Float, mi.Bool, mi.Vector3f, tuple[ComplexVector, ...]]:
-        query = mi.Ray3f(start + direction * left, towards, left, 0.0, [])
+        query = query_ray(start + direction * left, towards, left)
         met = slabs.transmitting.ray_intersect_preliminary(query, coherent=True, active=active)
         active = active & met.is_valid()
         face = dr.gather(mi.UInt32, slabs.transmitting_face, met.prim_index, active)

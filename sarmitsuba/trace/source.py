@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.closing import selected
+from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
 from sarmitsuba.trace.propagation import antenna_of, hit_point, reflected
@@ -337,7 +338,7 @@ class _Ground:
     def of(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, active: mi.Bool) -> _Ground:
         scene = kernel.scene
         found = scene.mi_scene.ray_intersect_preliminary(
-            mi.Ray3f(start, direction), coherent=True, active=active
+            query_ray(start, direction), coherent=True, active=active
         )
         valid = active & found.is_valid()
         p, own, vertex0, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)

@@ -49,14 +49,32 @@ def _too_wide(sampling: SamplingPlan, spacings: LatticeSpacings) -> Iterator[str
 
 
 def check_small_parts(sampling: SamplingPlan, shortfalls: Sequence[Shortfall]) -> list[str]:
-    """Warn of surface that is too coarsely sampled because of the bound on rays; returns the warnings' texts."""
+    """Warn of surface that is too coarsely sampled because of the bound on rays; returns the warnings' texts.
+
+    Corners of metal facets that lack rays give a note without a warning: two lattices differ by their error, so that
+    the stated sampling error includes it.
+    """
+    notes = (
+        [_coarse_corners(sampling, max(corners, key=lambda s: s.share))]
+        if (corners := [s for s in shortfalls if s.corners])
+        else []
+    )
     worst = max(shortfalls, key=lambda s: s.bias_db, default=None)
     if worst is None or worst.share < SMALL_SHARE or worst.bias_db < SMALL_BIAS_DB:
-        return []
+        return notes
     text = (
         f"{sampling.scene.name}: {100 * worst.share:.0f} % of the surface is too small or too curved for the rays that "
         f"fit the bound on rays, {worst.spacing:.3g} m apart: its coherent return is up to {worst.bias_db:.0f} "
         f"dB too strong; set ray_spacing to {worst.needed:.2g} m, or make the image smaller"
     )
     warnings.warn(text, SarmitsubaWarning, stacklevel=4)
-    return [text]
+    return [text, *notes]
+
+
+def _coarse_corners(sampling: SamplingPlan, short: Shortfall) -> str:
+    wavelength = sampling.scene.radar.waveform.wavelength
+    return (
+        f"{sampling.scene.name}: metal facets at right angles ({100 * short.share:.2g} % of the surface) are too large "
+        f"for the bound on rays: their double bounces, with rays {short.spacing / wavelength:.1f} wavelengths apart, "
+        f"may be several dB off; set ray_spacing to {short.needed:.2g} m, or make the image smaller"
+    )

@@ -6,7 +6,7 @@ import numpy as np
 
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import bounding_antennas
-from sarmitsuba.simulation.sampling.small_parts import Shortfall, with_small_parts
+from sarmitsuba.simulation.sampling.small_parts import Shortfall, coarse_corners, with_small_parts
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene
 
@@ -66,8 +66,10 @@ class Rays:
                 antennas = bounding_antennas(track, pulses)
                 grid, missed = with_small_parts(one, scene, frame, antennas, rng)
                 finer.append(grid)
-                if missed is not None and one.serves(track.center_index):
-                    short.append(missed)
+                if one.serves(track.center_index):
+                    short += [] if missed is None else [missed]
+                    if self.sampling.flags.multi_bounce:
+                        short += coarse_corners(grid, scene, frame, antennas)
             made.append(tuple(grid for grid in finer if grid.n_rays))
         self.shortfalls = tuple(short)
         return made

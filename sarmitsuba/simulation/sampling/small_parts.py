@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F32, F64
+from sarmitsuba.mesh.metal_corners import MOST_RAYS as CORNER_RAYS
 from sarmitsuba.simulation.sampling.small_lattice import (
     LONGEST,
     RIM,
@@ -26,6 +27,8 @@ Density = tuple[float, tuple[float, float]]
 # bound on the rays of finer lattices: a number, or a share of the plain lattice's rays where that is larger
 MOST_RAYS = 600_000
 SHARE = 0.15
+# rays of lattices with half of the spacing needed, over those with just that spacing
+HALVED = 4.0
 # factor on that bound for the sum over outlines: where they overlap, they have fewer rays
 LOOSE = 4.0
 # factor on the spacing of the lattices that estimate the number of rays
@@ -43,6 +46,8 @@ class Shortfall:
     purpose : of the rays
     share : of the projected area of all surface that faces the antenna
     spacing, needed : m, present ray spacing, and spacing that the surface needs (geometric mean)
+    corners : the surface needs it for double bounces between metal facets at right angles, whose error is that of the
+        edges of their chains
 
     Notes
     -----
@@ -54,11 +59,12 @@ class Shortfall:
     share: float
     spacing: float
     needed: float
+    corners: bool = False
 
     @property
     def bias_db(self) -> float:
         """Estimated upper bound of the bias of coherent power, dB; diffuse power fluctuates, but is unbiased."""
-        if self.purpose == "diffuse":
+        if self.purpose == "diffuse" or self.corners:
             return 0.0
         return float(max(0.0, 20.0 * np.log10(self.spacing / self.needed) + SERVED_DB))
 
@@ -96,7 +102,7 @@ def with_small_parts(
     if not level.any():
         return grid, None
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
-    budget = max(MOST_RAYS, SHARE * grid.n_rays)
+    budget = _budget(grid.n_rays, scene)
     finest, finer = _Layout(grid, scene, frame, antennas).finest(level, area, budget, rng)
     short = _shortfall(grid, need, area, finest)
     if finest == 0:
@@ -104,6 +110,32 @@ def with_small_parts(
     plain = ((grid.x, grid.y), (grid.spacing, (grid.spacing * (1.0 - 1e-6), np.inf)))
     rays, levels = zip(plain, *finer, strict=True)
     return _joined(grid, rays, levels), short
+
+
+def coarse_corners(
+    grid: LaunchGrid, scene: TraceScene, frame: LaunchFrame, antennas: F64
+) -> tuple[Shortfall, ...]:
+    """Facets of metal corners whose double bounces need finer rays than those of a lattice; empty where none do.
+
+    Parameters
+    ----------
+    grid, frame, antennas : as for :func:`with_small_parts`, with the finer levels
+    """
+    if grid.purpose == "diffuse" or not np.isfinite(scene.corner_needs).any():
+        return ()
+    need, spacing = _needs(grid.purpose, scene), np.full(scene.n_faces, grid.spacing)
+    for level in grid.levels:
+        spacing[(need >= level.needs[0]) & (need < level.needs[1])] = level.spacing
+    under = scene.corner_needs < spacing * (1.0 - 1e-6)
+    if not under.any():
+        return ()
+    area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
+    if area[under].sum() <= 0.0:
+        return ()
+    weight = area[under]
+    mean = float(np.exp(np.average(np.log(spacing[under]), weights=weight)))
+    needed = float(np.exp(np.average(np.log(scene.corner_needs[under]), weights=weight)))
+    return (Shortfall(grid.purpose, float(weight.sum() / area.sum()), mean, needed, corners=True),)
 
 
 def expected_finer_rays(
@@ -122,10 +154,16 @@ def expected_finer_rays(
     if not level.any():
         return 0
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
-    budget = max(MOST_RAYS, SHARE * n_rays)
+    budget = _budget(n_rays, scene)
     layout = _Layout(grid, scene, frame, antennas, SPARSE)
     _, found = layout.finest(level, area, budget, np.random.default_rng(0))
     return int(SPARSE**2 * sum(x.size for (x, _), _ in found))
+
+
+def _budget(n_rays: int, scene: TraceScene) -> float:
+    """Bound on the rays of finer lattices; rays for metal corners are added, so that no other face loses its own."""
+    corners = np.isfinite(scene.corner_needs).any()
+    return max(MOST_RAYS, SHARE * n_rays) + (HALVED * CORNER_RAYS if corners else 0.0)
 
 
 def _needs(purpose: Purpose, scene: TraceScene) -> F64:
