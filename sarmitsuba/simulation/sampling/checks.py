@@ -51,8 +51,8 @@ def _too_wide(sampling: SamplingPlan, spacings: LatticeSpacings) -> Iterator[str
 def check_small_parts(sampling: SamplingPlan, shortfalls: Sequence[Shortfall]) -> list[str]:
     """Warn of surface that is too coarsely sampled because of the bound on rays; returns the warnings' texts.
 
-    Corners of metal facets that lack rays give a note without a warning: two lattices differ by their error, so that
-    the stated sampling error includes it.
+    Corners of metal facets that lack rays give a note without a warning: two lattices share a part of their error, so
+    that the stated sampling error may be several dB too low, and the note says so.
     """
     notes = (
         [_coarse_corners(sampling, max(corners, key=lambda s: s.share))]
@@ -76,5 +76,6 @@ def _coarse_corners(sampling: SamplingPlan, short: Shortfall) -> str:
     return (
         f"{sampling.scene.name}: metal facets at right angles ({100 * short.share:.2g} % of the surface) are too large "
         f"for the bound on rays: their double bounces, with rays {short.spacing / wavelength:.1f} wavelengths apart, "
-        f"may be several dB off; set ray_spacing to {short.needed:.2g} m, or make the image smaller"
+        f"may be several dB off, more than the stated sampling error says; set ray_spacing to {short.needed:.2g} m, or "
+        "make the image smaller"
     )
