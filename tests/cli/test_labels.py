@@ -34,9 +34,8 @@ def test_render_and_focus_write_the_same_labels(tmp_path: Path, capsys: Any) -> 
     with Image.open(out / "labels_pixels.png") as picture:
         assert np.asarray(picture).shape == labels.grid.shape
     shapes = {entry["name"] for entry in json.loads((out / "labels.json").read_text())["annotations"]}
-    assert shapes == {
-        labels.layers["shape"].codes[int(code)] for code in np.unique(labels["shape"]) if code > 0
-    }
+    own = labels["instance"][labels["instance_here"] != 0]
+    assert shapes == {labels.layers["instance"].codes[int(code)] for code in np.unique(own) if code > 0}
     listed = json.loads((out / ".sarmitsuba.json").read_text())["files"]
     assert set(FILES) <= set(listed)
 
