@@ -19,7 +19,7 @@ class CurrentBasis:
 
     .. math:: \mathbf f = \pm\frac{l}{2 A} (\mathbf r - \mathbf v)
 
-    on both triangles, with the edge's length l and the opposite corner v; on one triangle for an edge on a mirror plane.
+    on both triangles, with the edge's length l and the opposite corner v; on one for an edge on a mirror plane.
 
     Parameters
     ----------

@@ -11,6 +11,8 @@ from sarmitsuba.currents.quadrature import inverse_distance_integrals, triangle_
 
 # pairs of triangles of one launch
 MAX_LANES = 8_000_000
+# bytes of the matrices of all copies together that are kept
+MOST_BYTES = 1_500_000_000
 # pairs closer than this many of their own sizes are integrated with the pole in closed form
 NEAR = 1.5
 # points in each direction of these, for testing and for the smooth rest
@@ -28,7 +30,7 @@ class NearPairs:
     @staticmethod
     def of(basis: CurrentBasis, resistance: float = 0.0) -> "NearPairs":
         """Near pairs of a basis; ``resistance``: of its surface, over 120 pi ohm."""
-        found = []
+        found: list[tuple[I64, I64, C128]] = []
         for copy in basis.copies:
             there = basis.corners @ copy.T
             test, source = _near_pairs(basis.corners, there)
@@ -42,28 +44,59 @@ class NearPairs:
         return NearPairs(tuple(found))
 
 
-def moment_matrix(basis: CurrentBasis, symmetry: Symmetry, near: NearPairs) -> C64:
-    r"""Matrix (n, n) complex64, symmetric, lengths times the wavenumber.
+@dataclass(frozen=True, eq=False)
+class MomentMatrices:
+    r"""Matrices of the electric field integral equation, one for the currents of each symmetry.
 
     .. math:: Z_{mn} = \int\!\!\int \left(\mathbf f_m \cdot \mathbf f_n - \nabla\cdot\mathbf f_m \nabla\cdot\mathbf f_n
         \right) \frac{e^{-j R}}{4 \pi R} dS\, dS'
 
-    over the part of the surface in m, and over all copies of it in n.
+    over the part of the surface in m, and over all copies of it in n; lengths times the wavenumber.
 
     Parameters
     ----------
     basis : of the mesh
-    symmetry : of the currents
     near : of the basis
+    of_copy : (n, n) complex64 each, shares of the copies; empty: they take too much memory, and are made again for each
+        symmetry
 
     Notes
     -----
     Three points on each triangle; near pairs have the integral of 1/R in closed form and a product rule for the rest.
     """
-    out = _far(basis, symmetry)
-    for (test, source, values), sign in zip(near.of_copy, symmetry.signs, strict=True):
-        rows = np.broadcast_to(symmetry.function[test][:, :, None], values.shape)
-        columns = np.broadcast_to(symmetry.function[source][:, None, :], values.shape)
+
+    basis: CurrentBasis
+    near: NearPairs
+    of_copy: tuple[C64, ...]
+
+    @staticmethod
+    def of(basis: CurrentBasis, resistance: float = 0.0) -> "MomentMatrices":
+        """Matrices of a basis; ``resistance``: of its surface, over 120 pi ohm."""
+        near, copies = NearPairs.of(basis, resistance), len(basis.copies)
+        shares: tuple[C64, ...] = ()
+        if 8 * copies * basis.n**2 < MOST_BYTES:
+            shares = tuple(_matrix(basis, near, basis.function, basis.n, row) for row in np.eye(copies))
+        return MomentMatrices(basis, near, shares)
+
+    def matrix(self, symmetry: Symmetry) -> C64:
+        """Symmetric matrix (n, n) complex64 of the functions that a symmetry keeps."""
+        kept = symmetry.kept
+        if not self.of_copy:
+            return _matrix(self.basis, self.near, symmetry.function, kept.size, symmetry.signs)
+        out = np.zeros((kept.size, kept.size), dtype=np.complex64)
+        for sign, share in zip(symmetry.signs, self.of_copy, strict=True):
+            (np.add if sign > 0.0 else np.subtract)(out, share[np.ix_(kept, kept)], out=out)
+        return out
+
+
+def _matrix(basis: CurrentBasis, near: NearPairs, function: I64, n: int, signs: F64) -> C64:
+    """Matrix (n, n) with a sign for each copy, 0 for none; ``function`` (n_rows, 3): row and column of each function."""
+    out = _far(basis, function, n, signs)
+    for (test, source, values), sign in zip(near.of_copy, signs, strict=True):
+        if not sign:
+            continue
+        rows = np.broadcast_to(function[test][:, :, None], values.shape)
+        columns = np.broadcast_to(function[source][:, None, :], values.shape)
         apart = test != source
         for r, c, v in (
             (rows, columns, values),
@@ -74,15 +107,17 @@ def moment_matrix(basis: CurrentBasis, symmetry: Symmetry, near: NearPairs) -> C
     return out
 
 
-def _far(basis: CurrentBasis, symmetry: Symmetry) -> C64:
+def _far(basis: CurrentBasis, function: I64, n: int, signs: F64) -> C64:
     """All pairs with three points each; the same point of one triangle counts nothing."""
-    n, rows = symmetry.kept.size, len(basis.corners)
-    number = mi.Int32(np.ascontiguousarray(symmetry.function, dtype=np.int32).ravel())
+    rows = len(basis.corners)
+    number = mi.Int32(np.ascontiguousarray(function, dtype=np.int32).ravel())
     here = _table(basis.corners, basis.weight)
     out = dr.zeros(mi.Float, 2 * n * n)
     count, width = dr.opaque(mi.UInt32, rows), dr.opaque(mi.UInt32, n)
     step = max(1, MAX_LANES // rows)
-    for copy, sign in zip(basis.copies, symmetry.signs, strict=True):
+    for copy, sign in zip(basis.copies, signs, strict=True):
+        if not sign:
+            continue
         there = _table(basis.corners @ copy.T, sign * basis.weight)
         for first in range(0, rows, step):
             lane = dr.arange(mi.UInt32, min(step, rows - first) * rows)

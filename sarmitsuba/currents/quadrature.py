@@ -78,7 +78,5 @@ def inverse_distance_integrals(points: F64, corners: F64) -> tuple[F64, F64]:
         logarithm = np.log(np.maximum(top, 1e-300) / np.maximum(bottom, 1e-300))
         turn = np.arctan2(side * high, near2 + above * r_high) - np.arctan2(side * low, near2 + above * r_low)
         scalar += side * logarithm - above * turn
-        across += (
-            0.5 * (near2 * logarithm + high * r_high - low * r_low)[..., None] * outward[:, None]
-        )
+        across += 0.5 * (near2 * logarithm + high * r_high - low * r_low)[..., None] * outward[:, None]
     return scalar, across + vector * scalar[..., None]

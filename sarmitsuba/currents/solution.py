@@ -8,7 +8,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C128, F64, I64
 from sarmitsuba.currents.basis import CurrentBasis
-from sarmitsuba.currents.matrix import NearPairs, moment_matrix
+from sarmitsuba.currents.matrix import MomentMatrices
 from sarmitsuba.mesh.conforming import conforming
 from sarmitsuba.mesh.mirrors import mirror_planes, part_of
 from sarmitsuba.mesh.remesh import DEVIATION, remesh
@@ -58,6 +58,12 @@ class BodyMesh:
     def unknowns(self) -> int:
         """Number of functions of the part, about."""
         return (3 * len(self.faces)) // 2
+
+    @cached_property
+    def rms_edge(self) -> float:
+        """Root mean square of the lengths of edges, m."""
+        t = self.vertices[self.faces]
+        return float(np.sqrt(np.square(t - np.roll(t, 1, axis=1)).sum(axis=2).mean()))
 
     @cached_property
     def closed(self) -> bool:
@@ -112,7 +118,7 @@ def scattering_matrices(
     k = 2.0 * np.pi / wavelength
     total = np.zeros((len(directions), 2, 2), dtype=np.complex128)
     basis = CurrentBasis.of(k * mesh.vertices, mesh.faces, mesh.normals, 1e-3 * k * mesh.length)
-    near = NearPairs.of(basis, RESISTANCE if mesh.closed else 0.0)
+    matrices = MomentMatrices.of(basis, RESISTANCE if mesh.closed else 0.0)
     waves = [basis.plane_waves(directions @ copy.T, fields @ copy.T) for copy in basis.copies]
     parts = basis.symmetries()
     for done, part in enumerate(parts):
@@ -121,7 +127,7 @@ def scattering_matrices(
             continue
         sent = sum(sign * wave[part.kept] for sign, wave in zip(part.signs, waves, strict=True)) / len(waves)
         # symmetric: the transpose is in the order of columns, and is overwritten
-        factors = lu_factor(moment_matrix(basis, part, near).T, overwrite_a=True, check_finite=False)
+        factors = lu_factor(matrices.matrix(part).T, overwrite_a=True, check_finite=False)
         right = sent.reshape(part.kept.size, -1).astype(np.complex64)
         current = lu_solve(factors, right, check_finite=False).reshape(sent.shape)
         total += len(waves) * np.einsum("ndp,ndq->dpq", sent, current)

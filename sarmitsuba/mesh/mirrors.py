@@ -42,9 +42,7 @@ def mirror_planes(vertices: F64, faces: I64, tolerance: float) -> tuple[F64, F64
     return best
 
 
-def _mirrored(
-    points: F64, t: F64, balls: TriangleBalls, center: F64, axis: F64, tolerance: float
-) -> bool:
+def _mirrored(points: F64, t: F64, balls: TriangleBalls, center: F64, axis: F64, tolerance: float) -> bool:
     """Whether the mirrored points lie on the surface, and no triangle lies in the plane."""
     normal = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
     across = np.abs(normal @ axis) > 0.9 * np.linalg.norm(normal, axis=1)

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import F64, I64
 
 # edges longer and shorter than these many of the wanted length are split and collapsed
-LONGEST, SHORTEST = 4.0 / 3.0, 0.6
+LONGEST, SHORTEST = 4.0 / 3.0, 0.8
 # rad: a bend from which on an edge is a sharp one and is not flipped
 SHARP = np.radians(10.0)
-# distance over wanted length by which a surface may leave a corner that is given up, and cosine of the turn of its facets
+# distance over wanted length by which a surface may leave a corner that is given up, and least cosine of the turn of
+# its facets
 DEVIATION, TURN = 0.03, 0.2
 # rad: bend below which facets are one plane, on which corners may move
 LEVEL = np.radians(0.5)
@@ -187,9 +188,7 @@ def _collapse(vertices: F64, faces: I64, length: float) -> tuple[F64, I64]:
         to = np.arange(n)
         to[move[best]] = into[best]
         faces = to[faces]
-        flat = (
-            (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
-        )
+        flat = (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
         faces = faces[~flat]
         if best.size < FEW * candidates:
             break
@@ -304,14 +303,17 @@ def _smooth(vertices: F64, faces: I64) -> F64:
     free = np.ones(n, dtype=bool)
     free[edges.ends[(edges.count != 2) | (edges.bend > LEVEL)].ravel()] = False
     both = np.concatenate([edges.ends, edges.ends[:, ::-1]])
-    total = np.stack([np.bincount(both[:, 0], vertices[both[:, 1], i], minlength=n) for i in range(3)], axis=1)
+    total = np.stack(
+        [np.bincount(both[:, 0], vertices[both[:, 1], i], minlength=n) for i in range(3)], axis=1
+    )
     middle = total / np.maximum(np.bincount(both[:, 0], minlength=n), 1)[:, None]
     before = _cross(vertices[faces])
     for _ in range(5):
         moved = np.where(free[:, None], 0.5 * (vertices + middle), vertices)
         after = _cross(moved[faces])
-        bad = np.einsum("nc,nc->n", before, after) < 0.1 * np.einsum("nc,nc->n", before, before)
-        bad &= np.einsum("nc,nc->n", before, after) < 0.5 * np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+        same = np.einsum("nc,nc->n", before, after)
+        sizes = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
+        bad = (same < 0.1 * sizes[0] ** 2) & (same < 0.5 * sizes[0] * sizes[1])
         if not bad.any():
             return moved
         free[faces[bad].ravel()] = False
