@@ -53,7 +53,7 @@ def test_a_fine_mesh_is_coarsened_and_slivers_go() -> None:
     sides = np.linalg.norm(t - np.roll(t, 1, axis=1), axis=2)
     quality = 4.0 * np.sqrt(3.0) * areas(vertices, faces) / np.square(sides).sum(axis=1)
     assert len(faces) < 2 * fine.area / (0.43 * 0.3**2)
-    assert np.quantile(quality, 0.02) > 0.2 and np.median(quality) > 0.7
+    assert np.quantile(quality, 0.02) > 0.2 and np.median(quality) > 0.6
 
 
 def test_distance_to_triangles_against_dense_points() -> None:
