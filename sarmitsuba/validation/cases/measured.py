@@ -1,8 +1,9 @@
 """Bodies of the Austin RCS Benchmark Suite over azimuth, with default settings, against measurement and full wave."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
@@ -139,8 +140,10 @@ BODIES = {
 }
 
 
-def swept(name: str, frequency: float, every: int = 1) -> RcsSweep:
-    """Sweep of a body over the azimuths of its table with default settings; ``every``: of these azimuths."""
+def swept(
+    name: str, frequency: float, every: int = 1, settings: Mapping[str, str] = MappingProxyType({})
+) -> RcsSweep:
+    """Sweep of a body over every so many azimuths of its table, with settings of the scene other than default ones."""
     body = BODIES[name]
     vertices, faces = body.mesh()
     scene = build_scene(
@@ -149,6 +152,7 @@ def swept(name: str, frequency: float, every: int = 1) -> RcsSweep:
         name=name,
     )
     azimuth = np.radians(azimuth_table(body.table, frequency, CHANNELS[0]).azimuth[::every])
+    scene = scene.replace(**settings)
     return rcs_sweep(scene, Aspects(azimuth, np.zeros_like(azimuth)), channels=CHANNELS)
 
 
