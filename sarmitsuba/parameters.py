@@ -135,7 +135,9 @@ class Param:
         if not isinstance(value, str):
             raise self._wrong_type(value, where, error)
         if "\0" in value:
-            raise error(f'{where}: {self.name} = "{printable(one_line(value))}" holds the character NUL; leave it out')
+            raise error(
+                f'{where}: {self.name} = "{printable(one_line(value))}" holds the character NUL; leave it out'
+            )
         if self.choices and value not in self.allowed:
             meant = self.synonym(value) if self.synonym else ""
             if meant:
