@@ -93,6 +93,21 @@ WORDS: dict[str, tuple[str, ...]] = {
     ),
     "medium_dry_ground": ("ground", "terrain", "garden", "jardin", "gelaende"),
 }
+# material of the library: ends of compound words, read where no word begins as above: Schiffsstahl, Sperrholz, topsoil
+ENDS: dict[str, tuple[str, ...]] = {
+    "metal": ("stahl", "eisen", "blech", "steel"),
+    "glass": ("glas", "scheibe", "fenster", "window", "glass"),
+    "brick": ("ziegel", "brick", "dach", "roof"),
+    "marble": ("stein", "stone"),
+    "wood": ("holz", "wood", "timber"),
+    "asphalt": ("strasse", "pflaster", "asphalt"),
+    "concrete": ("beton", "putz", "mauer", "concrete"),
+    "grass": ("rasen", "wiese", "grass"),
+    "gravel": ("kies", "schotter", "gravel"),
+    "snow": ("schnee", "snow"),
+    "water": ("wasser", "water"),
+    "soil": ("boden", "soil"),
+}
 # for unknown names, and for meshes without any
 DEFAULT = "concrete"
 
@@ -117,7 +132,7 @@ def kind_of(name: str, chosen: Mapping[str, str]) -> str:
     for kind, starts in WORDS.items():
         if any(w == s[1:] if s[0] == "=" else w.startswith(s) for w in words for s in starts):
             return kind
-    return ""
+    return next((kind for kind, ends in ENDS.items() if any(w.endswith(ends) for w in words)), "")
 
 
 def check_chosen(chosen: Mapping[str, str], names: set[str], where: str) -> None:

@@ -108,8 +108,8 @@ def build_radar(
             extent = extent.densest(min(sides))
             radar, image, notes = build_radar(given, extent, offset)
             x, y = extent.middle[:2] + shift[:2]
-            note = f"{given.where}: nothing but ground lies in the middle of the scene; the radar is aimed at its densest part, "
-            return radar, image, (f"{note}aim_x = {x:.6g} m, aim_y = {y:.6g} m", *notes)
+            note = f"{given.where}: nothing but ground lies in the middle of the scene; the radar is aimed at its "
+            return radar, image, (f"{note}densest part, aim_x = {x:.6g} m, aim_y = {y:.6g} m", *notes)
     box = image_box(image, scene)
     half_aperture = np.inf
     path: FlightPath | None = None

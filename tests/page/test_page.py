@@ -80,7 +80,8 @@ def test_image_is_shown_as_bright_as_its_picture(shown: Any, bridge: tuple[Path,
             [copy.width, copy.height] = [canvas.width, canvas.height];
             const context = copy.getContext("2d", { willReadFrequently: true });
             context.drawImage(canvas, 0, 0);
-            return Array.from(context.getImageData(0, 0, copy.width, copy.height).data.filter((_, i) => i % 4 === 0));"""
+            const { data } = context.getImageData(0, 0, copy.width, copy.height);
+            return Array.from(data.filter((_, i) => i % 4 === 0));"""
         )
     )
     want = 255.0 * np.clip((image.to_db() - black) / (white - black), 0.0, 1.0).ravel()
