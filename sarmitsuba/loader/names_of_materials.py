@@ -110,6 +110,8 @@ ENDS: dict[str, tuple[str, ...]] = {
 }
 # for unknown names, and for meshes without any
 DEFAULT = "concrete"
+# in place of a name, in choices: all names, and what has none
+EVERY = "*"
 
 
 def kind_of(name: str, chosen: Mapping[str, str]) -> str:
@@ -118,8 +120,10 @@ def kind_of(name: str, chosen: Mapping[str, str]) -> str:
     Parameters
     ----------
     name : as in the file; ``itu_concrete``, ``Brick.001`` or ``old stone wall``
-    chosen : materials of the library by name, which come first
+    chosen : materials of the library by name, which come first; that of ``EVERY`` is of all names without their own
     """
+    if name not in chosen and EVERY in chosen:
+        name = EVERY
     if name in chosen:
         return chosen[name] if chosen[name] in MATERIALS.names else kind_of(chosen[name], {})
     plain = re.sub(r"[.\d]+$", "", name).lower().removeprefix("mat-")
@@ -138,7 +142,7 @@ def kind_of(name: str, chosen: Mapping[str, str]) -> str:
 def check_chosen(chosen: Mapping[str, str], names: set[str], where: str) -> None:
     """Raise a SceneError for a choice of a material that the file or the library does not have."""
     for name, kind in chosen.items():
-        if name not in names:
+        if name not in names and name != EVERY:
             listed = ", ".join(sorted(names)) or "none"
             raise SceneError(
                 f'{where}: no material "{one_line(name)}" in this file{did_you_mean(name, names)}; it has {listed}'

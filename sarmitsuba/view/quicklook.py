@@ -33,6 +33,9 @@ _LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 62, 74  # screen pixels around a picture
 _NARROWEST = 300  # width needed for the title
 _WINDOWS = ("azimuth_window", "range_window")  # names used by the focusers
 
+# of pictures, by the suffixes of their files
+_FORMATS = {"": "png", ".png": "png", ".jpg": "jpg", ".jpeg": "jpg", ".pdf": "pdf", ".svg": "svg"}
+
 
 def quicklook(
     image: SarImage,
@@ -198,10 +201,29 @@ def bounce_orders(image: SarImage) -> tuple[int, ...]:
     return tuple(sorted({layer.order for layer in image.layers if layer.order > 0}))
 
 
+def picture_format(path: Path | str) -> str:
+    """Format of a picture's file by its suffix: png (also without any), jpg, pdf or svg.
+
+    Raises
+    ------
+    DataError : another suffix
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in _FORMATS:
+        raise DataError(f'{path}: no picture has the suffix "{suffix}"; take .png, .jpg, .pdf or .svg')
+    return _FORMATS[suffix]
+
+
 def save(figure: Figure, path: Path | str) -> None:
-    """Write a figure as PNG, completely or not at all."""
+    """Write a figure in the format of the path's suffix, see `picture_format`, completely or not at all."""
+    kind = picture_format(path)
     with atomic_path(path) as temporary:
-        FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=_DPI, pil_kwargs=PACKED)
+        if kind in ("png", "jpg"):
+            packed = PACKED if kind == "png" else None
+            FigureCanvasAgg(figure).print_figure(temporary, format=kind, dpi=_DPI, pil_kwargs=packed)
+        else:  # without the date: the same picture is the same file
+            dates = {"pdf": "CreationDate", "svg": "Date"}
+            figure.savefig(temporary, format=kind, dpi=_DPI, metadata={dates[kind]: None})
 
 
 def _filled(image: SarImage, options: PictureOptions | None, channel: str | None) -> PictureOptions:
