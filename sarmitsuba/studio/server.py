@@ -323,6 +323,8 @@ def dimmed(picture: U8) -> U8:
 def rcs_text(view: View) -> str:
     """Radar cross section of the whole scene from the middle of the aperture, as Markdown."""
     channel = view.state.polarisation
+    if view.rcs is None:
+        return "*no RCS of the whole scene: its ground has no end*"
     lines = [f"**RCS of the whole scene from here, {channel}:** {view.rcs.dbsm(channel)[0]:.1f} dBsm"]
     for order in view.rcs.orders:
         lines.append(

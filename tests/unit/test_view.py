@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from scipy.signal import windows
 
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
@@ -111,6 +112,24 @@ def test_a_target_alone_keeps_its_peak_white(cells: int) -> None:
     peak = float(np.percentile(values, 99.9))
     assert limits_db(values) == (peak - 50.0, peak)
     assert limits_db(values, clutter=False) == (peak - 50.0, peak)
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_side_lobes_of_a_small_rough_body_are_not_taken_for_clutter(deep: bool) -> None:
+    """A sphere of 1 m alone: white lay 60 dB below its peak, and the picture showed rounding noise.
+
+    Clutter that these side lobes do not hide is shown as ever.
+    """
+    response = np.fft.fftshift(np.abs(np.fft.fft(windows.taylor(41, nbar=4, sll=35), 80)))
+    cut = decibels((response / response.max()) ** 2)
+    values = cut[:, None] + cut
+    noise = np.random.default_rng(8).exponential(size=values.shape)
+    values = decibels(10.0 ** (0.1 * values) + 10.0 ** (-0.1 * (105.0 if deep else 60.0)) * noise)
+    low, high = limits_db(values, clutter=True)
+    if deep:
+        assert high == pytest.approx(float(np.percentile(values, 99.9))) and low == high - 50.0
+    else:
+        assert low == pytest.approx(-60.0 - 0.42 * 50.0, abs=4.0)  # tol: the nearest side lobes count with it
 
 
 def test_empty_pixels_do_not_count() -> None:
