@@ -124,7 +124,7 @@ def test_side_lobes_of_a_small_rough_body_are_not_taken_for_clutter(deep: bool) 
     cut = decibels((response / response.max()) ** 2)
     values = cut[:, None] + cut
     noise = np.random.default_rng(8).exponential(size=values.shape)
-    values = decibels(10.0 ** (0.1 * values) + 10.0 ** (-0.1 * (105.0 if deep else 60.0)) * noise)
+    values = decibels(10.0 ** (0.1 * values) + 10.0 ** (-0.1 * (140.0 if deep else 60.0)) * noise)
     low, high = limits_db(values, clutter=True)
     if deep:
         assert high == pytest.approx(float(np.percentile(values, 99.9))) and low == high - 50.0
