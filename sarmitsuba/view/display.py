@@ -47,9 +47,8 @@ _AROUND_MODE_DB = 20.0
 _MODE_WIDTH_DB = 6
 _MODE_SHARE = 0.5
 # Around a small body lie side lobes alone: in a corner of the picture, beside both its lines, they are twice the
-# window's level below the peak and less (88 dB for a sphere of 1 m), and so is clutter that they hide. Clutter that
-# they do not hide is even: averaged, half of the pixels and more are within 3 dB of its level; of side lobes, a third
-_DEEPEST_CLUTTER_DB, _EVEN_SHARE = 80.0, 0.5
+# window's level below the peak and less (88 dB for a sphere of 1 m), and so is clutter that they hide
+_DEEPEST_CLUTTER_DB = 80.0
 # position of that level between black (0) and white (1)
 _CLUTTER_AT = 0.42
 # An image is speckle throughout where the standard deviation of the power in almost all blocks of pixels is below this
@@ -338,8 +337,7 @@ def _clutter_db(values_db: F64, known: bool | None) -> float | None:
     peak = (density >= padded[:-2]) & (density >= padded[2:]) & (density >= _MODE_SHARE * density.max())
     mode = bottom + float(np.flatnonzero(peak)[-1]) + 0.5 * _MODE_WIDTH_DB
     level = float(np.median(lit[np.abs(lit - mode) < _AROUND_MODE_DB]))
-    even = np.mean(np.abs(lit - mode) < 0.5 * _MODE_WIDTH_DB) > _EVEN_SHARE
-    return None if float(np.nanmax(values_db)) - level > _DEEPEST_CLUTTER_DB and not even else level
+    return None if float(np.nanmax(values_db)) - level > _DEEPEST_CLUTTER_DB else level
 
 
 def has_clutter(image: SarImage) -> bool | None:
