@@ -1,6 +1,7 @@
 """Quick-look pictures: by default grey decibels, axes in metres, range to the right, azimuth up, not smoothed."""
 
 import dataclasses
+import textwrap
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -137,8 +138,10 @@ def panel(image: SarImage, options: PictureOptions | None = None, *, width: floa
     figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
     axes = figure.add_subplot()
     picture = draw(image, axes, options)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.label.set_fontsize(7)
+    axes.set_xlabel(axes.get_xlabel(), fontsize=7)
+    # beside a low picture in several lines, of letters about 4/7 as wide as high
+    letters = int((height - 0.6) * 0.75 * 72.0 / 4.0)
+    axes.set_ylabel(textwrap.fill(axes.get_ylabel(), max(letters, 12)), fontsize=7)
     axes.tick_params(labelsize=6)
     bar = figure.colorbar(picture, ax=axes, orientation="horizontal", fraction=0.05, pad=0.02)
     bar.set_label(f"{options.channel}, {prepare(image, options, LARGEST).label}", fontsize=7)

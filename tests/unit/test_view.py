@@ -15,7 +15,16 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.view.display import QUANTITIES, PictureOptions, limits_db, prepare, screen_size
 from sarmitsuba.view.profile import cut, profile
-from sarmitsuba.view.quicklook import bounce_orders, draw, png, quicklook, quicklook_by_order, save
+from sarmitsuba.view.quicklook import (
+    bounce_orders,
+    draw,
+    panel,
+    pixels,
+    png,
+    quicklook,
+    quicklook_by_order,
+    save,
+)
 
 
 def make_image(n_azimuth: int, n_range: int, spacing: tuple[float, float], orders: int = 0) -> SarImage:
@@ -192,6 +201,26 @@ def test_given_limits_and_colours_are_used_in_axes_of_the_callers() -> None:
     picture = draw(make_image(30, 40, (0.5, 0.25)), axes, options)
     assert picture.get_clim() == (-30.0, 5.0) and picture.get_cmap().name == "viridis"
     assert axes.get_xlabel() == "slant range (m)" and axes.get_aspect() == 1.0
+
+
+@pytest.mark.parametrize("shape", [(200, 400), (100, 400), (300, 300), (600, 150)])
+def test_labels_of_a_panel_are_whole(shape: tuple[int, int]) -> None:
+    """Beside a low picture "azimuth from the scene's origin (m)" was cut off above and below."""
+    image = make_image(*shape, (0.5, 0.5))
+    turn = np.radians(37.0)
+    grid = dataclasses.replace(
+        image.grid,
+        kind="ground",
+        along=np.array([np.sin(turn), np.cos(turn), 0.0]),
+        across=np.array([np.cos(turn), -np.sin(turn), 0.0]),
+    )
+    figure = panel(dataclasses.replace(image, grid=grid))
+    pixels(figure)  # lays it out
+    axes = figure.axes[0]
+    assert "azimuth" in axes.get_ylabel() and "origin" in axes.get_ylabel()
+    for axis in (axes.xaxis, axes.yaxis):
+        box = axis.label.get_window_extent()
+        assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width and 0.0 <= box.y0 < box.y1 <= figure.bbox.height
 
 
 def test_png_bytes_are_the_file(tmp_path: Path) -> None:
