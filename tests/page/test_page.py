@@ -95,7 +95,7 @@ def test_texts_below_the_echo_stand_apart(shown: Any) -> None:
         shown.page.set_viewport_size({"width": width, "height": 800})
         shown.idle()
         texts = shown.call("page.signals.draw(); return page.signals.texts;")
-        assert texts[0]["text"] == "range of the image's middle"
+        assert texts[0]["text"] == "0 m" and len(texts) >= 2
         ends = sorted((one["left"], one["right"]) for one in texts)
         assert all(first[1] <= second[0] for first, second in pairwise(ends))
     shown.page.set_viewport_size({"width": 1280, "height": 800})

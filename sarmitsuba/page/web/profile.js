@@ -143,7 +143,7 @@ export class Signals {
       this.texts.push({ text, left: x - half, right: x + half });
       context.fillText(text, x, height - 4 * pixel);
     };
-    write("range of the image's middle", 0);
+    write("0 m", 0);
     for (let range = Math.ceil(data.low / wide) * wide; range <= data.high; range += wide) {
       if (Math.abs(range) > 1e-9) write(`${range > 0 ? "+" : ""}${+range.toPrecision(3)} m`, range);
     }
