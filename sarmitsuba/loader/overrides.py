@@ -71,7 +71,9 @@ def split_parameters(
 
 def _hint(name: str, tables: Mapping[str, ParamTable]) -> str:
     """Parameter of a plugin that a plain name means, or may mean."""
-    homes = {parameter: plugin for plugin, table in reversed(list(tables.items())) for parameter in table.names}
+    homes = {
+        parameter: plugin for plugin, table in reversed(list(tables.items())) for parameter in table.names
+    }
     if name in homes:
         return f"give {homes[name]}.{name}"
     close = difflib.get_close_matches(name, homes, n=1, cutoff=0.75)
