@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patches import Arc, Polygon
 
 from sarmitsuba.analysis.interferometry import height_map, interferogram
@@ -26,6 +27,7 @@ from sarmitsuba.focusing.focuser_comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.shown_axes import ShownAxes
 from sarmitsuba.io import read_image, read_raw
 from sarmitsuba.labelling import labels
 from sarmitsuba.loader.load import load_scene
@@ -213,23 +215,22 @@ def moving() -> Figure:
         strict=True,
     ):
         image = _render("moving_cars", [*options, "--no-error-bars", "--window", "taylor"])
-        grid = image.grid
-        decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
-        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
-        picture = axes.imshow(decibels, cmap="gray", vmin=-33.0, vmax=3.0, origin="lower", extent=extent)
+        picture, shown = _pixels(axes, image, image.sigma0(), (-33.0, 3.0))
         axes.set_title(title, fontsize=10)
-        axes.set_xlabel("ground range (m)", fontsize=9)
-        axes.tick_params(labelsize=8)
         if not options:
-            axes.set_ylabel("azimuth (m)", fontsize=9)
+            axes.set_ylabel(shown.azimuth_label, fontsize=9)
             for name, place, ahead in (
                 ("train", (25.0, 8.0), -36.2),
                 ("car_east", (-6.0, 16.0), -35.4),
                 ("car_west", (20.0, 20.0), 26.5),
             ):
-                _arrow(axes, place, (place[0], place[1] + 0.9 * ahead), MARK, 2.0)
+                start, end, beside = (
+                    tuple(map(float, shown.shown(place[1] + share * ahead, place[0] + right)))
+                    for share, right in ((0.0, 0.0), (0.9, 0.0), (0.5, 2.5))
+                )
+                _arrow(axes, start, end, MARK, 2.0)
                 box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
-                axes.text(place[0] + 2.5, place[1] + 0.5 * ahead, name, fontsize=9, color=MARK, bbox=box)
+                axes.text(*beside, name, fontsize=9, color=MARK, bbox=box)
     figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
     return figure
 
@@ -253,18 +254,14 @@ def railing() -> Figure:
         strict=True,
     ):
         image = _render("railing", [*options, "--no-error-bars", "--window", "taylor"])
-        grid = image.grid
-        decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
-        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
-        picture = axes.imshow(decibels, cmap="gray", vmin=-40.0, vmax=5.0, origin="lower", extent=extent)
+        picture, shown = _pixels(axes, image, image.sigma0(), (-40.0, 5.0))
         axes.set_title(title, fontsize=10)
-        axes.set_xlabel("ground range (m)", fontsize=9)
-        axes.tick_params(labelsize=8)
         if not options:
-            axes.set_ylabel("azimuth (m)", fontsize=9)
+            axes.set_ylabel(shown.azimuth_label, fontsize=9)
             for place, text in words.items():
                 box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
-                axes.text(*place, text, fontsize=7.5, color=MARK, bbox=box)
+                at = tuple(map(float, shown.shown(place[1], place[0])))
+                axes.text(*at, text, fontsize=7.5, color=MARK, bbox=box)
     figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
     return figure
 
@@ -291,15 +288,11 @@ def sea() -> Figure:
         strict=True,
     ):
         image = _render("harbour", [*options, "--no-error-bars", "--window", "taylor"])
-        grid = image.grid
-        decibels = 10.0 * np.log10(np.maximum(sliding_means(image.sigma0(), (4, 4), "reflect"), 1e-12))
-        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
-        picture = axes.imshow(decibels, cmap="gray", vmin=-27.0, vmax=4.0, origin="lower", extent=extent)
+        means = sliding_means(image.sigma0(), (4, 4), "reflect")
+        picture, shown = _pixels(axes, image, means, (-27.0, 4.0))
         axes.set_title(title, fontsize=10)
-        axes.set_xlabel("ground range (m)", fontsize=9)
-        axes.tick_params(labelsize=8)
         if not options:
-            axes.set_ylabel("azimuth (m)", fontsize=9)
+            axes.set_ylabel(shown.azimuth_label, fontsize=9)
     figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
     return figure
 
@@ -565,30 +558,42 @@ def _shown(
     figure = Figure(figsize=size or ((9.0, 4.4) if lying else (13.0, 3.7)), layout="constrained")
     rows, columns = (len(images), 1) if lying else (1, len(images))
     panels = figure.subplots(rows, columns, sharex=True, sharey=True)
-    picture = None
+    picture, shown = None, None
     for axes, (title, image) in zip(panels, images.items(), strict=True):
-        grid = image.grid
-        decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
-        spans = [(grid.range[0], grid.range[-1]), (grid.azimuth[0], grid.azimuth[-1])]
-        if lying:
-            decibels, spans = decibels.T, spans[::-1]
-        extent = (*spans[0], *spans[1])
-        picture = axes.imshow(
-            decibels, cmap="gray", vmin=scale[0], vmax=scale[1], origin="lower", extent=extent
-        )
+        picture, shown = _pixels(axes, image, image.sigma0(), scale, lying=lying)
         axes.set_title(title, fontsize=10)
-        axes.tick_params(labelsize=8)
-        axes.ticklabel_format(useOffset=False)
         if lying:
-            axes.set_ylabel("slant range (m)", fontsize=9)
-        else:
-            axes.set_xlabel(f"{grid.kind} range (m)", fontsize=9)
+            axes.set_ylabel(shown.range_label, fontsize=9)
     if lying:
-        panels[-1].set_xlabel("azimuth (m)", fontsize=9)
+        panels[-1].set_xlabel(shown.azimuth_label, fontsize=9)
     else:
-        panels[0].set_ylabel("azimuth (m)", fontsize=9)
+        panels[0].set_ylabel(shown.azimuth_label, fontsize=9)
     figure.colorbar(picture, ax=list(panels), label="sigma0 (dB)", shrink=0.95)
     return figure
+
+
+def _pixels(
+    axes: Axes, image: SarImage, power: F64, scale: tuple[float, float], *, lying: bool = False
+) -> tuple[AxesImage, ShownAxes]:
+    """Pixels of an image in decibels, in coordinates of the scene as ``picture`` shows them."""
+    shown = ShownAxes.of(image.grid)
+    left, right, low, high = shown.extent(image.grid)
+    values, extent = 10.0 * np.log10(np.maximum(power, 1e-12)), (left, right, low, high)
+    if lying:
+        values, extent = values.T, (low, high, left, right)
+    picture = axes.imshow(
+        values,
+        cmap="gray",
+        vmin=scale[0],
+        vmax=scale[1],
+        origin="lower",
+        extent=extent,
+    )
+    axes.tick_params(labelsize=8)
+    axes.ticklabel_format(useOffset=False)
+    if not lying:
+        axes.set_xlabel(shown.range_label, fontsize=9)
+    return picture, shown
 
 
 def _render(scene: str, options: Sequence[str]) -> SarImage:

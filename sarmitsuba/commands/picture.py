@@ -29,7 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="FILE",
-        help="PNG file to write (default: overwrite the quick-look of that channel beside the image)",
+        help="file to write, PNG, JPEG, PDF or SVG by its suffix (default: overwrite the quick-look of that channel "
+        "beside the image)",
     )
     parser.add_argument("--force", action="store_true", help="replace FILE where it exists")
     parser.add_argument(
@@ -93,8 +94,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.io import read_image
     from sarmitsuba.io.output import OutputFile, OutputFolder
     from sarmitsuba.view.display import PictureOptions
-    from sarmitsuba.view.quicklook import save
+    from sarmitsuba.view.quicklook import picture_format, save
 
+    if args.output:
+        picture_format(args.output)
     source = image_file(Path(args.image))
     file = OutputFile(args.output, force=args.force) if args.output else None
     image = read_image(source)

@@ -104,6 +104,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands.view import PAGE
     from sarmitsuba.focusing.windows import parse_window
     from sarmitsuba.io.output import output_folder
+    from sarmitsuba.loader.assemble import NO_CLUTTER
     from sarmitsuba.radar.polarisation import read_channels
     from sarmitsuba.simulation.turntable import rcs_sweep
     from sarmitsuba.simulation.turntable_image import image_refusal
@@ -129,7 +130,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         run_hash = _run_hash(scene, args, aspects)
         folder.check(run_hash, names, force=args.force)
         for note in scene.notes:
-            console.note(note)
+            if NO_CLUTTER not in note:  # a cross section has no clutter to miss
+                console.note(note)
         with watch.stage("rcs"):
             sweep = rcs_sweep(scene, aspects, channels=channels, progress=console.progress)
         for note in sweep.notes:

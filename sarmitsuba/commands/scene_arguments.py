@@ -60,10 +60,10 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         "--material",
         action="append",
         default=[],
-        type=definition,
-        metavar="NAME=MATERIAL",
-        help="radar material of the file's material NAME: concrete, brick, glass, metal, pec, ... (default: by its "
-        "name)",
+        type=material_choice,
+        metavar="[NAME=]MATERIAL",
+        help="radar material of the file's material NAME, or of all that are not named so: concrete, brick, glass, "
+        "metal, pec, ... (default: by its name)",
     )
 
 
@@ -136,6 +136,13 @@ def definition(text: str) -> tuple[str, str]:
     if not value.strip():
         raise argparse.ArgumentTypeError(f"{text!r} has no value after the equals sign")
     return name, value
+
+
+def material_choice(text: str) -> tuple[str, str]:
+    """Name and material of an argument ``NAME=MATERIAL``; a material alone is that of all names."""
+    from sarmitsuba.loader.names_of_materials import EVERY
+
+    return definition(text if "=" in text else f"{EVERY}={text}")
 
 
 def scene_of_data(args: argparse.Namespace, radar: "Radar") -> "Scene":

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from sarmitsuba.focusing.cells import azimuth_cells
 from sarmitsuba.focusing.focuser import DEFAULT, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.image_noise import noise_equivalent_sigma0
 from sarmitsuba.focusing.motion_compensation import compensate_motion
-from sarmitsuba.focusing.preparation import prepare
+from sarmitsuba.focusing.preparation import prepare, raw_data
 from sarmitsuba.focusing.shown import shown_share
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
@@ -35,7 +36,7 @@ _FIXED = 1e-9
 
 @exclusive
 def focus(
-    raw: RawData,
+    raw: RawData | Path | str,
     grid: ImageGrid | None = None,
     *,
     request: ImageRequest | Mapping[str, object] | None = None,
@@ -51,7 +52,7 @@ def focus(
 
     Parameters
     ----------
-    raw : chirped (compressed here first) or range-compressed data
+    raw : chirped (compressed here first) or range-compressed data, or the file of such data
     grid : pixels; default: :func:`default_grid` of ``request``, or of the data's own request
     request : image request for the default grid, or a mapping with changes of the data's own, such as
         ``{"grid": "ground", "extent_range": 40.0, "spacing_range": 0.1, "height": 3.0}``
@@ -82,6 +83,7 @@ def focus(
     ResourceError
         The image does not fit into memory.
     """
+    raw = raw_data(raw)
     windows = (range_window, azimuth_window)
     chain = prepare(raw, grid, request, focuser, windows, compression, motion_compensation, autofocus)
     raw, echoes, grid, focuser = chain.raw, chain.raw, chain.grid, chain.focuser

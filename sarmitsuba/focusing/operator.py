@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -17,7 +18,7 @@ from sarmitsuba.exclusive import backend_lock, exclusive
 from sarmitsuba.focusing.autofocus import parse_autofocus
 from sarmitsuba.focusing.focuser import DEFAULT, Focuser, FocusTask
 from sarmitsuba.focusing.motion_compensation import MotionCompensation
-from sarmitsuba.focusing.preparation import prepare
+from sarmitsuba.focusing.preparation import prepare, raw_data
 from sarmitsuba.focusing.range_compression import RangeCompression
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -98,7 +99,7 @@ def _single(values: NDArray[np.number], what: str) -> C64:
 
 @exclusive
 def focusing_operator(
-    raw: RawData,
+    raw: RawData | Path | str,
     grid: ImageGrid | None = None,
     *,
     request: ImageRequest | Mapping[str, object] | None = None,
@@ -118,8 +119,8 @@ def focusing_operator(
 
     Parameters
     ----------
-    raw : gives radar, track, layers and domain, and to ``focuser="auto"`` the error of its echoes; its values do not
-        count otherwise
+    raw : data, or their file, of the radar, track, layers and domain, and to ``focuser="auto"`` of the error of its
+        echoes; its values do not count otherwise
     grid, request, focuser, range_window, azimuth_window, compression, motion_compensation : as for
         :func:`sarmitsuba.focus`
     autofocus : None or ``none``; any other is refused, because it is not linear
@@ -145,6 +146,7 @@ def focusing_operator(
             f"focusing operator: autofocus {autofocus} is not linear in the data; leave it out, or correct the data "
             "before"
         )
+    raw = raw_data(raw)
     windows = (range_window, azimuth_window)
     chain = prepare(raw, grid, request, focuser, windows, compression, motion_compensation, None)
     steps: list[LinearMap] = []

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from sarmitsuba.focusing.range_compression import Compression, range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.pixel_bounds import check_grid
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.io import read_raw
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.validity import check_radar
@@ -48,6 +50,23 @@ class Preparation:
     compensation: tuple[Straightening, Residual] | None
     autofocus: Autofocuser | None
     halfway: float
+
+
+def raw_data(given: RawData | Path | str) -> RawData:
+    """Raw data as they are, or those of a file.
+
+    Raises
+    ------
+    DataError : neither, or a file that holds none
+    """
+    if isinstance(given, Path | str):
+        return read_raw(given)
+    if not isinstance(given, RawData):
+        raise DataError(
+            f"focus: {type(given).__name__} is no raw data; give those of simulate or read_raw, or a file of them, "
+            "such as raw.h5"
+        )
+    return given
 
 
 def prepare(

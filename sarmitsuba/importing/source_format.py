@@ -154,4 +154,5 @@ def find_source(path: Path) -> SourceFormat:
             return entry
     known = ", ".join(f"{entry.name} ({' '.join(entry.suffixes)})" for entry in SOURCES)
     what = "folder without files of a known format" if folder else f'unknown suffix "{path.suffix}"'
-    raise SceneError(f"{one_line(path.name)}: {what}; known formats: {known}")
+    array = "; an array of heights becomes a raster by rasterio" if path.suffix in (".npy", ".npz") else ""
+    raise SceneError(f"{one_line(path.name)}: {what}; known formats: {known}{array}")

@@ -220,14 +220,18 @@ def _ground_surfaces(
     return laid, notes
 
 
+# start of the note on a scene without any diffuse return
+NO_CLUTTER = "no material has a diffuse law: the image is black"
+
+
 def _black(label: str, surfaces: Sequence[MeshSurface], materials: Sequence[Material]) -> list[str]:
     """Warn that a scene without any diffuse return gives a black image except for mirror reflections."""
     seen = with_parts([m for m in (materials[s.material] for s in surfaces) if not m.invisible])
     if not seen or any(material.diffuse_law != "none" for material in seen):
         return []
     return [
-        f"{label}: no material has a diffuse law: the image is black except for edges, corners and faces in specular "
-        "direction; give diffuse_law, or rms_height and correlation_length, to materials that should show as clutter"
+        f"{label}: {NO_CLUTTER} except for edges, corners and faces in specular direction; give diffuse_law, or "
+        "rms_height and correlation_length, to materials that should show as clutter"
     ]
 
 

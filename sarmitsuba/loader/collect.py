@@ -153,7 +153,7 @@ class Collector:
         SarmitsubaWarning : a name matches no material
         """
         kinds = {name: kind_of(name, chosen) for name in dict.fromkeys(part.material for part in parts)}
-        known = [f'"{name}" {kind}' for name, kind in kinds.items() if kind]
+        known = [f'"{name}" {kind}' if name else kind for name, kind in kinds.items() if kind]
         if known:
             self.notes.append(f"{label}: materials by their names: {', '.join(known)}")
         unknown = [f'"{name}"' if name else "no name" for name, kind in kinds.items() if not kind]
@@ -161,7 +161,7 @@ class Collector:
             warn_once(
                 self.notes,
                 f"{label}: materials with unknown names are read as {DEFAULT}: {', '.join(unknown)}; name them "
-                "brick, glass, metal, ... in the file, or choose with --material NAME=MATERIAL",
+                "brick, glass, metal, ... in the file, or choose with --material MATERIAL or NAME=MATERIAL",
             )
         for part, corners in zip(parts, vertices, strict=True):
             kind = kinds[part.material] or DEFAULT

@@ -8,7 +8,7 @@ from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.library import list_radars
 from sarmitsuba.loader.overrides import Overrides
-from sarmitsuba.parameters import filled
+from sarmitsuba.parameters import did_you_mean, filled
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.scene.settings import TraceSettings
 
@@ -66,9 +66,10 @@ def _sensor(root: Element, radar_root: Element | None, label: str) -> tuple[Elem
     if sensor is None:
         others = [e.plugin for e in root.of_kind("sensor")]
         has = f"only {', '.join(others)}" if others else "none"
+        has += next(filter(None, (did_you_mean(name, (tables.SENSOR.plugin,)) for name in others)), "")
         raise RadarError(
             f"{label}: no sar_antenna sensor ({has}); add one, or lay a radar over the scene with --radar RADAR.xml or "
-            f"a shipped one: --radar {', '.join(entry.name for entry in list_radars())}"
+            f"a shipped one: --radar {', '.join(entry.name for entry in list_radars())}; in Python radar=..."
         )
     film = sensor.child("film")
     if radar_root is not None:

@@ -68,7 +68,10 @@ def _itu() -> str:
 
 def _bsdfs() -> str:
     rows = ["| BSDF | read as |", "|---|---|"]
-    rows += [f"| `{name}` | {words} |" for name, (_, _, words) in ORDINARY_BSDFS.items()]
+    rows += [
+        f"| `{name}` | {words}{', with its typical surface' if surface == kind else ''} |"
+        for name, (kind, surface, words) in ORDINARY_BSDFS.items()
+    ]
     rows += [f"| `{name}` | {words} |" for name, words in ADAPTER_BSDFS.items()]
     return "\n".join(rows)
 

@@ -29,7 +29,8 @@ class MeshOptions:
     ----------
     up : axis of the file that points up; ``auto`` is y in glTF, as its standard says, else a guess from the shape
     unit : of the file's coordinates, a name of ``UNITS``; ``auto`` is metres where that is plausible
-    materials : material of the library by the file's name of it, in place of the guess from that name
+    materials : material of the library by the file's name of it, in place of the guess from that name; by ``*`` that of
+        all others, and of parts without a name
     """
 
     up: Up = "auto"

@@ -75,6 +75,14 @@ def resolve_radar(name_or_path: str | Path) -> Path:
     return _resolve(name_or_path, scenes_dir() / "radars", "radar")
 
 
+def shipped_radar(name: str) -> str:
+    """Remedy for a file that is missing and is called like a shipped radar; empty for other names."""
+    stem = Path(name).stem
+    if Path(name).suffix != ".xml" or stem not in {entry.name for entry in list_radars()}:
+        return ""
+    return f'leave it out and give the shipped radar by --radar {stem} (radar="{stem}")'
+
+
 def _entries(folder: Path) -> tuple[LibraryEntry, ...]:
     found = []
     for path in sorted(folder.glob("*.xml")):

@@ -1,5 +1,6 @@
 """Materials of a scene, one for every BSDF."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.maps import CLASS_MAP, MATERIAL_MAPS, land_cover, with_maps
+from sarmitsuba.loader.names_of_materials import kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.materials.bsdfs import (
@@ -28,7 +30,8 @@ from sarmitsuba.parameters import did_you_mean, one_line
 
 _SIONNA = ("itu-radio-material", "radio-material", "absorber-radio-material")
 _MAX_NESTING = 16
-
+# names of BSDFs without an id, which say nothing of a material
+_NUMBERED = re.compile(r"[a-z]+_\d+")
 
 # BSDFs that are no surface, and the shapes that they belong to
 _ALONE = {
@@ -146,10 +149,20 @@ class MaterialBook:
         elif plugin in tables.TABLES:
             raise SceneError(f"{where}: {plugin} is not a BSDF{did_you_mean(plugin, tables.TABLES)}")
         else:
-            material, note = ordinary_material(name, plugin, bsdf.given(), self.frequency, self.rms_height)
+            material, note = self._ordinary(bsdf, name)
         if note:
             warn_once(self.notes, f"{where.partition(':')[0]}: {note}")
         return material
+
+    def _ordinary(self, bsdf: Element, name: str) -> tuple[Material, str]:
+        """Material of one of Mitsuba's own BSDFs and its warning; notes what its id says."""
+        called = kind_of(bsdf.id or ("" if _NUMBERED.fullmatch(name) else name), {})
+        material, warning, note = ordinary_material(
+            name, bsdf.plugin, bsdf.given(), self.frequency, self.rms_height, called
+        )
+        if note:
+            self._say(f'{bsdf.where.partition(":")[0]}: "{one_line(bsdf.id or name)}": {note}')
+        return material, warning
 
     def _radar_material(self, bsdf: Element, name: str) -> tuple[Material, str]:
         """Material of a ``radar_material`` and its warning; notes what is understood and assumed."""

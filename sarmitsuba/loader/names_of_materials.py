@@ -93,8 +93,25 @@ WORDS: dict[str, tuple[str, ...]] = {
     ),
     "medium_dry_ground": ("ground", "terrain", "garden", "jardin", "gelaende"),
 }
+# material of the library: ends of compound words, read where no word begins as above: Schiffsstahl, Sperrholz, topsoil
+ENDS: dict[str, tuple[str, ...]] = {
+    "metal": ("stahl", "eisen", "blech", "steel"),
+    "glass": ("glas", "scheibe", "fenster", "window", "glass"),
+    "brick": ("ziegel", "brick", "dach", "roof"),
+    "marble": ("stein", "stone"),
+    "wood": ("holz", "wood", "timber"),
+    "asphalt": ("strasse", "pflaster", "asphalt"),
+    "concrete": ("beton", "putz", "mauer", "concrete"),
+    "grass": ("rasen", "wiese", "grass"),
+    "gravel": ("kies", "schotter", "gravel"),
+    "snow": ("schnee", "snow"),
+    "water": ("wasser", "water"),
+    "soil": ("boden", "soil"),
+}
 # for unknown names, and for meshes without any
 DEFAULT = "concrete"
+# in place of a name, in choices: all names, and what has none
+EVERY = "*"
 
 
 def kind_of(name: str, chosen: Mapping[str, str]) -> str:
@@ -103,8 +120,10 @@ def kind_of(name: str, chosen: Mapping[str, str]) -> str:
     Parameters
     ----------
     name : as in the file; ``itu_concrete``, ``Brick.001`` or ``old stone wall``
-    chosen : materials of the library by name, which come first
+    chosen : materials of the library by name, which come first; that of ``EVERY`` is of all names without their own
     """
+    if name not in chosen and EVERY in chosen:
+        name = EVERY
     if name in chosen:
         return chosen[name] if chosen[name] in MATERIALS.names else kind_of(chosen[name], {})
     plain = re.sub(r"[.\d]+$", "", name).lower().removeprefix("mat-")
@@ -117,13 +136,13 @@ def kind_of(name: str, chosen: Mapping[str, str]) -> str:
     for kind, starts in WORDS.items():
         if any(w == s[1:] if s[0] == "=" else w.startswith(s) for w in words for s in starts):
             return kind
-    return ""
+    return next((kind for kind, ends in ENDS.items() if any(w.endswith(ends) for w in words)), "")
 
 
 def check_chosen(chosen: Mapping[str, str], names: set[str], where: str) -> None:
     """Raise a SceneError for a choice of a material that the file or the library does not have."""
     for name, kind in chosen.items():
-        if name not in names:
+        if name not in names and name != EVERY:
             listed = ", ".join(sorted(names)) or "none"
             raise SceneError(
                 f'{where}: no material "{one_line(name)}" in this file{did_you_mean(name, names)}; it has {listed}'

@@ -1,5 +1,6 @@
 """Parameters given by the caller: values of a file's ``$name``, and overrides such as ``sar_path.max_depth=5``."""
 
+import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -68,6 +69,21 @@ def split_parameters(
     return plain, Overrides(tuple(entries))
 
 
+def _hint(name: str, tables: Mapping[str, ParamTable]) -> str:
+    """Parameter of a plugin that a plain name means, or may mean."""
+    homes = {
+        parameter: plugin for plugin, table in reversed(list(tables.items())) for parameter in table.names
+    }
+    if name in homes:
+        return f"give {homes[name]}.{name}"
+    close = difflib.get_close_matches(name, homes, n=1, cutoff=0.75)
+    return (
+        f"did you mean {homes[close[0]]}.{close[0]}?"
+        if close
+        else "parameters of plugins are given as plugin.name"
+    )
+
+
 def check_used(
     plain: Mapping[str, str],
     overrides: Overrides,
@@ -98,8 +114,7 @@ def check_used(
                 if texts
                 else "only a file has any"
             )
-            homes = [plugin for plugin, table in tables.items() if name in table.names]
-            hint = f"give {homes[0]}.{name}" if homes else "parameters of plugins are given as plugin.name"
+            hint = _hint(name, tables)
             raise SceneError(
                 f'{label}: parameter "{name}" = {one_line(value)} is not used; {listed} ({hint})'
             )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
-from sarmitsuba.loader.library import scenes_dir
+from sarmitsuba.loader.library import scenes_dir, shipped_radar
 from sarmitsuba.loader.maps import MAP_NAMES, map_file
 from sarmitsuba.loader.scene_text import LARGEST_SCENE, SceneText, read_scene_text, substituted_length
 from sarmitsuba.parameters import one_line
@@ -121,7 +121,9 @@ class _Included:
             raise SceneError(f"{what} lies outside the folder of the scene; {_REMEDY}")
         if tag != "path":
             if not places and "$" not in name:
-                raise SceneError(f"{what}: there is no such file beside the scene; check the name")
+                raise SceneError(
+                    f"{what}: there is no such file beside the scene; {shipped_radar(name) or 'check the name'}"
+                )
             _check_named(places, what, LARGEST_SCENE if tag == "include" else _LARGEST_SPECTRUM)
         return places
 

@@ -81,9 +81,12 @@ def read_scene_text(path: Path, *, strict: bool = False) -> SceneText:
         data = read_bytes(path, LARGEST_SCENE)
     except OSError as error:
         raise SceneError(f"{path}: cannot read the scene file: {error.strerror}") from error
-    _check_encoding(data, path.name)
     reader = _Reader(path, data)
+    if path.suffix.lower() == ".xml":
+        _check_encoding(data, path.name)
     broken = reader.read()
+    if path.suffix.lower() != ".xml" and reader.root == "scene":
+        _check_encoding(data, path.name)
     if reader.root not in ("scene", "") or (not reader.root and path.suffix.lower() != ".xml"):
         what = f"<{one_line(reader.root)}> is" if reader.root else "it is"
         name = one_line(path.name)

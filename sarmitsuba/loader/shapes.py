@@ -211,8 +211,11 @@ def mesh_path(element: Element) -> Path:
         raise SceneError(f'{element.where}: no mesh file is named; give <string name="filename" value=.../>')
     path = os.path.join(element.folder, name)
     if not os.path.isfile(path):
+        parent = os.path.dirname(path)
+        beside = os.listdir(parent) if os.path.isdir(parent) else []
+        guess = did_you_mean(os.path.basename(path), beside) or "; check filename"
         raise SceneError(
-            f'{element.where}: mesh file "{one_line(name)}" not found in {element.folder}; check filename'
+            f'{element.where}: mesh file "{one_line(name)}" not found in {element.folder}{guess}'
         )
     return Path(path)
 

@@ -153,8 +153,8 @@ INTEGRATOR = ParamTable(
             "default_rms_height",
             "float",
             ORDINARY_RMS_HEIGHT,
-            "rms height of materials without one: Sionna RT's without scattering_coefficient, Mitsuba's rough ones; "
-            "their correlation length is 10 times that",
+            "rms height of Sionna RT's materials without scattering_coefficient; their correlation length is 10 times "
+            "that; 0 makes all materials smooth that state no roughness",
             "m",
             0.0,
             0.1,

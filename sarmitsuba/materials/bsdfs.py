@@ -262,46 +262,40 @@ def sionna_itu_name(identifier: str) -> str:
     return name[4:] if name[4:] in ITU_BANDS else ""
 
 
-def _length_words(rms_height: float) -> str:
-    """Text of the correlation length and law assumed by `rough`."""
-    if rms_height == 0.0:
-        return ""
-    return f", correlation length {1e3 * ORDINARY_CORRELATION * rms_height:g} mm (diffuse_law small_slope)"
-
-
 def rough_note(plugin: str, rms_height: float) -> str:
-    """Note about the roughness assumed for Sionna's materials without scattering coefficient."""
+    """Note about the roughness assumed for Sionna's materials without scattering coefficient; not 0."""
     return (
-        f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm'
-        f"{_length_words(rms_height)}; "
+        f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm, '
+        f"correlation length {1e3 * ORDINARY_CORRELATION * rms_height:g} mm (diffuse_law small_slope); "
         f"set default_rms_height of sar_path to change it (0 = smooth)"
     )
 
 
-# Radar meaning of Mitsuba's BSDFs: plugin: (itu name or pec, rough, words for warning and documentation)
-ORDINARY_BSDFS: dict[str, tuple[str, bool, str]] = {
-    "diffuse": ("concrete", True, "concrete, rms height 1 mm"),
-    "conductor": ("pec", False, "smooth perfect conductor"),
-    "roughconductor": ("pec", True, "perfect conductor, rms height 1 mm"),
-    "dielectric": ("glass", False, "smooth glass, as a half space"),
-    "thindielectric": ("glass", False, "smooth glass, as a half space"),
-    "roughdielectric": ("glass", True, "glass as a half space, rms height 1 mm"),
-    "plastic": ("plastic", False, "smooth plastic of permittivity 2.25"),
-    "roughplastic": ("plastic", True, "plastic of permittivity 2.25, rms height 1 mm"),
-    "pplastic": ("plastic", True, "plastic of permittivity 2.25, rms height 1 mm"),
+# Radar meaning of Mitsuba's BSDFs: plugin: (itu name or pec, named material of its typical surface or "" for a smooth
+# one, words for warning and documentation)
+ORDINARY_BSDFS: dict[str, tuple[str, str, str]] = {
+    "diffuse": ("concrete", "concrete", "concrete"),
+    "conductor": ("pec", "", "smooth perfect conductor"),
+    "roughconductor": ("pec", "metal", "perfect conductor as rough as metal"),
+    "dielectric": ("glass", "", "smooth glass, as a half space"),
+    "thindielectric": ("glass", "", "smooth glass, as a half space"),
+    "roughdielectric": ("glass", "glass", "glass as a half space"),
+    "plastic": ("plastic", "plastic", "plastic of permittivity 2.25"),
+    "roughplastic": ("plastic", "plastic", "plastic of permittivity 2.25"),
+    "pplastic": ("plastic", "plastic", "plastic of permittivity 2.25"),
     "principled": (
         "principled",
-        True,
-        "perfect conductor if metallic > 0.5, glass if spec_trans > 0.5, else concrete; rms height 1 mm",
+        "",
+        "perfect conductor as rough as metal if metallic > 0.5, glass if spec_trans > 0.5, else concrete",
     ),
-    "principledthin": ("principled", True, "glass where spec_trans > 0.5, else concrete; rms height 1 mm"),
-    "measured": ("concrete", True, "concrete, rms height 1 mm"),
-    "measured_polarized": ("concrete", True, "concrete, rms height 1 mm"),
-    "hair": ("vacuum", False, "invisible"),
-    "null": ("vacuum", False, "invisible"),
-    "retarder": ("vacuum", False, "invisible"),
-    "circular": ("vacuum", False, "invisible"),
-    "polarizer": ("vacuum", False, "invisible"),
+    "principledthin": ("principled", "", "glass where spec_trans > 0.5, else concrete"),
+    "measured": ("concrete", "concrete", "concrete"),
+    "measured_polarized": ("concrete", "concrete", "concrete"),
+    "hair": ("vacuum", "", "invisible"),
+    "null": ("vacuum", "", "invisible"),
+    "retarder": ("vacuum", "", "invisible"),
+    "circular": ("vacuum", "", "invisible"),
+    "polarizer": ("vacuum", "", "invisible"),
 }
 
 # BSDFs around another one: plugin: words
@@ -314,14 +308,22 @@ ADAPTER_BSDFS: dict[str, str] = {
 }
 
 
+# kinds that a name may make of a conductor
+_METALS = frozenset({"car_paint", "metal", "metal_sheet", "pec"})
+
+
 def ordinary_material(
     name: str,
     plugin: str,
     values: Mapping[str, object],
     frequency: float,
     rms_height: float = ORDINARY_RMS_HEIGHT,
-) -> tuple[Material, str]:
-    """Material assumed for one of Mitsuba's own BSDFs, with the warning about it.
+    called: str = "",
+) -> tuple[Material, str, str]:
+    """Material assumed for one of Mitsuba's own BSDFs, and the warning or the note about it.
+
+    It is that of its id where that names one, else that of its kind, with the typical surface of either. What an
+    optical conductor is called changes it to another metal only; invisible kinds stay invisible.
 
     Parameters
     ----------
@@ -329,26 +331,38 @@ def ordinary_material(
     plugin : BSDF plugin; an unknown one is read as concrete
     values : its properties (only ``metallic`` and ``spec_trans`` of ``principled`` matter)
     frequency : Hz
+    rms_height : m, ``default_rms_height`` of the scene; 0 makes every material smooth
+    called : named material of which its id speaks; empty: of none
+
+    Returns
+    -------
+    material, warning, note; one of the texts is empty
 
     Notes
     -----
     Colours and optical roughness are ignored: they are unrelated to radar wavelengths.
     """
-    kind, is_rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
-    words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm{_length_words(rms_height)}")
-    note = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; use radar_material for another'
-    if plugin not in ORDINARY_BSDFS:
-        note += ", or load the extension that defines it (--extension FILE)"
-    surface = rough(rms_height) if is_rough else smooth()
+    kind, surface_of, words = ORDINARY_BSDFS.get(plugin, ("concrete", "concrete", "concrete"))
     if kind == "principled":
-        kind = (
-            "pec"
+        kind, surface_of = (
+            ("pec", "metal")
             if _above_half(values, "metallic")
-            else "glass"
+            else ("glass", "glass")
             if _above_half(values, "spec_trans")
-            else "concrete"
+            else ("concrete", "concrete")
         )
-    return named_material(name, kind, frequency, surface)[0], note
+    if called and kind != "vacuum" and (kind != "pec" or called in _METALS):
+        surface = typical_surface(called, frequency, rms_height)
+        text = f'BSDF "{plugin}" is read as {called} by its id, {surface_words(surface)}'
+        return named_material(name, called, frequency, surface)[0], "", text
+    surface = typical_surface(surface_of, frequency, rms_height) if surface_of else smooth()
+    if surface.scatters:
+        words += f" ({surface_words(surface)})"
+    warning = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; '
+    warning += "give it an id that names a material, or use radar_material, for another"
+    if plugin not in ORDINARY_BSDFS:
+        warning += ", or load the extension that defines it (--extension FILE)"
+    return named_material(name, kind, frequency, surface)[0], warning, ""
 
 
 def adapter_note(plugin: str) -> str:

@@ -8,7 +8,7 @@ from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.named_materials import MATERIALS, Typical
 
-# rms height of Mitsuba's rough BSDFs, m: plastered and concrete walls have 0.3 to 3 mm
+# rms height of Sionna RT's materials, m: plastered and concrete walls have 0.3 to 3 mm
 ORDINARY_RMS_HEIGHT = 1e-3
 # Correlation length over rms height of the same: bare soils measure 8 to 31 (s = 3.2 to 11 mm, l = 84 to 99 mm; Oh,
 # Sarabandi and Ulaby, IEEE TGRS 30 (2) 1992), 3 where they are freshly ploughed; a ratio is the same in every band

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, F64
+from sarmitsuba.image.calibration import backscatter
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.page.gltf import PageMesh, drawn, page_mesh
 from sarmitsuba.page.labelled_pixels import labels_payload
@@ -18,7 +19,9 @@ from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import KINDS
+from sarmitsuba.units import db_from_power
 from sarmitsuba.version import __version__
+from sarmitsuba.view.display import has_clutter, limits_db
 
 # text, numbers and arrays, nested; arrays are stored as binary
 Value = Mapping[str, "Value"] | Sequence["Value"] | NDArray[np.generic] | str | int | float | bool | None
@@ -176,7 +179,10 @@ def grid_payload(grid: ImageGrid, center: F64) -> dict[str, Value]:
 
 
 def image_payload(image: SarImage, channel: str) -> dict[str, Value]:
-    """Complex layers per bounce order, or one of all orders (0), as float16 pairs of RCS amplitude times ``scale``."""
+    """Complex layers per bounce order, or one of all orders (0), as float16 pairs of RCS amplitude times ``scale``.
+
+    The levels of black and white are those of the picture of the image, dB.
+    """
     orders: dict[int, C64] = {}
     for layer, plane in zip(image.layers, image.data, strict=True):
         if layer.channel == channel:
@@ -185,8 +191,10 @@ def image_payload(image: SarImage, channel: str) -> dict[str, Value]:
         image.total(channel)  # raises an error that lists the channels
     peak = max(float(np.abs(plane).max()) for plane in orders.values())
     scale = STORED_PEAK / peak if peak > 0.0 else 1.0
+    shown = db_from_power(backscatter(image, "sigma0" if image.calibrated else "rcs", channel))
     return {
         "scale": scale,
+        "limits": limits_db(shown, clutter=has_clutter(image)),
         "cell_area": image.cell_area[image.grid.shape[0] // 2].astype(np.float32)
         if image.calibrated
         else None,

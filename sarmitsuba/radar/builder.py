@@ -31,7 +31,7 @@ from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.orbit import orbit_of
 from sarmitsuba.radar.parallel_pass import parallel_pass
 from sarmitsuba.radar.path import FlightPath
-from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
+from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_distance, doubtful_pixels, doubtful_track
 from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.receiver import receiver_track
@@ -99,6 +99,8 @@ def build_radar(
     else:
         geometry = geometry_from_angles(given, aim) if orbit is None else orbit[0]
     scene = Box(geometry.aim, geometry.axes, *extent.in_axes(geometry.aim, geometry.axes))
+    if track is None and orbit is None:
+        doubts += doubtful_distance(given, scene)
     speed = s.speed if orbit is None else orbit[1].speed
     cells = (known_azimuth_cell(given, geometry, waveform, track, speed), waveform.range_cell)
     image, notes = build_image_request(film, given.film_where, scene, geometry.center, cells, shift)
@@ -108,8 +110,8 @@ def build_radar(
             extent = extent.densest(min(sides))
             radar, image, notes = build_radar(given, extent, offset)
             x, y = extent.middle[:2] + shift[:2]
-            note = f"{given.where}: nothing lies in the middle of the scene; the radar is aimed at its densest part, "
-            return radar, image, (f"{note}aim_x = {x:.6g} m, aim_y = {y:.6g} m", *notes)
+            note = f"{given.where}: nothing but ground lies in the middle of the scene; the radar is aimed at its "
+            return radar, image, (f"{note}densest part, aim_x = {x:.6g} m, aim_y = {y:.6g} m", *notes)
     box = image_box(image, scene)
     half_aperture = np.inf
     path: FlightPath | None = None

@@ -1,11 +1,19 @@
 """Extent of the scatterers: their outline and the default aim point."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from sarmitsuba.arrays import F64, I32
 from sarmitsuba.boxes import box_of_each
+
+# m; faces that reach no higher above the level of the ground are ground, kerbs and pavements included
+_ABOVE_GROUND = 0.5
+# share of the plan that such ground covers in scenes on a plain; in others, such as terrain, bodies have walls
+_PLAIN = 0.5
+# cosine of the least slope of a wall, 60 degrees
+_WALL = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,22 +54,44 @@ class Extent:
             return self.in_axes(origin, axes)
         return replace(self, outline=np.concatenate([self.outline, self.endless])).in_axes(origin, axes)
 
+    @cached_property
+    def bodies(self) -> I32:
+        """Triangles without the ground, (n, 3).
+
+        On a plain they are all that reach above it; on terrain the walls, all triangles where there are none.
+        """
+        assert self.faces is not None
+        if not len(self.faces):
+            return self.faces
+        corners = self.outline[self.faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        plan, area = 0.5 * np.abs(normal[:, 2]), 0.5 * np.linalg.norm(normal, axis=1)
+        low = corners[..., 2].max(axis=1) <= self.middle[2] + _ABOVE_GROUND
+        sides = np.ptp(corners[..., :2].reshape(-1, 2), axis=0)
+        if plan[low].sum() >= _PLAIN * float(np.prod(sides)):
+            picked = ~low
+        else:
+            picked = (plan < _WALL * area) & ~low
+        return self.faces[picked] if picked.any() else self.faces
+
     def is_empty(self, center: F64, reach: float) -> bool:
-        """Whether no scatterer lies within a horizontal distance ``reach`` of ``center``, (2,), m."""
-        # a corner is near in most scenes: their triangles need not be looked at
-        if self.faces is None or (np.hypot(*(self.outline[:, :2] - center).T) <= reach).any():
+        """Whether no body and no point lies within a horizontal distance ``reach`` of ``center``, (2,), m."""
+        if self.faces is None:
             return False
-        low, high, _ = self._parts(self.faces)
+        # all of a small scene is near: its triangles need not be looked at
+        if (np.hypot(*(self.outline[:, :2] - center).T) <= reach).all():
+            return False
+        low, high, _ = self._parts(self.bodies)
         gap = np.maximum(np.maximum(low - center, center - high), 0.0)
         return bool((np.linalg.norm(gap, axis=1) > reach).all())
 
     def densest(self, size: float) -> "Extent":
-        """The same with the middle in the square of ``size``, m, that holds the largest area of triangles.
+        """The same with the middle in the square of ``size``, m, that holds the largest area of bodies.
 
         Squares overlap by half; an ideal point counts as one square metre.
         """
         assert self.faces is not None
-        low, high, area = self._parts(self.faces)
+        low, high, area = self._parts(self.bodies)
         places = 0.5 * (low + high)
         cell = np.floor((places - places.min(axis=0)) / (0.5 * size)).astype(np.int64)
         cells, index = np.unique(cell, axis=0, return_inverse=True)
@@ -75,11 +105,11 @@ class Extent:
         return replace(self, middle=np.array([*ends.mean(axis=0), self.middle[2]]))
 
     def _parts(self, faces: I32) -> tuple[F64, F64, F64]:
-        """Horizontal bounds (n, 2) of all triangles and other points, and their areas (n,), m^2."""
+        """Horizontal bounds (n, 2) of triangles and of points of none, and their areas (n,), m^2."""
         corners = self.outline[faces]
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         alone = np.ones(len(self.outline), dtype=bool)
-        alone[faces] = False
+        alone[self.faces] = False
         points = self.outline[alone, :2]
         low, high = box_of_each(corners[..., :2])
         return (

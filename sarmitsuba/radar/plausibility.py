@@ -6,12 +6,15 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.swath import Box
 from sarmitsuba.radar.track import Track
 
 # a track within the numeric bounds of longitude and latitude, above this height and below this speed, is taken as
 # degrees: slow rail-based radars are near the ground
 _DEGREES = np.array([180.0, 90.0])
 _SLOW, _HIGH = 0.2, 50.0  # m/s, m
+# slant ranges below this, m, are those of airborne radars in km
+_NEAR = 50.0
 
 
 def doubtful_angles(given: RadarInput) -> list[str]:
@@ -23,6 +26,17 @@ def doubtful_angles(given: RadarInput) -> list[str]:
         f"{np.degrees(angle):.4g}"
         for name, angle in angles
         if angle < 0.5 * np.pi
+    ]
+
+
+def doubtful_distance(given: RadarInput, scene: Box) -> list[str]:
+    """Warning about a slant range that may be in kilometres: of less than 50 m to a scene more than twice as wide."""
+    distance, width = given.sensor.slant_range, float((scene.high - scene.low)[:2].max())
+    if not 0.0 < distance < _NEAR or width < 2.0 * distance:
+        return []
+    return [
+        f"{given.where}: slant_range = {distance:g} m puts the antenna within the scene, which is {width:.4g} m wide; "
+        f"if it is meant in km, give {1e3 * distance:g}"
     ]
 
 

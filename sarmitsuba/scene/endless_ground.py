@@ -9,7 +9,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.scene.ground_outline import LEAST_LEVEL, LEVEL, SLAB, Rim, outline
+from sarmitsuba.scene.ground_outline import BEYOND, LEAST_LEVEL, LEVEL, NOT_LEVEL, SLAB, Rim, outline
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.units import db_from_power
@@ -151,6 +151,8 @@ def _open_rim(scene: Scene, why: str) -> str:
         return ""
     if (lone and any(m.metallic for m in used)) or not _is_coherent(scene, used):
         return ""
+    if why == NOT_LEVEL and size[largest, 2] <= LEAST_LEVEL:
+        why = BEYOND  # level itself, beside shapes that reach further out and deeper
     need = reach_of(scene.image, scene.radar, geometry) / 2.0
     return (
         f'{scene.name}: the rim of the ground "{geometry.mesh_names[largest]}" {why}, so that it ends there, and the '

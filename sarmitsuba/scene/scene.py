@@ -57,21 +57,32 @@ class Scene:
     scatterers: tuple[ScattererTarget, ...] = ()
 
     @staticmethod
-    def of(given: "SceneLike") -> "Scene":
+    def of(given: "SceneLike", **loading: object) -> "Scene":
         """A scene as it is; a scene file, or the name of a shipped scene, loaded.
+
+        Parameters
+        ----------
+        given : scene, file or name
+        loading : arguments of :func:`sarmitsuba.load_scene` for a file or a name; those that are None do not count
 
         Raises
         ------
-        SceneError : anything else, or a file that cannot be loaded
+        SceneError : anything else, a file that cannot be loaded, or arguments of loading for a scene that is loaded
         """
+        wanted = {name: value for name, value in loading.items() if value is not None}
         if isinstance(given, Scene):
+            if wanted:
+                raise SceneError(
+                    f"scene: {' and '.join(wanted)} belong to loading, and this scene is loaded already; give them to "
+                    "load_scene, or here with the file"
+                )
             return given
         if not isinstance(given, str | Path):
             remedy = "give a scene of load_scene or build_scene, a file, or the name of a shipped scene"
             if late("sarmitsuba.loader.build", "is_trimesh")(given):
                 remedy = "give build_scene([SceneMesh.of(mesh, material)]), with a material for every mesh"
             raise SceneError(f"scene: {type(given).__name__} is no scene; {remedy}")
-        scene = late("sarmitsuba.loader.load", "load_scene")(given)
+        scene = late("sarmitsuba.loader.load", "load_scene")(given, **wanted)
         assert isinstance(scene, Scene)
         return scene
 

@@ -36,7 +36,7 @@ class TraceSettings:
     tolerance_db : an effect that changes the image by less is left out, dB relative to its clutter or peak; below 0
     target_error_db : sampling error up to which passes are added, dB relative to the image's clutter or peak; 0 = off
     time_limit : for which passes are added, s; 0 = off
-    default_rms_height : m, of materials without a roughness; used while loading
+    default_rms_height : m, of Sionna's materials without a roughness; 0: none has a typical one; used while loading
     endless_ground : whether level ground goes on beyond its rim, see :mod:`sarmitsuba.scene.endless_ground`
     effects : name of an effect to ``auto``, ``on`` or ``off``; others are ``auto``
     """

@@ -2,6 +2,7 @@
 
 import time
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -42,6 +43,9 @@ LOST_POWER = 0.05
 def simulate(
     scene: SceneLike,
     *,
+    radar: Path | str | None = None,
+    parameters: Mapping[str, str] | None = None,
+    ground: str | None = None,
     seed: int | None = None,
     progress: Progress | None = None,
     plan: EffectsPlan | None = None,
@@ -56,7 +60,8 @@ def simulate(
 
     Parameters
     ----------
-    scene : as loaded, a scene file, or the name of a shipped scene
+    scene : as loaded, a scene or mesh file, or the name of a shipped scene
+    radar, parameters, ground : of a file or a name, as for :func:`sarmitsuba.load_scene`
     seed : overrides the scene's
     progress : called after every batch
     plan : overrides the automatic effects plan
@@ -86,7 +91,7 @@ def simulate(
     -----
     Limitations are those of the kernel; within a block of pulses amplitudes and visibility are those of its key pulse.
     """
-    scene = Scene.of(scene)
+    scene = Scene.of(scene, radar=radar, parameters=parameters, ground=ground)
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
     run = Run(scene, plan=plan, clock=clock, workers=workers)

@@ -5,7 +5,9 @@
 """
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.effects.plan import EffectsPlan
@@ -28,6 +30,9 @@ from sarmitsuba.timing import Clock
 def render(
     scene: SceneLike,
     *,
+    radar: Path | str | None = None,
+    parameters: Mapping[str, str] | None = None,
+    ground: str | None = None,
     method: Method | None = None,
     seed: int | None = None,
     grid: ImageGrid | None = None,
@@ -44,7 +49,8 @@ def render(
 
     Parameters
     ----------
-    scene : as loaded, a scene file, or the name of a shipped scene
+    scene : as loaded, a scene or mesh file, or the name of a shipped scene
+    radar, parameters, ground : of a file or a name, as for :func:`sarmitsuba.load_scene`
     method : ``raster``, ``image``, ``hybrid`` or ``raw``; default: the scene's
     seed : of every random number; default: the scene's
     grid : pixels; default: those that the scene asks for, the same for every method
@@ -72,7 +78,7 @@ def render(
     -----
     For the limitations of ``image`` and ``raster`` see :class:`sarmitsuba.simulation.image.Imager`.
     """
-    scene = Scene.of(scene)
+    scene = Scene.of(scene, radar=radar, parameters=parameters, ground=ground)
     name = method or scene.settings.method
     if name not in METHODS:
         raise SceneError(f"{scene.name}: method {name!r} is unknown; choose one of {', '.join(METHODS)}")

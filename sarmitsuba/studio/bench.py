@@ -21,6 +21,7 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.loader.from_mesh import is_mesh_file
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loader.radar_ground import PLUGIN as RADAR_GROUND
 from sarmitsuba.loader.tables import RADAR_MATERIAL
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method
@@ -80,14 +81,14 @@ class View:
     ----------
     state, scene : simulated state and its scene
     image : on a ground grid
-    rcs : of the whole scene from the middle of the aperture, by bounce order
+    rcs : of the whole scene from the middle of the aperture, by bounce order; None where its ground has no end
     seconds : time for loading and simulating
     """
 
     state: BenchState
     scene: Scene
     image: SarImage
-    rcs: RcsSweep
+    rcs: RcsSweep | None
     seconds: float
 
 
@@ -193,17 +194,23 @@ def view_of(state: BenchState, folder: Path, *, clock: Clock = time.perf_counter
     _write(path, scene_xml(state))
     scene = load_scene(path)
     image = render(scene, range_window=DEFAULT_WINDOW, azimuth_window=DEFAULT_WINDOW)
+    return View(state, scene, image, _rcs_of(scene, state.resolution), clock() - start)
+
+
+def _rcs_of(scene: Scene, resolution: float) -> RcsSweep | None:
+    """Radar cross section of a whole scene from the middle of the aperture; None where its ground has no end."""
+    if any(scene.geometry.mesh_endless):
+        return None
     line = scene.radar.track.center_position - scene.radar.aim_point
     azimuth, elevation = np.arctan2(line[1], line[0]), np.arctan2(line[2], np.hypot(line[0], line[1]))
     # the scatterer cell of the image: a third of a wavelength, as for many aspects, would take most of the time
-    settings = dataclasses.replace(scene.settings, scatterer_cell=0.5 * state.resolution)
-    rcs = rcs_sweep(
+    settings = dataclasses.replace(scene.settings, scatterer_cell=0.5 * resolution)
+    return rcs_sweep(
         dataclasses.replace(scene, settings=settings),
         Aspects(np.array([azimuth]), np.array([elevation])),
         checked=0,
         most_rays=RCS_RAYS,
     )
-    return View(state, scene, image, rcs, clock() - start)
 
 
 def _write(path: Path, text: str) -> None:
@@ -259,7 +266,17 @@ def _made_of(node: ET.Element, material: str) -> None:
 
 
 def _scaled(shape: ET.Element, size: float) -> None:
-    """Scale a shape about the origin, after its other transforms."""
+    """Scale a shape about the origin, after its other transforms; of ground without end its level and extent."""
+    if shape.get("type") == RADAR_GROUND:
+        for node in shape.findall("float"):
+            try:
+                node.set("value", repr(size * float(node.attrib["value"])))
+            except ValueError:
+                raise SceneError(
+                    f"studio: the size cannot change {RADAR_GROUND}'s {node.get('name')} = {node.get('value')}; "
+                    "write the number out"
+                ) from None
+        return
     transform = next((node for node in shape.findall("transform") if node.get("name") == "to_world"), None)
     if transform is None:
         transform = ET.SubElement(shape, "transform", {"name": "to_world"})

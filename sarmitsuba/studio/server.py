@@ -273,7 +273,10 @@ class Studio:
         """Scale factor of the display: all scenes are shown at one size."""
         assert self.view is not None
         image = self.view.scene.image
-        return _SIZE / max(self.view.scene.geometry.diameter, image.extent_azimuth, image.extent_range)
+        geometry = self.view.scene.geometry
+        # ground without end is as large as the rays need, far larger than what stands on it
+        diameter = 0.0 if any(geometry.mesh_endless) else geometry.diameter
+        return _SIZE / max(diameter, image.extent_azimuth, image.extent_range)
 
     def _placed(self, points: F64) -> F32:
         """Displayed positions of points (..., 3) of the scene, relative to the aim point."""
@@ -323,6 +326,8 @@ def dimmed(picture: U8) -> U8:
 def rcs_text(view: View) -> str:
     """Radar cross section of the whole scene from the middle of the aperture, as Markdown."""
     channel = view.state.polarisation
+    if view.rcs is None:
+        return "*no RCS of the whole scene: its ground has no end*"
     lines = [f"**RCS of the whole scene from here, {channel}:** {view.rcs.dbsm(channel)[0]:.1f} dBsm"]
     for order in view.rcs.orders:
         lines.append(

@@ -46,6 +46,9 @@ _CLUTTER_SPREAD_DB = 14.0
 _AROUND_MODE_DB = 20.0
 _MODE_WIDTH_DB = 6
 _MODE_SHARE = 0.5
+# Around a small body lie side lobes alone: in a corner of the picture, beside both its lines, they are twice the
+# window's level below the peak and less (88 dB for a sphere of 1 m), and so is clutter that they hide
+_DEEPEST_CLUTTER_DB = 80.0
 # position of that level between black (0) and white (1)
 _CLUTTER_AT = 0.42
 # An image is speckle throughout where the standard deviation of the power in almost all blocks of pixels is below this
@@ -211,8 +214,9 @@ def limits_db(values_db: F64, span_db: float = 50.0, *, clutter: bool | None = N
 
     For clutter the scale is relative to the clutter's level, independent of the area in shadow or outside the scene and
     of bright corners. White is at most the 99.9th percentile. For targets alone white is that percentile and black
-    ``span_db`` below. Where more than 15 % of the pixels would be white, what was taken for clutter is the side lobes
-    around a body, and white is the 98th percentile. Pixels at -inf are ignored; without any finite pixel white is 0 dB.
+    ``span_db`` below, as where what looks like clutter lies 80 dB below the brightest pixel. Where more than 15 % of
+    the pixels would be white, what was taken for clutter is the side lobes around a body, and white is the 98th
+    percentile. Pixels at -inf are ignored; without any finite pixel white is 0 dB.
 
     Parameters
     ----------
@@ -332,7 +336,8 @@ def _clutter_db(values_db: F64, known: bool | None) -> float | None:
     padded = np.pad(density, 1)
     peak = (density >= padded[:-2]) & (density >= padded[2:]) & (density >= _MODE_SHARE * density.max())
     mode = bottom + float(np.flatnonzero(peak)[-1]) + 0.5 * _MODE_WIDTH_DB
-    return float(np.median(lit[np.abs(lit - mode) < _AROUND_MODE_DB]))
+    level = float(np.median(lit[np.abs(lit - mode) < _AROUND_MODE_DB]))
+    return None if float(np.nanmax(values_db)) - level > _DEEPEST_CLUTTER_DB else level
 
 
 def has_clutter(image: SarImage) -> bool | None:

@@ -24,7 +24,7 @@ _RIM = 0.03
 
 
 def image_figure(image: SarImage, path: Path | str | None = None, channel: str | None = None) -> Figure:
-    """Quick-look of a channel, written as PNG if a path is given."""
+    """Quick-look of a channel, written if a path is given, in the format of its suffix (PNG, JPEG, PDF, SVG)."""
     figure = quicklook(image, channel=channel)
     if path is not None:
         save(figure, path)

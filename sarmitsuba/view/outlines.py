@@ -36,7 +36,7 @@ class Outline:
     Parameters
     ----------
     foot : (n, 3) float64, m, scene frame: closed ring around its vertical projection, each corner at the lowest height
-        of the body there; without walls, at the lowest height of the body
+        of the body there, but not below the ground; without walls, at the lowest height of the body
     top : (n, 3) float64: the same ring at the greatest heights
     """
 
@@ -79,6 +79,7 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
     least = 1e-9 * np.square(np.abs(sides).max(axis=(1, 2)))
     order = np.argsort(part, kind="stable")
     bodies: list[_PlanBody] = []
+    grounds: list[F64] = []
     for pick in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
         seen = pick[np.abs(area[pick]) > least[pick]]  # walls project to lines
         if not seen.size:
@@ -86,6 +87,7 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
         plan = shapely.union_all(shapely.polygons(corner[seen][:, :, :2]), grid_size=_SAME)
         height_field = len(seen) == len(pick) and np.abs(area[seen]).sum() < 1.001 * plan.area
         if height_field and plan.area > _GROUND * request.extent_azimuth * request.extent_range:
+            grounds.append(np.unique(corner[pick].reshape(-1, 3), axis=0))
             continue
         bodies.append(_PlanBody(plan, _Heights.of(corner[pick].reshape(-1, 3))))
     found: list[Outline] = []
@@ -100,8 +102,31 @@ def outlines(scene: Scene) -> tuple[Outline, ...]:
                         top[:, 2] - foot[:, 2]
                     ).max() < _DETAIL:  # a rim over nothing, as of the crown of a tree
                         foot[:, 2] = heights.low.min()
+                    foot[:, 2] = np.maximum(foot[:, 2], _sunk(top, grounds))
                     found.append(Outline(foot, top))
     return tuple(found)
+
+
+def _sunk(top: F64, grounds: list[F64]) -> F64:
+    """Heights (n,) of the ground below the upper rim of a body, m; -inf where there is none.
+
+    A body that is sunk into the ground, such as a quay into water, stands out of it from there on. Where it reaches
+    beyond the ground, the lowest height of that below the rest of it counts.
+
+    Parameters
+    ----------
+    top : (n, 3) m, upper rim
+    grounds : (m, 3) m, corners of each ground
+    """
+    from scipy.interpolate import LinearNDInterpolator
+
+    height = np.full(len(top), -np.inf)
+    for corners in grounds:
+        middle = corners[:, :2].mean(axis=0)
+        found = LinearNDInterpolator(corners[:, :2] - middle, corners[:, 2])(top[:, :2] - middle)
+        height = np.fmax(height, np.where(found <= top[:, 2], found, -np.inf))
+    stands = np.isfinite(height)
+    return np.where(stands, height, height[stands].min(initial=np.inf)) if stands.any() else height
 
 
 def _standing(bodies: "list[_PlanBody]") -> "list[_PlanBody]":

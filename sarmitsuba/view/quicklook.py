@@ -1,6 +1,7 @@
 """Quick-look pictures: by default grey decibels, axes in metres, range to the right, azimuth up, not smoothed."""
 
 import dataclasses
+import textwrap
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -32,6 +33,9 @@ _LARGEST_PANEL, _SMALLEST_PANEL = 700, 360
 _LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 62, 74  # screen pixels around a picture: labels, colour bar, title
 _NARROWEST = 300  # width needed for the title
 _WINDOWS = ("azimuth_window", "range_window")  # names used by the focusers
+
+# of pictures, by the suffixes of their files
+_FORMATS = {"": "png", ".png": "png", ".jpg": "jpg", ".jpeg": "jpg", ".pdf": "pdf", ".svg": "svg"}
 
 
 def quicklook(
@@ -134,8 +138,10 @@ def panel(image: SarImage, options: PictureOptions | None = None, *, width: floa
     figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
     axes = figure.add_subplot()
     picture = draw(image, axes, options)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.label.set_fontsize(7)
+    axes.set_xlabel(axes.get_xlabel(), fontsize=7)
+    # beside a low picture in several lines, of letters about 4/7 as wide as high
+    letters = int((height - 0.6) * 0.75 * 72.0 / 4.0)
+    axes.set_ylabel(textwrap.fill(axes.get_ylabel(), max(letters, 12)), fontsize=7)
     axes.tick_params(labelsize=6)
     bar = figure.colorbar(picture, ax=axes, orientation="horizontal", fraction=0.05, pad=0.02)
     bar.set_label(f"{options.channel}, {prepare(image, options, LARGEST).label}", fontsize=7)
@@ -198,10 +204,29 @@ def bounce_orders(image: SarImage) -> tuple[int, ...]:
     return tuple(sorted({layer.order for layer in image.layers if layer.order > 0}))
 
 
+def picture_format(path: Path | str) -> str:
+    """Format of a picture's file by its suffix: png (also without any), jpg, pdf or svg.
+
+    Raises
+    ------
+    DataError : another suffix
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in _FORMATS:
+        raise DataError(f'{path}: no picture has the suffix "{suffix}"; take .png, .jpg, .pdf or .svg')
+    return _FORMATS[suffix]
+
+
 def save(figure: Figure, path: Path | str) -> None:
-    """Write a figure as PNG, completely or not at all."""
+    """Write a figure in the format of the path's suffix, see `picture_format`, completely or not at all."""
+    kind = picture_format(path)
     with atomic_path(path) as temporary:
-        FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=_DPI, pil_kwargs=PACKED)
+        if kind in ("png", "jpg"):
+            packed = PACKED if kind == "png" else None
+            FigureCanvasAgg(figure).print_figure(temporary, format=kind, dpi=_DPI, pil_kwargs=packed)
+        else:  # without the date: the same picture is the same file
+            dates = {"pdf": "CreationDate", "svg": "Date"}
+            figure.savefig(temporary, format=kind, dpi=_DPI, metadata={dates[kind]: None})
 
 
 def _filled(image: SarImage, options: PictureOptions | None, channel: str | None) -> PictureOptions:

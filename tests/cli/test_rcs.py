@@ -37,6 +37,7 @@ def test_sweep_writes_table_plot_image_and_record(tmp_path: Path, capsys: pytest
     assert main(arguments) == 0
     shown = capsys.readouterr()
     assert "VV: strongest" in shown.out and "sampling error" in shown.out
+    assert "black" not in shown.err  # a cross section has no clutter to miss
     found = table(out)
     assert found["azimuth_deg"][[0, -1]].tolist() == [150.0, 210.0] and len(found["azimuth_deg"]) == 31
     assert set(found["elevation_deg"]) == {30.0}

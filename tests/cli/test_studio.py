@@ -70,6 +70,29 @@ def test_first_state_is_what_the_scene_says(tmp_path: Path) -> None:
     assert first_state(str(bare)).frequency == 9.65e9  # no radar of its own: a shipped one's
 
 
+GROUND = """<scene version="3.0.0"><bsdf type="radar_material" id="yard"><string name="material" value="gravel"/></bsdf>
+<bsdf type="radar_material" id="wall"><string name="material" value="brick"/></bsdf>
+<shape type="radar_ground"><ref id="yard"/><float name="level" value="-0.5"/></shape>
+<shape type="cube"><transform name="to_world"><scale value="3"/><translate z="2.5"/></transform><ref id="wall"/></shape>
+</scene>"""
+
+
+def test_a_scene_on_ground_without_end_is_simulated(tmp_path: Path) -> None:
+    """It has an image and no cross section, for which the whole scene was refused."""
+    pytest.importorskip("viser", reason="the page of the bench; in the studio extra")
+    from sarmitsuba.studio.server import rcs_text
+
+    (tmp_path / "yard.xml").write_text(GROUND)
+    state = dataclasses.replace(first_state(str(tmp_path / "yard.xml")), size=2.0)
+    view = view_of(state, tmp_path)
+    assert view.rcs is None and "no RCS" in rcs_text(view)
+    sigma0 = view.image.to_db()
+    # gravel around the wall, typical level of the X band; tol: speckle's median lies 1.6 dB below its mean
+    assert np.median(sigma0[:10]) == pytest.approx(-17.6, abs=1.0)
+    low, high = view.scene.geometry.bounds + view.scene.offset
+    assert (low[2], high[2]) == pytest.approx((-1.0, 11.0))
+
+
 def test_size_and_material_change_what_they_say(tmp_path: Path) -> None:
     plain = first_state("tower")
     state = dataclasses.replace(plain, size=2.5, materials={"gravel": "metal"})

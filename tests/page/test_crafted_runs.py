@@ -140,7 +140,7 @@ def test_script_in_a_sweep_is_text(silent: Callable[[Path], Any], tmp_path: Path
     payload = {
         "title": evil(2), "version": evil(), "center": np.zeros(3), "radius": 1.0, "below": 1.0, "frequency": 1e9,
         "swept": "azimuth", "polar": False, "whole": False, "azimuth": np.array([0.0, 1.0]), "elevation": np.zeros(2),
-        "image": None, "scenes": [scene], "channels": channels,
+        "image": None, "scenes": [scene], "channels": channels, "statement": {"text": evil(7), "warning": evil(8)},
     }  # fmt: skip
     write_page(tmp_path / "page.html", payload, PAGE)
     page = silent(tmp_path / "page.html").page

@@ -97,6 +97,21 @@ def test_pixels_are_the_coherent_sum_of_the_layers_switched_on(calibrated: bool,
         assert 20 < np.unique(got[..., 0]).size
 
 
+def test_label_below_a_narrow_picture_is_whole(bench: Any) -> None:
+    grid = a_grid(rows=400, columns=30)
+    bench.run(
+        SHOW,
+        data=payload(planes(np.random.default_rng(1), (1,), grid.shape), None),
+        grid=page_grid(grid),
+        orders=[1],
+    )
+    left, right, width = bench.run(
+        "await new Promise((done) => requestAnimationFrame(done)); return [...view.labelEnds, view.stage.clientWidth];"
+    )
+    assert bench.run("return view.box.width;") < right - left  # the picture is narrower than its label
+    assert 0.0 <= left < right <= width
+
+
 def test_the_slider_sets_the_levels(bench: Any) -> None:
     grid = a_grid()
     layers = planes(np.random.default_rng(8), (0,), grid.shape)

@@ -1,6 +1,7 @@
 """The whole page in a browser: it opens, its clicks show what they should, its look switch moves the beam."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 
 from sarmitsuba.cli import main
 from sarmitsuba.io import read_image, read_raw
+from sarmitsuba.view.display import PictureOptions, prepare
 
 # a quarter of the bridge's image, in coarser cells: seconds instead of half a minute
 SMALLER = (
@@ -64,6 +66,39 @@ def test_numbers_arrive_as_they_were_written(shown: Any, bridge: tuple[Path, Pat
     error = np.abs(pixels - image.total()) ** 2
     # tol: float16 rounds to 2^-12 of a number at most, -72 dB
     assert error.sum() < 10 ** (-0.1 * 66) * (np.abs(image.total()) ** 2).sum()
+
+
+def test_image_is_shown_as_bright_as_its_picture(shown: Any, bridge: tuple[Path, Path]) -> None:
+    """The page took the brightest pixels for its scale: strong corners left the clutter black."""
+    image = read_image(bridge[0] / "image.h5")
+    black, white = prepare(image, PictureOptions(), 1600).limits
+    assert shown.page.get_by_label("Brightest").input_value() == str(round(white))
+    got = np.array(
+        shown.call(
+            """const { canvas } = page.view;
+            const copy = document.createElement("canvas");
+            [copy.width, copy.height] = [canvas.width, canvas.height];
+            const context = copy.getContext("2d", { willReadFrequently: true });
+            context.drawImage(canvas, 0, 0);
+            const { data } = context.getImageData(0, 0, copy.width, copy.height);
+            return Array.from(data.filter((_, i) => i % 4 === 0));"""
+        )
+    )
+    want = 255.0 * np.clip((image.to_db() - black) / (white - black), 0.0, 1.0).ravel()
+    assert 20.0 < np.median(want)  # neither black nor white
+    # tol: levels of whole dB, half a dB of 50 at each end
+    assert np.abs(got - want).mean() < 5.0
+
+
+def test_texts_below_the_echo_stand_apart(shown: Any) -> None:
+    for width in (1280, 1000):
+        shown.page.set_viewport_size({"width": width, "height": 800})
+        shown.idle()
+        texts = shown.call("page.signals.draw(); return page.signals.texts;")
+        assert texts[0]["text"] == "0 m" and len(texts) >= 2
+        ends = sorted((one["left"], one["right"]) for one in texts)
+        assert all(first[1] <= second[0] for first, second in pairwise(ends))
+    shown.page.set_viewport_size({"width": 1280, "height": 800})
 
 
 def third_line(path: Path) -> tuple[int, int]:

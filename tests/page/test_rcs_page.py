@@ -102,6 +102,7 @@ def test_aspects_without_any_return_can_be_shown(opened: Callable[[Path], Any], 
         "title": "nothing", "center": np.zeros(3), "radius": 1.0, "below": 1.0, "frequency": 1e9, "swept": "azimuth",
         "polar": False, "whole": False, "azimuth": np.array([0.0, 1.0]), "elevation": np.zeros(2), "image": None,
         "scenes": [{"glb": np.zeros(0, np.uint8), "meshes": [], "materials": [], "points": []}],
+        "statement": {"text": "errors: none known", "warning": ""},
         "channels": [
             {"name": "HH", "error": None, "total": np.array([-np.inf, 3.0]), "phase": np.zeros(2), "orders": []}
         ],

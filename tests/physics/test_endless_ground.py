@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from sarmitsuba import cli
 from sarmitsuba.arrays import F64, I64
@@ -383,10 +384,14 @@ def test_what_is_no_ground_ends_where_it_ends() -> None:
     ground = SceneMesh(*square(HALF), "asphalt", "ground")
     v = np.array([[-30.0, -30, 0], [30, -30, 0], [30, -30, 5], [-30, -30, 5]])
     f = np.array([[0, 1, 2], [0, 2, 3]])
+    sunk = trimesh.creation.box(extents=(HALF, 2.0 * HALF, 6.0))
+    sunk.apply_translation([1.5 * HALF, 0.0, 0.0])
     moving = replace(ground, motion=Motion(velocity=(0.0, 1.0, 0.0)))
     for why, *meshes in (
         ("has a wall or", ground, SceneMesh(v, f, "concrete")),
         ("does not surround", ground, SceneMesh(v + np.array([0.0, -9.0, 1.0]), f, "concrete")),
+        # a quay beside water, which is level itself: the note blamed its level
+        ("does not surround", ground, SceneMesh.of(sunk, "concrete", "quay")),
         ("above the lowest shape", ground, SceneMesh(v + np.array([0.0, 9.0, -4.0]), f, "concrete")),
         ("", moving),
     ):

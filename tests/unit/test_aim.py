@@ -32,6 +32,39 @@ def test_between_two_far_groups_the_larger_is_imaged(seed: int) -> None:
     assert sum("aimed at its densest part" in note for note in scene.notes) == 1
 
 
+@pytest.mark.parametrize("hilly", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_ground_between_two_villages_is_not_imaged(seed: int, hilly: bool) -> None:
+    """One sheet of ground below both, level or rolling: an image of its middle shows clutter alone."""
+    rng = np.random.default_rng(seed)
+    angle, apart = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(2e3, 6e3)
+    far = 0.5 * apart * np.array([np.cos(angle), np.sin(angle)])
+    side = np.linspace(-0.5 * apart - 300.0, 0.5 * apart + 300.0, 41)
+    x, y = np.meshgrid(side, side)
+    z = 20.0 * np.sin(x / 300.0 + angle) if hilly else np.zeros_like(x)
+    corner = (np.arange(40)[:, None] * 41 + np.arange(40)).ravel()
+    first, second = (
+        np.stack([corner, corner + 1, corner + 42], 1),
+        np.stack([corner, corner + 42, corner + 41], 1),
+    )
+    field = SceneMesh(
+        np.stack([x, y, z], axis=-1).reshape(-1, 3), np.concatenate([first, second]), "soil", "field"
+    )
+    scene = build_scene([field, *village(*far, 4, rng), *village(*-far, 12, rng)])
+    middle = np.array([scene.image.center_x, scene.image.center_y]) + scene.offset[:2]
+    # tol: 110 m, within the village of 200 m
+    assert np.linalg.norm(middle + far) < 110.0
+    assert sum("nothing but ground lies in the middle" in note for note in scene.notes) == 1
+
+
+def test_a_body_in_the_middle_of_wide_ground_stays_there() -> None:
+    rng = np.random.default_rng(3)
+    field = SceneMesh.of(trimesh.creation.box(extents=(4e3, 4e3, 0.1)), "soil", "field")
+    scene = build_scene([field, *village(0.0, 0.0, 1, rng), *village(1500.0, 0.0, 12, rng)])
+    assert np.hypot(scene.image.center_x + scene.offset[0], scene.image.center_y + scene.offset[1]) < 1.0
+    assert not any("densest" in note for note in scene.notes)
+
+
 def test_who_aims_is_obeyed_and_points_on_both_sides_stay_in_one_image() -> None:
     rng = np.random.default_rng(5)
     far = [*village(-9e3, 0.0, 4, rng), *village(9e3, 0.0, 12, rng)]

@@ -41,6 +41,16 @@ def test_a_look_angle_in_radians() -> None:
     assert said(RadarDescription(look_angle_deg=10.0)) == []
 
 
+def test_a_slant_range_in_kilometres() -> None:
+    wide = Extent.of_box(np.array([-40.0, -30.0, 0.0]), np.array([40.0, 30.0, 5.0]))
+    with pytest.warns(
+        SarmitsubaWarning, match=r"slant_range = 10 m .* 80 m wide; .* in km, give 10000"
+    ) as caught:
+        build_radar(RadarInput.of(RadarDescription(slant_range=10.0), FilmDescription()), wide)
+    assert len(caught) == 1
+    assert said(RadarDescription(slant_range=10.0)) == []  # a scene of 10 m
+
+
 def test_pixels_wider_than_the_cell() -> None:
     # 300 MHz: 0.5 m in slant range, 0.71 m on the ground at 45 deg
     lines = said(

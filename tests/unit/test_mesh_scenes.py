@@ -8,10 +8,12 @@ import pytest
 import trimesh
 
 from sarmitsuba import cli
+from sarmitsuba.commands.scene_arguments import material_choice
 from sarmitsuba.errors import RadarError, SarmitsubaWarning, SceneError
 from sarmitsuba.loader.from_mesh import MeshOptions
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.names_of_materials import kind_of
+from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.scene.scene import Scene
 
 RADAR = "airborne_x"
@@ -183,3 +185,23 @@ def test_a_scene_of_mirrors_says_that_it_is_black(tmp_path: Path) -> None:
     mirrors = load_scene("dihedral")
     assert any("no material has a diffuse law: the image is black" in note for note in mirrors.notes)
     assert not any("image is black" in note for note in load_scene("tower").notes)
+
+
+def test_a_material_alone_is_that_of_all_names(tmp_path: Path) -> None:
+    """An stl file names no material: there was no way to choose one."""
+    trimesh.creation.box().export(tmp_path / "box.stl")
+    chosen = load_scene(
+        tmp_path / "box.stl", radar=RADAR, mesh=MeshOptions(materials=dict([material_choice("Stahl")]))
+    )
+    assert [m.permittivity for m in chosen.materials] == [
+        MATERIALS["metal"].permittivity(chosen.radar.waveform.center_frequency)
+    ]
+    town().export(tmp_path / "town.glb")
+    some = next(iter(NAMES))
+    given = dict([material_choice("grass"), material_choice(f"{some}=pec")])
+    scene = load_scene(tmp_path / "town.glb", radar=RADAR, mesh=MeshOptions(materials=given))
+    grass = MATERIALS["grass"].permittivity(scene.radar.waveform.center_frequency)
+    assert {m.name for m in scene.materials if m.pec} == {some}
+    assert all(m.pec or m.permittivity == grass for m in scene.materials) and len(scene.materials) == len(
+        NAMES
+    )

@@ -5,9 +5,11 @@ from pathlib import Path
 import matplotlib.collections
 import numpy as np
 import pytest
+import trimesh
 from matplotlib.path import Path as Polygon
 
 import sarmitsuba
+from sarmitsuba import SceneMesh, build_scene
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.placement import ImagePlacement
 from sarmitsuba.image.shown_axes import ShownAxes
@@ -136,6 +138,32 @@ def test_ground_and_hidden_faces_have_no_outline(tmp_path: Path) -> None:
     file = tmp_path / "ground.xml"
     file.write_text(small_scene(ground, **given))
     assert outlines(sarmitsuba.load_scene(file)) == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_body_sunk_into_the_ground_stands_out_of_it(seed: int) -> None:
+    """The footprint of a quay that reaches below the water lay behind the line at its foot."""
+    rng = np.random.default_rng(seed)
+    slope, level = (seed % 2 == 0) * rng.uniform(-0.1, 0.1, 2), rng.uniform(-20.0, 300.0)
+    corners = np.array([[-90.0, -80, 0], [95, -80, 0], [95, 85, 0], [-90, 85, 0]])
+    corners[:, 2] = level + corners[:, :2] @ slope
+    ground = SceneMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "soil", "ground")
+    size = rng.uniform([8.0, 8.0, 12.0], [20.0, 20.0, 15.0])
+    box = trimesh.creation.box(extents=size)
+    # in every other draw it reaches beyond the ground, which is level then
+    beyond = bool(seed % 2)
+    box.apply_translation([90.0 if beyond else 5.0, 5.0, level + float(rng.uniform(-2.0, 0.0))])
+    above = trimesh.creation.box(extents=(6, 6, 3), transform=np.eye(4))
+    above.apply_translation([-40.0, -30.0, level + 25.0])
+    scene = build_scene([ground, SceneMesh.of(box, "brick", "quay"), SceneMesh.of(above, "brick", "above")])
+    found = sorted(outlines(scene), key=lambda one: float(one.foot[0, 0]))
+    assert len(found) == 2
+    over, quay = (one.foot + scene.offset for one in found)
+    # tol: vertices in single precision at 300 m
+    np.testing.assert_allclose(quay[:, 2], level + quay[:, :2] @ slope, atol=1e-3)
+    np.testing.assert_allclose(over[:, 2], level + 23.5, atol=1e-3)
+    top = found[1].top + scene.offset
+    np.testing.assert_allclose(top[:, 2], box.bounds[1, 2], atol=1e-3)
 
 
 def test_the_command_draws_them_from_the_scene_of_the_run(

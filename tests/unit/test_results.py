@@ -130,6 +130,34 @@ def test_multilook_is_the_mean_power_of_blocks() -> None:
             image.multilook(*bad)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "start"),
+    [
+        ("", b"\x89PNG"),
+        (".png", b"\x89PNG"),
+        (".JPG", b"\xff\xd8\xff"),
+        (".pdf", b"%PDF"),
+        (".svg", b"<?xml"),
+    ],
+)
+def test_pictures_are_what_their_suffixes_say(
+    results: dict[str, object], tmp_path: Path, suffix: str, start: bytes
+) -> None:
+    """``plot("x.jpg")`` wrote a PNG file of that name."""
+    image = results["image"]
+    assert isinstance(image, SarImage)
+    image.plot(tmp_path / f"first{suffix}")
+    image.plot(tmp_path / f"second{suffix}")
+    first, second = ((tmp_path / f"{name}{suffix}").read_bytes() for name in ("first", "second"))
+    assert first.startswith(start)
+    if suffix != ".svg":  # ids of its clip paths are drawn anew
+        assert first == second
+    with pytest.raises(
+        DataError, match=r'x\.bmp: no picture has the suffix "\.bmp"; take \.png, \.jpg, \.pdf or \.svg'
+    ):
+        image.plot(tmp_path / "x.bmp")
+
+
 def test_save_load_and_plot(results: dict[str, object], tmp_path: Path) -> None:
     image, raw = results["image"], results["raw"]
     assert isinstance(image, SarImage) and isinstance(raw, sarmitsuba.RawData)

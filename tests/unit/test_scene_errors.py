@@ -279,6 +279,42 @@ def test_functions_take_a_file_or_a_name(call: Callable[[object], object]) -> No
         call(3)
 
 
+@pytest.mark.parametrize("call", [sarmitsuba.simulate, sarmitsuba.render])
+def test_functions_take_what_loading_takes(call: Callable[..., object], tmp_path: Path) -> None:
+    (tmp_path / "box.xml").write_text(f'<scene version="3.0.0"><shape type="cube">{PEC}</shape></scene>')
+    given = {"radar": "airborne_x", "parameters": {"sar_path.max_depth": "1"}, "ground": "soil"}
+    loaded = load_scene(tmp_path / "box.xml", **given)
+    with pytest.raises(SceneError, match=r"^scene: radar and ground belong to loading"):
+        call(loaded, radar="airborne_x", ground="soil")
+
+    class ReachedError(Exception):
+        pass
+
+    def ready(run: object) -> None:
+        scene = run.scene  # type: ignore[attr-defined]
+        assert scene.radar.waveform == loaded.radar.waveform and scene.settings.max_depth == 1
+        assert {m.name for m in scene.materials} == {m.name for m in loaded.materials}
+        raise ReachedError
+
+    with pytest.raises(ReachedError):
+        call(tmp_path / "box.xml", ready=ready, **given)
+
+
+def test_raw_data_are_focused_from_their_file(tmp_path: Path) -> None:
+    raw = sarmitsuba.simulate("point")
+    raw.save(tmp_path / "raw.h5")
+    again = sarmitsuba.focus(str(tmp_path / "raw.h5"))
+    assert (again.data == sarmitsuba.focus(raw).data).all()
+    operator = sarmitsuba.focusing_operator(
+        tmp_path / "raw.h5", request={"extent_azimuth": 4.0, "extent_range": 4.0}
+    )
+    assert operator.shape[1] == raw.data.size
+    with pytest.raises(
+        sarmitsuba.DataError, match=r"^focus: SarImage is no raw data; give those of simulate"
+    ):
+        sarmitsuba.focus(again)
+
+
 def test_a_name_loads_the_shipped_scene() -> None:
     assert str(sarmitsuba.link_budget("point")) == str(sarmitsuba.link_budget(load_scene("point")))
 
@@ -315,3 +351,64 @@ def test_lines_of_an_included_file_name_it(tmp_path: Path) -> None:
     (tmp_path / "scene.xml").write_text(text)
     with pytest.raises(RadarError, match=r"^scene\.xml: sensor sar_antenna \(line 2 of radar\.xml\)"):
         load_scene(tmp_path / "scene.xml")
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".npy", ".h5", ".dat"])
+def test_a_binary_file_is_named_what_it_is_not(tmp_path: Path, suffix: str) -> None:
+    """An elevation raster holds null characters: the message spoke of UTF-8, not of ``import``."""
+    (tmp_path / f"hill{suffix}").write_bytes(b"II*\x00\x08\x00\x00\x00<scene>")
+    with pytest.raises(
+        SceneError, match=rf"hill{suffix}: it is not a scene; .* import hill{suffix} -o hill.xml"
+    ):
+        load_scene(tmp_path / f"hill{suffix}")
+
+
+def test_a_scene_of_any_suffix_is_in_utf_8(tmp_path: Path) -> None:
+    (tmp_path / "scene.txt").write_bytes(
+        b'<?xml version="1.0" encoding="utf-16"?><scene version="3.0.0"></scene>'
+    )
+    with pytest.raises(SceneError, match="a scene file is in UTF-8"):
+        load_scene(tmp_path / "scene.txt")
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ('<sensor type="sar_antena"/><shape type="cube"/>', r'only sar_antena; did you mean "sar_antenna"'),
+        (
+            '<sensor type="sar_antenna"/><shape type="ply"><string name="filename" value="hous.ply"/>'
+            + PEC
+            + "</shape>",
+            r'mesh file "hous.ply" not found .*; did you mean "house.ply"\?',
+        ),
+        (
+            '<include filename="radars/airborne_x.xml"/><shape type="cube"/>',
+            r"leave it out .* --radar airborne_x",
+        ),
+        (
+            '<include filename="radars/mine.xml"/><shape type="cube"/>',
+            r"no such file beside the scene; check the name",
+        ),
+    ],
+)
+def test_near_misses_name_what_was_meant(tmp_path: Path, text: str, match: str) -> None:
+    (tmp_path / "house.ply").write_bytes(b"ply")
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{text}</scene>')
+    with pytest.raises(SarmitsubaError, match=match):
+        load_scene(tmp_path / "scene.xml")
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("look_angle", "did you mean sar_antenna.look_angle_deg"),
+        ("image_grid", "give range_film.image_grid"),
+        ("wubble", "parameters of plugins are given as plugin.name"),
+    ],
+)
+def test_a_parameter_without_its_plugin_is_shown_with_it(tmp_path: Path, name: str, hint: str) -> None:
+    (tmp_path / "scene.xml").write_text(
+        '<scene version="3.0.0"><sensor type="sar_antenna"/><shape type="cube"/></scene>'
+    )
+    with pytest.raises(SceneError, match=hint):
+        load_scene(tmp_path / "scene.xml", parameters={name: "40"})

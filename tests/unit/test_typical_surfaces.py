@@ -8,7 +8,7 @@ import pytest
 
 from sarmitsuba import load_scene
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.loader.names_of_materials import WORDS, kind_of
 from sarmitsuba.loader.tables import RADAR_MATERIAL
@@ -180,6 +180,15 @@ def test_smooth_and_rough_exclude_each_other() -> None:
         ("Schnee.002", "snow"),
         ("pelouse", "grass"),
         ("Kies", "gravel"),
+        ("Schiffsstahl", "metal"),
+        ("Sperrholzplatte", ""),
+        ("Sperrholz", "wood"),
+        ("Kalksandstein", "marble"),
+        ("Rheinwasser", "water"),
+        ("topsoil", "soil"),
+        ("textile", ""),
+        ("glacier", ""),
+        ("propane", ""),
         ("carpet", ""),
         ("terrasse", ""),
         ("mural", ""),
@@ -214,6 +223,35 @@ def test_a_scene_file_understands_names_and_says_it(tmp_path: Path) -> None:
     assert material.scatters
     assert any('material "Stahl" is read as metal' in note for note in scene.notes)
     assert any("metal has its typical surface" in note for note in scene.notes)
+
+
+PLAIN = """<scene version="3.0.0">
+<bsdf type="diffuse" id="Ziegelwand"/><bsdf type="roughconductor" id="Blech"/><bsdf type="plastic" id="door"/>
+<bsdf type="twosided" id="mat-Rasen"><bsdf type="diffuse"/></bsdf><bsdf type="diffuse" id="plain"/>
+<shape type="cube"><ref id="Ziegelwand"/></shape><shape type="cube"><ref id="Blech"/></shape>
+<shape type="cube"><ref id="door"/></shape><shape type="cube"><ref id="mat-Rasen"/></shape>
+<shape type="cube"><ref id="plain"/></shape></scene>"""
+
+
+def test_ids_of_a_mitsuba_scene_name_its_materials(tmp_path: Path) -> None:
+    (tmp_path / "scene.xml").write_text(PLAIN, encoding="utf-8")
+    with pytest.warns(SarmitsubaWarning) as caught:
+        scene = load_scene(tmp_path / "scene.xml", radar="airborne_x")
+    by_name = {material.name: material for material in scene.materials}
+    for name, kind in (
+        ("Ziegelwand", "brick"),
+        ("Blech", "metal"),
+        ("mat-Rasen", "grass"),
+        ("plain", "concrete"),
+    ):
+        assert sigma0(by_name[name], 40.0) == pytest.approx(sigma0(made(material=kind)[0], 40.0), abs=1e-9)
+    for name, kind in (("Ziegelwand", "brick"), ("Blech", "metal"), ("mat-Rasen", "grass")):
+        assert sum(f'"{name}"' in note and f"read as {kind} by its id" in note for note in scene.notes) == 1
+    texts = [str(one.message) for one in caught]
+    assert (
+        sum('BSDF "diffuse" has no radar parameters and is read as: concrete' in text for text in texts) == 1
+    )
+    assert sum('BSDF "plastic"' in text for text in texts) == 1
 
 
 def test_default_rms_height_0_makes_named_materials_mirrors(tmp_path: Path) -> None:

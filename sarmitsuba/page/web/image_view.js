@@ -3,7 +3,7 @@
 //
 // image: { layers: [{ order, re, im }] complex amplitudes in m, Float32Array [ny][nx]; scale by which they are too
 //   large (default 1); cellArea Float32Array(nx) m^2 for sigma0, or null for RCS; calibrated: false
-//   for levels in unknown units }
+//   for levels in unknown units; limits [black, white] in dB, as shown at first; without them the brightest pixels say }
 // grid: as in backprojector.js, with kind "slant" | "ground", center [3] m, azimuth Float64Array(ny), range
 //   Float64Array(nx): numbers of the axes, and axes { along, across } their labels
 
@@ -97,7 +97,7 @@ class ImageView {
 
   // ---- display -------------------------------------------------------------------------------------------------------
 
-  /** Show another image, with automatic levels. */
+  /** Show another image, with the levels of its picture, or of its brightest pixels where it states none. */
   setImage(image, grid, title = this.caption.textContent) {
     this.image = image;
     this.grid = grid;
@@ -108,8 +108,10 @@ class ImageView {
     this.canvas.setAttribute("aria-label", `${title || "Radar image"}: arrow keys move the cursor, Enter picks`);
     this.showSwitches();
     this.update();
-    const white = Math.round(quantile(this.db, 0.999) + 3);
-    this.setRange(white - SHOWN_DB, white);
+    const brightest = () => quantile(this.db, 0.999) + 3;
+    const [black, white] = (image.limits ?? [brightest() - SHOWN_DB, brightest()]).map(Math.round);
+    this.wide = white - black;
+    this.setRange(black, white);
     this.place();
   }
 
@@ -376,7 +378,13 @@ class ImageView {
       context.fillRect(box.left + place - 0.5, bottom, 1, 4);
       context.fillText(value.toFixed(digits(step)), box.left + place, bottom + 16);
     }
-    context.fillText(this.names().across[1], box.left + box.width / 2, bottom + 32);
+    // below the middle of the picture, but whole: a narrow picture is narrower than its label
+    const label = this.names().across[1];
+    const half = context.measureText(label).width / 2 + 2;
+    const middle = Math.max(Math.min(box.left + box.width / 2, this.stage.clientWidth - half), half);
+    context.fillText(label, middle, bottom + 32);
+    /** Ends of that label, picture elements from the left of the stage. */
+    this.labelEnds = [middle - half, middle + half];
     context.textAlign = "right";
     for (const { place, value, step } of axisTicks(grid.azimuth, box.height, 45)) {
       context.fillRect(box.left - 4, bottom - place - 0.5, 4, 1);

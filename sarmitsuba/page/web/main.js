@@ -24,6 +24,7 @@ const imageOf = ({ image }) => ({
   scale: image.scale,
   cellArea: image.cell_area,
   calibrated: image.calibrated,
+  limits: image.limits,
 });
 const PASS_SECONDS = [40, 20, 10, 5, 2];
 const SWEEP_SECONDS = 4; // a shell from the near to the far end of the image

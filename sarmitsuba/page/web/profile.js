@@ -133,11 +133,19 @@ export class Signals {
     const step = 10 ** Math.floor(Math.log10((data.high - data.low) / 3));
     const wide = (data.high - data.low) / step > 12 ? 5 * step : (data.high - data.low) / step > 6 ? 2 * step : step;
     context.textAlign = "center";
-    for (let range = Math.ceil(data.low / wide) * wide; range <= data.high; range += wide) {
+    /** Texts below the echo, with their ends in picture elements of the canvas. */
+    this.texts = [];
+    const write = (text, range) => {
       const x = ((range - data.low) / (data.high - data.low)) * width;
-      if (x < 50 * pixel || x > width - 60 * pixel) continue;
-      const text = Math.abs(range) < 1e-9 ? "range of the image's middle" : `${range > 0 ? "+" : ""}${+range.toPrecision(3)} m`;
+      const half = context.measureText(text).width / 2 + 3 * pixel;
+      if (x < 50 * pixel || x > width - 60 * pixel) return;
+      if (this.texts.some(({ left, right }) => x - half < right && x + half > left)) return;
+      this.texts.push({ text, left: x - half, right: x + half });
       context.fillText(text, x, height - 4 * pixel);
+    };
+    write("0 m", 0);
+    for (let range = Math.ceil(data.low / wide) * wide; range <= data.high; range += wide) {
+      if (Math.abs(range) > 1e-9) write(`${range > 0 ? "+" : ""}${+range.toPrecision(3)} m`, range);
     }
     context.textAlign = "start";
   }

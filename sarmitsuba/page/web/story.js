@@ -120,7 +120,7 @@ export class Story {
       .map(([order, s]) => html`<span class="o${Math.min(order, 4)}">${percent(s)} ${bounces(order)}</span>`)
       .flatMap((part, i) => (i ? [", ", part] : [part]));
     this.show(html`${head}<h2>The paths behind this spot</h2><p>${spilt ?? this.meaning(lead, middle, main)}</p>
-      <p>${spilt ? "What is here of its own, by amplitude" : "By amplitude"}: ${parts}. ${paths.found[cell.place].toLocaleString("en")} paths end in this cell; the strongest are listed.</p>
+      <p>${spilt ? "What is here of its own, by amplitude" : "By amplitude"}: ${parts}. ${paths.found[cell.place] === 1 ? "One path ends in this cell." : `${paths.found[cell.place].toLocaleString("en")} paths end in this cell; the strongest are listed.`}</p>
       <table><thead><tr><th>Bounces</th><th>On</th><th>Length there and back</th><th>Share</th></tr></thead><tbody>
       ${list.slice(0, 8).map((path) => this.line(path))}</tbody></table>`);
     for (const node of this.element.querySelectorAll("tr.path")) {
