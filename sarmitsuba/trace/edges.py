@@ -28,9 +28,9 @@ from sarmitsuba.trace.wedge_strips import FringeStrip, WedgeFace
 # longest piece of an edge, wavelengths, unless the rays of surfaces are farther apart, or the resolution cell is
 # smaller: visibility is decided piece by piece
 LONGEST = 2.0
-# longest piece of the rim of a sheet, wavelengths, where the sheet is narrower than ``WIDE`` wavelengths in a direction:
-# the phase of a wave from rim to rim changes by up to two turns a wavelength of rim, and is taken in the middle. Wider
-# sheets send waves of less than 2 % of the rim's own along them.
+# longest piece of the rim of a sheet, wavelengths, where the sheet is narrower than ``WIDE`` wavelengths somewhere: the
+# phase of a wave from rim to rim changes by up to two turns a wavelength of rim, and is taken in the middle. Along
+# wider sheets waves are less than 2 % of the rim's own
 RIM_PIECE, WIDE = 0.125, 100.0
 # distance from an edge (wavelengths, share of its piece) within which another object counts as touching it
 REACH, REACH_SHARE = 0.02, 0.25
@@ -42,8 +42,8 @@ ROUND = 1.25
 BISECTIONS = 14
 # widths of the gap between two faces at which shadow rays from their edge start
 GAPS = 2.0
-# places along all edges at which the widths of sheets are found, or one on each piece where there are fewer; and bound on
-# the pieces of ``RIM_PIECE``
+# bound on the places along all edges at which the widths of sheets are found, at most one on each piece, and on the
+# pieces of ``RIM_PIECE``
 SPANS = 20_000
 
 
@@ -61,8 +61,8 @@ def edges_of(
     geometry, materials : of the scene
     wavelength : m
     cell : m, bound on the length of a piece
-    spacing : m between the rays of surfaces: pieces are as long, or ``LONGEST`` wavelengths where that is more; those of
-        rims of narrow sheets at most ``RIM_PIECE`` wavelengths
+    spacing : m between the rays of surfaces: pieces are as long, or ``LONGEST`` wavelengths where that is more; those
+        of rims of narrow sheets at most ``RIM_PIECE`` wavelengths
     """
     visible = VisibleFaces.of(geometry, materials)
     corners, still = visible.corners, np.ones(geometry.n_faces, dtype=bool)
