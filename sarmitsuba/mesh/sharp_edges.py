@@ -112,8 +112,8 @@ class SharpEdges:
         """Edges with their amplitudes multiplied by a share (n,), without those of share 0."""
         return replace(self, weight=self.weight * share).of(share > 0.0)
 
-    def cut(self, longest: float | F64) -> "SharpEdges":
-        """Edges cut into equal pieces of at most ``longest``, m, for all edges or each, (n,)."""
+    def cut(self, longest: float) -> "SharpEdges":
+        """Edges cut into equal pieces of at most ``longest``, m."""
         count = np.maximum(1, np.ceil(self.length / longest * (1.0 - 1e-9)).astype(np.int64))
         rows = np.repeat(np.arange(self.n), count)
         number = np.arange(rows.size) - np.repeat(np.cumsum(count) - count, count)

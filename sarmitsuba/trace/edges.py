@@ -28,10 +28,6 @@ from sarmitsuba.trace.wedge_strips import FringeStrip, WedgeFace
 # longest piece of an edge, wavelengths, unless the rays of surfaces are farther apart, or the resolution cell is
 # smaller: visibility is decided piece by piece
 LONGEST = 2.0
-# longest piece of the rim of a sheet, wavelengths, where the sheet is narrower than ``WIDE`` wavelengths somewhere: the
-# phase of a wave from rim to rim changes by up to two turns a wavelength of rim, and is taken in the middle. Along
-# wider sheets waves are less than 2 % of the rim's own
-RIM_PIECE, WIDE = 0.125, 100.0
 # distance from an edge (wavelengths, share of its piece) within which another object counts as touching it
 REACH, REACH_SHARE = 0.02, 0.25
 # corners of the closed path round an edge along which touching objects are searched
@@ -42,8 +38,7 @@ ROUND = 1.25
 BISECTIONS = 14
 # widths of the gap between two faces at which shadow rays from their edge start
 GAPS = 2.0
-# bound on the places along all edges at which the widths of sheets are found, at most one on each piece, and on the
-# pieces of ``RIM_PIECE``
+# places along all edges at which the widths of sheets are found, or one on each piece where there are fewer
 SPANS = 20_000
 
 
@@ -61,8 +56,7 @@ def edges_of(
     geometry, materials : of the scene
     wavelength : m
     cell : m, bound on the length of a piece
-    spacing : m between the rays of surfaces: pieces are as long, or ``LONGEST`` wavelengths where that is more; those
-        of rims of narrow sheets at most ``RIM_PIECE`` wavelengths
+    spacing : m between the rays of surfaces: pieces are as long, or ``LONGEST`` wavelengths where that is more
     """
     visible = VisibleFaces.of(geometry, materials)
     corners, still = visible.corners, np.ones(geometry.n_faces, dtype=bool)
@@ -75,12 +69,7 @@ def edges_of(
     longest = min(max(LONGEST * wavelength, spacing), cell)
     scene = intersector(corners.astype(np.float32))
     edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))
-    edges = replace(edges, span=spans(edges, scene, geometry.diameter))
-    narrow = edges.span.min(axis=1, initial=np.inf) < WIDE * wavelength
-    short = min(longest, max(RIM_PIECE * wavelength, float(edges.length[narrow].sum()) / SPANS))
-    edges = edges.cut(np.where(narrow, short, longest))
-    if narrow.any():
-        edges = replace(edges, span=spans(edges, scene, geometry.diameter))
+    edges = replace(edges, span=spans(edges, scene, geometry.diameter)).cut(longest)
     return edges.of(uncovered(edges, scene, wavelength))
 
 
@@ -193,6 +182,10 @@ class FringeCurrents(Scatterers):
 
     Rims of thin plates are those of half planes in their middle, see :class:`sarmitsuba.trace.plate_rims.PlateRim`; the
     narrow face's optical return is taken off, as far as rays find it.
+
+    Waves along a sheet are taken in the middles of pieces, also those over a rim that is not parallel: obliquely to the
+    rims of a sheet a few wavelengths wide they depend on the length of the pieces. Pieces of an eighth of a wavelength
+    are not nearer to the method of moments than those of two (drawn plates of ``benchmarks/studies/theory_error.py``).
 
     Ignores corners, other waves between edges, the curvature of edges and the roughness of the metal. Within a
     thousandth of the forward direction of a grazing wave, where the theory diverges, the value at that distance is

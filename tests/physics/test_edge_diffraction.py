@@ -18,7 +18,6 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.trace import edges as edge_kernels
 from sarmitsuba.trace.edges import LONGEST, FringeCurrents, edges_of
 from sarmitsuba.trace.source import PointSource
 from sarmitsuba.trace.wedge_strips import LEAST
@@ -207,25 +206,6 @@ def test_longer_pieces_return_the_same(seed: int) -> None:
     got, want = (np.array([from_afar(edges, look) for look in looks]) for edges in (few, many))
     # tol: float32 phases within pieces up to 0.33 m long
     assert np.abs(got - want).max() < 1e-4 * np.abs(want).max()
-
-
-@pytest.mark.parametrize("seed", few_of(range(4)))
-def test_rims_of_a_plate_are_cut_finely_enough(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A drawn plate from drawn aspects, across its rims and obliquely, against pieces a sixteenth as long."""
-    ensure_backend()
-    rng = np.random.default_rng(seed)
-    width, height = rng.uniform(1.5, 12.0, 2) * WAVELENGTH
-    plate = targets.plate(width, height)
-    looks = rng.normal(size=(30, 3))
-    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
-    sums = []
-    for longest in (edge_kernels.RIM_PIECE, edge_kernels.RIM_PIECE / 16.0):
-        monkeypatch.setattr(edge_kernels, "RIM_PIECE", longest)
-        pieces = edges_in(plate)
-        assert pieces.length.max() <= longest * WAVELENGTH * (1.0 + 1e-9)
-        sums.append(np.array([from_afar(pieces, look) for look in looks]))
-    # tol: up to a quarter of a turn between the ends of a piece; pieces of two wavelengths were off by 0.3 to 0.8
-    assert np.abs(sums[0] - sums[1]).max() < 0.05 * np.abs(sums[1]).max()
 
 
 def from_afar(edges: SharpEdges, look: F64) -> complex:

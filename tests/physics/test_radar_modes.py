@@ -18,6 +18,7 @@ from sarmitsuba.radar.description import FilmDescription, RadarDescription
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.trace import edges
 from sarmitsuba.validation.chain import bandwidth, chain, make_scene
 from tests.support.unweighted import focus
 
@@ -190,8 +191,11 @@ def every_pulse(seed: int) -> tuple[Scene, RawData]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
-    # a launch plane of its own every 20 degrees: no pulse knows that it is one of a circle
+def test_pulses_of_a_circle_are_those_traced_alone(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    # a launch plane of its own every 20 degrees: no pulse knows that it is one of a circle. Edges in the circle's pieces:
+    # by its own, wider resolution cell a pulse alone would have pieces of half a wavelength, in the middles of which
+    # waves between the rims of the ground are off by -21 dB
+    monkeypatch.setattr(edges, "LONGEST", 0.25)
     scene, raw = every_pulse(seed)
     rows = raw.total()
     energy = float(np.mean(np.sum(np.abs(rows) ** 2, axis=1)))
@@ -205,9 +209,9 @@ def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
             ),
         )
         error = float(np.sum(np.abs(rows[pulse] - simulate(alone).total()[0]) ** 2))
-        # tol: shadow edges between rays of a fifth of a wavelength, -26 to -40 dB of the mean pulse; the next pulse is
+        # tol: shadow edges between rays of a fifth of a wavelength, -30 to -44 dB of the mean pulse; the next pulse is
         # off by -9 to -17 dB
-        assert error < 10.0**-2.2 * energy, pulse
+        assert error < 10.0**-2.6 * energy, pulse
 
 
 @pytest.mark.slow
