@@ -192,9 +192,9 @@ def every_pulse(seed: int) -> tuple[Scene, RawData]:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_pulses_of_a_circle_are_those_traced_alone(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    # a launch plane of its own every 20 degrees: no pulse knows that it is one of a circle. Edges in the circle's pieces:
-    # by its own, wider resolution cell a pulse alone would have pieces of half a wavelength, in the middles of which
-    # waves between the rims of the ground are off by -21 dB
+    # a launch plane of its own every 20 degrees: no pulse knows that it is one of a circle. Edges in pieces as the
+    # circle's: by its wider resolution cell a pulse alone would have pieces of half a wavelength, in the middles of
+    # which waves between the rims of the ground are off by -21 dB
     monkeypatch.setattr(edges, "LONGEST", 0.25)
     scene, raw = every_pulse(seed)
     rows = raw.total()
