@@ -401,8 +401,7 @@ def test_groups_are_those_of_recorded_chains(seed: int) -> None:
     for group in echoes.groups.present.tolist():
         key = (int(echoes.shape[group]), MECHANISMS[int(echoes.mechanism[group])])
         found = echoes.groups.cells(np.arange(echoes.owner.size) == group)
-        # amplitudes near 1e-20, whose squares are subnormal, are recorded or not by the state of the processor's threads
-        assert np.linalg.norm(found - wanted.get(key, 0.0)) < 1e-4 * whole, key
+        assert np.linalg.norm(found - wanted[key]) < 1e-4 * whole, key
         seen.add(key)
     # tiles hold the echoes in the grid; what the table has beside them lies outside of it
     assert all(not np.any(part) for key, part in wanted.items() if key not in seen)
