@@ -18,7 +18,6 @@ from sarmitsuba.radar.description import FilmDescription, RadarDescription
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.trace import edges
 from sarmitsuba.validation.chain import bandwidth, chain, make_scene
 from tests.support.unweighted import focus
 
@@ -191,19 +190,19 @@ def every_pulse(seed: int) -> tuple[Scene, RawData]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_pulses_of_a_circle_are_those_traced_alone(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    # a launch plane of its own every 20 degrees: no pulse knows that it is one of a circle. Edges in pieces as the
-    # circle's: by its wider resolution cell a pulse alone would have pieces of half a wavelength, in the middles of
-    # which waves between the rims of the ground are off by -21 dB
-    monkeypatch.setattr(edges, "LONGEST", 0.25)
+def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
+    # a launch plane of its own every 20 degrees: no pulse knows that it is one of a circle
     scene, raw = every_pulse(seed)
     rows = raw.total()
     energy = float(np.mean(np.sum(np.abs(rows) ** 2, axis=1)))
     n = scene.radar.track.n_pulses
     for pulse in np.random.default_rng([seed, 18]).integers(0, n, 5):
+        radar = scene.radar.of_pulses([int(pulse)])
         alone = replace(
             scene,
-            radar=scene.radar.of_pulses([int(pulse)]),
+            # with the circle's resolution, so the same pieces of edges: by its own the pulse has pieces of half a
+            # wavelength, in the middles of which waves between the rims of the ground are off by -21 dB
+            radar=replace(radar, half_aperture=0.5 * radar.footprint_speed),
             settings=replace(
                 scene.settings, method="raw", ray_spacing=0.5 * raw.metadata["sampling"]["ray_spacing"]
             ),
