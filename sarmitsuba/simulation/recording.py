@@ -116,8 +116,9 @@ class Recording:
         return state
 
     def _append(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
-        power = sum((dr.squared_norm(a) for a in contribution.amplitudes), mi.Float(0.0))
-        kept = contribution.active & ~(power <= 0.0)  # also NaN
+        # a sum, as squares of amplitudes below 1e-19 are zero in float32
+        size = sum((dr.abs(a.real) + dr.abs(a.imag) for a in contribution.amplitudes), mi.Float(0.0))
+        kept = contribution.active & ~(size <= 0.0)  # also NaN
         if self.gate is not None:
             kept &= self.gate.passes(contribution)
         slot = dr.scatter_inc(self.count, mi.UInt32(0), kept)

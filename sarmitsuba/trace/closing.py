@@ -142,8 +142,8 @@ def tube_return(
     weight *= found.factor
     if turned is not None:
         weight *= turned
-    # a value that is not a number counts, so that it is found
-    counts = ~(dr.abs(weight) <= NEGLIGIBLE * dr.abs(whole))
+    # a value that is not a number counts, so that it is found; a sum, as squares of weights below 1e-19 are zero
+    counts = ~(dr.abs(weight.real) + dr.abs(weight.imag) <= NEGLIGIBLE * dr.abs(whole))
     return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point)
 
 

@@ -183,6 +183,10 @@ class FringeCurrents(Scatterers):
     Rims of thin plates are those of half planes in their middle, see :class:`sarmitsuba.trace.plate_rims.PlateRim`; the
     narrow face's optical return is taken off, as far as rays find it.
 
+    Waves along a sheet are taken in the middles of pieces, also those over a rim that is not parallel: obliquely to the
+    rims of a sheet a few wavelengths wide they depend on the length of the pieces. Pieces of an eighth of a wavelength
+    are not nearer to the method of moments than those of two (drawn plates of ``benchmarks/studies/theory_error.py``).
+
     Ignores corners, other waves between edges, the curvature of edges and the roughness of the metal. Within a
     thousandth of the forward direction of a grazing wave, where the theory diverges, the value at that distance is
     taken.

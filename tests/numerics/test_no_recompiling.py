@@ -9,9 +9,12 @@ from pathlib import Path
 import pytest
 
 # what the loop goes through: the first round visits the ends and the middle (the memory of grids has a few sizes, each
-# four times the one before), later ones lie anywhere between
+# four times the one before), later ones lie anywhere between. On one core: two kernels are others for one thread than
+# for many, and on several cores a run takes one or all by its predicted time, which is longer on a busy machine
 CHILD = """
-import json, random, sys, warnings
+import json, os, random, sys, warnings
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 from sarmitsuba.backend import ensure_backend
 ensure_backend()
 import drjit as dr

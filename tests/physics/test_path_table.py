@@ -144,7 +144,8 @@ def test_paths_through_panes(seed: int) -> None:
     assert len(table) != len(bare) and set(np.unique(table.kind)) == {0, 1, 2, 3, 5}
     found = table[(table.kind != 3) & (table.kind != 5)]
     there = np.arange(found.points.shape[1]) < found.order[:, None]
-    corners = scene.geometry.vertices[scene.geometry.faces[found.face[there]]]
+    geometry = with_endless_ground(scene).geometry  # rays also hit the ground beyond its rim
+    corners = geometry.vertices[geometry.faces[found.face[there]]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     off = np.einsum("ni,ni->n", found.points[there] - corners[:, 0], normal)

@@ -197,17 +197,20 @@ def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
     energy = float(np.mean(np.sum(np.abs(rows) ** 2, axis=1)))
     n = scene.radar.track.n_pulses
     for pulse in np.random.default_rng([seed, 18]).integers(0, n, 5):
+        radar = scene.radar.of_pulses([int(pulse)])
         alone = replace(
             scene,
-            radar=scene.radar.of_pulses([int(pulse)]),
+            # with the circle's resolution, so the same pieces of edges: by its own the pulse has pieces of half a
+            # wavelength, in the middles of which waves between the rims of the ground are off by -21 dB
+            radar=replace(radar, half_aperture=0.5 * radar.footprint_speed),
             settings=replace(
                 scene.settings, method="raw", ray_spacing=0.5 * raw.metadata["sampling"]["ray_spacing"]
             ),
         )
         error = float(np.sum(np.abs(rows[pulse] - simulate(alone).total()[0]) ** 2))
-        # tol: shadow edges between rays of a fifth of a wavelength, -26 to -40 dB of the mean pulse; the next pulse is
+        # tol: shadow edges between rays of a fifth of a wavelength, -30 to -44 dB of the mean pulse; the next pulse is
         # off by -9 to -17 dB
-        assert error < 10.0**-2.2 * energy, pulse
+        assert error < 10.0**-2.6 * energy, pulse
 
 
 @pytest.mark.slow

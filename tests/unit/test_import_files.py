@@ -19,6 +19,7 @@ from sarmitsuba import load_scene
 from sarmitsuba.errors import OutputError
 from sarmitsuba.importing.convert import import_scene
 from sarmitsuba.io.output import MANIFEST
+from sarmitsuba.loader import mesh_files
 from sarmitsuba.mesh.ply import read_ply, write_ply
 from sarmitsuba.mesh.tessellate import cube
 from sarmitsuba.unfinished import remove_unfinished
@@ -112,6 +113,9 @@ def ended_at(call: int, source: Path, scene: Path, stop: bool) -> bool:
         return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
     seen, status = 0, 1
     try:
+        # no trial in a child of this child: the threads of SciPy's transforms, started anew after a fork, may miss that
+        # the next fork ends them, and wait for ever
+        mesh_files.survive = lambda path, read: None  # type: ignore[assignment]
         for name in ("replace", "unlink", "mkdir", "open"):
 
             def counted(inner: Callable[..., Any], *args: Any, **more: Any) -> Any:

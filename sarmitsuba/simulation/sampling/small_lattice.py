@@ -76,6 +76,7 @@ def nodes_over(
     piece: I64 | None = None,
     most: float = np.inf,
     stretches: float = LONGEST,
+    rows: float = ROWS_A_NODE,
 ) -> tuple[F64, F64]:
     """Nodes of a square lattice that lie over the outlines of triangles, in coordinates of the launch plane.
 
@@ -90,6 +91,7 @@ def nodes_over(
         by stretch, where that takes no more nodes; None: each triangle separately
     most : bound on the number of nodes
     stretches : steps, length of the parts in which long triangles are processed
+    rows : bound on the rows laid out per allowed node
 
     Returns
     -------
@@ -109,7 +111,7 @@ def nodes_over(
     within = (reach[0] + margin, reach[1] + margin)
     corners, owner = cut(triangles, longest, lambda some: _may_reach(some, antennas, lattice.frame, within))
     stretch = None if piece is None else _stretches(corners, piece[owner], longest)
-    rows_left = ROWS_A_NODE * max(most, 1.0)
+    rows_left = rows * max(most, 1.0)
     for first in range(0, len(corners), MOST_TRIANGLES):
         of = slice(first, first + MOST_TRIANGLES)
         seen = [lattice.steps(corners[of], antenna) for antenna in antennas]

@@ -12,6 +12,7 @@ from sarmitsuba.mesh.metal_corners import MOST_RAYS as CORNER_RAYS
 from sarmitsuba.simulation.sampling.small_lattice import (
     LONGEST,
     RIM,
+    ROWS_A_NODE,
     Lattice,
     ManyNodesError,
     nodes_over,
@@ -229,7 +230,9 @@ class _Layout:
         lattice = Lattice(self.frame, sparse * spacing, grid.turn, shift * spacing)
         faces, piece = self.scene.triangles[of], self.scene.piece[of]
         within = (max(reach[0], spacing), max(reach[1], spacing))
-        x, y = nodes_over(faces, self.antennas, lattice, RIM / sparse, within, piece, most, LONGEST / sparse)
+        # of the full lattice's rows a sparse one has 1 / sparse, of its nodes 1 / sparse^2
+        rows, stretches = ROWS_A_NODE * sparse, LONGEST / sparse
+        x, y = nodes_over(faces, self.antennas, lattice, RIM / sparse, within, piece, most, stretches, rows)
         if not x.size and sparse == 1.0:  # smaller than the spacing: the nodes next to it
             x, y = nodes_over(faces, self.antennas, lattice, 1.0, within, piece, most)
         order = np.argsort(morton(x, y, float(np.hypot(*reach))), kind="stable")

@@ -82,7 +82,8 @@ def edge_wedges(quick: bool = False) -> Case:
     for name, (apex, base) in list(PRISMS.items())[:: 2 if quick else 1]:
         corners = _square(side) if base == apex == 90.0 else _isosceles(side, apex)
         n = 24 if quick else 160
-        azimuth = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False) + 0.013
+        # 6 mrad off the planes of all sides: Keller's sum jumps there, where the simulation lets the far edge fade
+        azimuth = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False) + 0.0065
         result = _with_edges(_prism(corners, height), targets.from_azimuth(azimuth), band)
         exact = _keller(corners, height, lam, azimuth)
         for i, channel in enumerate(("VV", "HH")):
