@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
@@ -23,6 +23,11 @@ from sarmitsuba.trace.state import (
     Reflection,
     TubeFootprint,
 )
+
+from sarmitsuba.trace.tangents import NO_MATERIAL
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.tangents import Carried
 
 # amplitude of a tube's return relative to that of the whole tube in phase, down to which it is added
 NEGLIGIBLE = 1e-10
@@ -80,6 +85,7 @@ class TubeReturn:
     weight : 1/m^2 times the lit area and the radar's amplitude constant, with the integral of the phase
     slant_range, range_rate : float64, m and m/s, of the echo
     point : float64, m, scene frame, phase centre
+    range_tangents : float64, m per unit, see :class:`Contribution`
     """
 
     counts: mi.Bool
@@ -87,13 +93,15 @@ class TubeReturn:
     slant_range: mi.Float64
     range_rate: mi.Float64
     point: mi.Vector3d
+    range_tangents: tuple[mi.Float64, ...] | None = None
 
     @staticmethod
-    def none() -> TubeReturn:
+    def none(tangents: Carried | None = None) -> TubeReturn:
         """No return."""
         # opaque: Dr.Jit merges equal literals of two branches, and then finds none of them in scope
         zero, weight = mi.Float64(0.0), dr.opaque(mi.Float, 0.0)
-        return TubeReturn(mi.Bool(False), mi.Complex2f(weight, weight), zero, zero, mi.Vector3d(0.0))
+        rates = None if tangents is None else tuple(mi.Float64(0.0) for _ in tangents.antenna)
+        return TubeReturn(mi.Bool(False), mi.Complex2f(weight, weight), zero, zero, mi.Vector3d(0.0), rates)
 
 
 def tube_return(
@@ -144,7 +152,10 @@ def tube_return(
         weight *= turned
     # a value that is not a number counts, so that it is found
     counts = ~(dr.abs(weight) <= NEGLIGIBLE * dr.abs(whole))
-    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point)
+    rates = None
+    if kernel.tangents is not None:
+        rates = kernel.tangents.of_tube(ray, hit, found.point - hit.p)
+    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates)
 
 
 def close_coherent(
@@ -189,6 +200,8 @@ def close_coherent(
         amplitudes=tuple(field.recorded(flags.closed, amplitudes, flags.channels)),
         active=returned.counts,
         point=returned.point,
+        range_tangents=returned.range_tangents,
+        material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
     )
 
 
@@ -223,4 +236,12 @@ def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contributi
         range_rate=dr.select(condition, a.range_rate, b.range_rate),
         amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
         point=dr.select(condition, a.point, b.point),
+        range_tangents=None
+        if a.range_tangents is None or b.range_tangents is None
+        else tuple(
+            dr.select(condition, x, y) for x, y in zip(a.range_tangents, b.range_tangents, strict=True)
+        ),
+        material=None
+        if a.material is None or b.material is None
+        else dr.select(condition, a.material, b.material),
     )

@@ -154,6 +154,10 @@ class DiffuseReturns:
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
+        rates = back_rates = material = None
+        if self.kernel.tangents is not None:
+            rates, back_rates = self.kernel.tangents.of_scatterer(ray, hit, lane, centre)
+            material = hit.material & MATERIAL_MASK
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
             order=hit.order,
@@ -163,6 +167,8 @@ class DiffuseReturns:
             amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in self.straight),
             active=active,
             point=centre,
+            range_tangents=rates,
+            material=material,
         )
         if self.reciprocal is None:
             return straight
@@ -173,6 +179,7 @@ class DiffuseReturns:
             slant_range=length,
             range_rate=rate_out,
             amplitudes=tuple(mixed(terms, random) * self.reciprocal_weight for terms in self.reciprocal),
+            range_tangents=back_rates,
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, reciprocal, straight)

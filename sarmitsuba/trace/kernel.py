@@ -181,7 +181,7 @@ def _bounce(
         returned = _only_where(
             hit.sees & ~vanishing(kernel, hit, tube_here),
             lambda: tube_return(kernel, lane, ray, hit, tube_here, receive),
-            TubeReturn.none,
+            partial(TubeReturn.none, kernel.tangents),
         )
     coherent = partial(close_coherent, kernel, lane, ray, hit, reflection, receive)
     if flags.diffuse:

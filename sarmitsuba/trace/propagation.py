@@ -111,6 +111,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         contributions=u32(0),
         crossed=u32(0) if kernel.transmits else None,
         mirror=Mirror.none() if kernel.reversible else None,
+        tangents=None if kernel.tangents is None else kernel.tangents.launched(),
     )
     return lane, state
 
@@ -457,6 +458,7 @@ def reflect(
         contributions=ray.contributions,
         crossed=ray.crossed,
         mirror=None if ray.mirror is None else mirror_at(kernel, hit),
+        tangents=None if kernel.tangents is None else kernel.tangents.mirrored(ray, hit, n64),
     )
 
 

@@ -11,6 +11,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
 from sarmitsuba.trace.movement import ShadowBoundary  # as the next
 from sarmitsuba.trace.slab_coefficients import lets_waves_through
+from sarmitsuba.trace.tangents import RayTangents  # as the next
 from sarmitsuba.trace.tubes.tube import TubeExtent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.movement import Movement
     from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
+    from sarmitsuba.trace.tangents import Carried, Tangents
     from sarmitsuba.trace.tubes.polygon import Bounds
     from sarmitsuba.trace.tubes.tube import Patch
 
@@ -138,6 +140,7 @@ class Kernel:
     pulses: PulseBatch
     flags: KernelFlags
     constants: Constants
+    tangents: Carried | None = None
 
     @classmethod
     def of(
@@ -147,14 +150,16 @@ class Kernel:
         pulses: PulseBatch,
         flags: KernelFlags,
         settings: KernelSettings,
+        tangents: Tangents | None = None,
     ) -> Kernel:
-        """Kernel of a launch with these settings."""
+        """Kernel of a launch with these settings, and with the derivatives ``tangents``; None: without any."""
         scene = scene.with_tables(surfaces=flags.texture, movers=flags.motion, slabs=flags.slabs)
         if settings.term is not None and scene.surfaces is not None:
             scene = replace(scene, surfaces=scene.surfaces.without_texture())
         if scene.slabs is not None:
             scene.slabs.prepare()  # before anything is recorded
-        return cls(scene, grid, pulses, flags, Constants.of(settings, flags, scene, grid))
+        carried = None if tangents is None else tangents.carried()
+        return cls(scene, grid, pulses, flags, Constants.of(settings, flags, scene, grid), carried)
 
     @property
     def curved(self) -> bool:
@@ -275,6 +280,7 @@ class RayState:
     crossed : number of slabs that the path crossed; None where no slab transmits
     mirror : facet of the last reflection; None where paths and their reverses are not averaged
     trail : number given to the last hit by a follower, ``NO_HIT`` before the first; None without a follower
+    tangents : derivatives by parameters; None without any
     """
 
     active: mi.Bool
@@ -295,6 +301,7 @@ class RayState:
     crossed: mi.UInt32 | None = None
     mirror: Mirror | None = None
     trail: mi.UInt32 | None = None
+    tangents: RayTangents | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -438,6 +445,8 @@ class Contribution:
     amplitudes : one complex float32 per channel, without the phase of the slant range
     active : lanes that have the echo
     point : float64, m, scene frame; phase centre on the surface of the hit
+    range_tangents : float64, m per unit, derivatives of the slant range by parameters; None without any
+    material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
     """
 
     kind: mi.UInt32
@@ -448,6 +457,8 @@ class Contribution:
     amplitudes: tuple[mi.Complex2f, ...]
     active: mi.Bool
     point: mi.Vector3d
+    range_tangents: tuple[mi.Float64, ...] | None = None
+    material: mi.UInt32 | None = None
 
     @property
     def placed(self) -> mi.Bool:

@@ -1,0 +1,283 @@
+"""Raw data of a scene and their derivatives, with rays, blocks of pulses and effects that stay the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
+from sarmitsuba.echo.sub_bands import RangeFilter
+from sarmitsuba.errors import RadarError, SceneError
+from sarmitsuba.gradients.parameters import Derivatives, Parameter
+from sarmitsuba.materials.map_materials import with_parts
+from sarmitsuba.memory import check_fits
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.batches import Batch, BatchTracer, built
+from sarmitsuba.simulation.blocks import Blocks
+from sarmitsuba.simulation.pulses import KeyPulse, Pulses
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.tangents import MOST, Displacement, Tangents
+
+# effects whose echoes have no derivative yet, by the kernel flag that switches them on
+UNSUPPORTED = {
+    "motion": "moving objects",
+    "water_motion": "water under wind",
+    "edge_diffraction": "edge diffraction",
+    "diffuse_pairs": "pairs of diffuse scatterers",
+    "transmission": "transmission through slabs",
+}
+
+
+class TangentBatches(BatchTracer):
+    """Tracing of batches with the derivatives of every echo behind its channels.
+
+    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement and by each
+    level.
+    """
+
+    @property
+    def amplitudes(self) -> int:
+        """Complex numbers of an echo: channels, and those of every derivative."""
+        tangents = self.tracer.tangents
+        return super().amplitudes * (1 if tangents is None else 1 + tangents.count)
+
+    def of_grid(self, pulses: Pulses, grid: C64, share: RangeFilter | None) -> C64:
+        """See the base class."""
+        tangents = self.tracer.tangents
+        assert tangents is not None
+        radar = self.tracer.sampling.scene.radar
+        c = len(radar.channels)
+        moved = c * (1 + len(tangents.displacements))
+        carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
+        farther = pulses.profiles(grid[:moved], partial(_per_metre, carrier, share))
+        parts = [pulses.profiles(grid[:c], share), farther]
+        if tangents.levels:
+            parts.append(pulses.profiles(grid[moved:], share))
+        found = np.concatenate(parts)
+        if isinstance(pulses, KeyPulse):
+            _follow(found[c:], pulses, tangents.displacements, c)
+        return found
+
+
+def _per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> F64 | C128:
+    """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
+    factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
+    return factor if share is None else factor * share(cycles_per_metre)
+
+
+def _follow(found: C64, pulses: KeyPulse, displacements: Sequence[Displacement], channels: int) -> None:
+    """Turn the derivatives by antenna positions from a block's key pulse to every other pulse.
+
+    The direction to the antenna changes over the block nearly equally for all echoes: as at the block's reference.
+    """
+    plan = pulses.plan
+    to_antenna = pulses.radar.track.position[plan.start : plan.stop] - plan.reference
+    to_antenna /= np.linalg.norm(to_antenna, axis=1, keepdims=True)
+    key = plan.state.position[0] - plan.reference
+    change = to_antenna - key / np.linalg.norm(key)
+    farther = found[:channels]
+    for k, displacement in enumerate(displacements, 1):
+        rate = (change @ displacement.antenna).astype(np.float32)
+        if rate.any():
+            found[k * channels : (k + 1) * channels] += farther * rate[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class _At:
+    """The scene at some values of the parameters, and its geometry on the device."""
+
+    scene: Scene
+    trace_scene: TraceScene
+
+
+class Model:
+    """Raw data of a scene as a function of parameters.
+
+    The launch windows, rays, effects and blocks of pulses are those of the scene as it is, so that the data are a fixed
+    function of the values. Without receiver noise.
+
+    Parameters
+    ----------
+    scene : as loaded
+    parameters : each with one or several values
+
+    Attributes
+    ----------
+    run : prepared run
+    names : of all values
+    start : (n,) values of the scene as it is
+
+    Raises
+    ------
+    SceneError, RadarError
+        The scene has echoes that cannot be differentiated.
+    """
+
+    def __init__(self, scene: Scene, parameters: Sequence[Parameter]) -> None:
+        refuse(scene)
+        scene = replace(scene, settings=replace(scene.settings, keep_orders=False, keep_subsets=False))
+        self.parameters = tuple(parameters)
+        self.run = Run(scene)
+        self.run.admit()
+        flags = self.run.plan.flags
+        for name, what in UNSUPPORTED.items():
+            if getattr(flags, name):
+                raise SceneError(
+                    f"{scene.name}: {what} cannot be differentiated; switch off the effect {name}, or leave them out"
+                )
+        if flags.extra:
+            raise SceneError(
+                f"{scene.name}: effects of extensions cannot be differentiated; switch them off"
+            )
+        assert self.run.sampling is not None and self.run.trace_scene is not None
+        self.sampling: SamplingPlan = self.run.sampling
+        self.scene = self.run.scene
+        self.names = tuple(name for p in self.parameters for name in p.names(self.scene))
+        self.start = np.concatenate([p.values(self.scene) for p in self.parameters])
+        self.rays = self.run.rays(self.sampling, 0)
+        self.batches = self._batches()
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Channels, pulses and samples of the data."""
+        radar = self.scene.radar
+        return len(radar.channels), radar.track.n_pulses, radar.window.n_samples
+
+    def _batches(self) -> list[Batch]:
+        """Batches of the whole track, in blocks as long as the error of the raw data allows."""
+        data = np.zeros(self.shape, dtype=np.complex64)
+        tracer = self.run.tracer(self.sampling)
+        if len(tracer.sources) > 1:
+            raise SceneError(
+                f"{self.scene.name}: scatterers beside the surfaces cannot be differentiated; leave them out"
+            )
+        layers = self.run.layers
+        blocks = Blocks(tracer, self.rays, layers.layers, data, layers.max_order)
+        blocks.settle()
+        return blocks.every_batch()
+
+    def split(self, values: F64) -> list[F64]:
+        """Values of each parameter, from those of all."""
+        sizes = [len(p.values(self.scene)) for p in self.parameters]
+        return list(np.split(np.asarray(values, dtype=np.float64), np.cumsum(sizes)[:-1]))
+
+    def at(self, values: F64) -> Scene:
+        """The scene with these values."""
+        scene = self.scene
+        for parameter, own in zip(self.parameters, self.split(values), strict=True):
+            if not np.array_equal(own, parameter.values(self.scene)):
+                scene = parameter.changed(scene, own)
+        return scene
+
+    def _at(self, values: F64) -> _At:
+        scene = self.at(values)
+        assert self.run.trace_scene is not None
+        traced = self.run.trace_scene
+        if not scene.same_shapes(self.scene):
+            traced = built(scene)
+        elif scene.materials is not self.scene.materials:
+            traced = traced.at_frequency(scene.materials, scene.radar.waveform.wavelength)
+        return _At(scene, traced)
+
+    def _tracer(self, here: _At) -> Tracer:
+        run, plan = self.run, self.run.plan
+        sampling = replace(self.sampling, scene=here.scene)
+        return Tracer(sampling, sampling.flags, here.trace_scene, plan.max_depth, run.timer, plan.sub_bands)
+
+    def data(self, values: F64 | None = None) -> C64:
+        """Raw data (channels, pulses, samples) at some values; None: of the scene as it is."""
+        here = self._at(self.start if values is None else values)
+        layers = self.run.layers
+        return self._traced(BatchTracer(self._tracer(here), self.rays, layers.per_subset, layers.max_order))
+
+    def derivative(
+        self, values: F64 | None = None, progress: Callable[[float], None] | None = None
+    ) -> tuple[C64, C64]:
+        """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples)."""
+        here = self._at(self.start if values is None else values)
+        scene, c = here.scene, self.shape[0]
+        check_fits(
+            f"{scene.name}: {len(self.names)} derivatives",
+            8 * int(np.prod(self.shape)) * (2 * len(self.names) + 4),
+            "take fewer parameters, or fewer pulses",
+        )
+        mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
+        displacements = [tuple(p.displacements(scene, mesh)) for p in self.parameters]
+        levels = [tuple(p.levels(scene)) for p in self.parameters]
+        displaced: list[C64] = []
+        levelled: list[C64] = []
+        flat, numbers = sum(displacements, ()), sum(levels, ())
+        data = farther = np.zeros(0, dtype=np.complex64)
+        for k in range(0, max(len(flat), len(numbers), 1), MOST):
+            some, those = flat[k : k + MOST], numbers[k : k + MOST]
+            tracer = self._tracer(here)
+            tracer.set_tangents(
+                Tangents.of(some, those, here.trace_scene.n_faces, len(with_parts(scene.materials)))
+            )
+            tangents = len(some) + len(those)
+            found = self._traced(TangentBatches(tracer, self.rays, c * (2 + tangents), 0))
+            planes = found.reshape(2 + tangents, *self.shape)
+            data, farther = planes[0], planes[1]
+            displaced += list(planes[2 : 2 + len(some)])
+            levelled += list(planes[2 + len(some) :])
+        out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
+        row = 0
+        for parameter, moves, heights in zip(self.parameters, displacements, levels, strict=True):
+            own = Derivatives(
+                data,
+                farther,
+                [displaced.pop(0) for _ in moves],
+                [levelled.pop(0) for _ in heights],
+                scene.radar.waveform.center_frequency,
+                scene.radar.track.time,
+            )
+            for plane in parameter.derivative(own):
+                out[row] = plane
+                row += 1
+        return data, out
+
+    def _traced(self, batches: BatchTracer) -> C64:
+        """Profiles (layers, pulses, samples) of all batches, subsets weighted by their shares and summed."""
+        _, n_pulses, n_samples = self.shape
+        out = np.zeros((batches.n_layers, n_pulses, n_samples), dtype=np.complex64)
+        subsets = self.run.layers.subsets
+        for batch in self.batches:
+            traced = batches.trace(batch)
+            # the pulse beyond a block's end belongs to the next block
+            stop = batch.stop if not batch.together else self._end(batch)
+            share = np.float32(SUBSET_SHARES[subsets[batch.subset]])
+            out[:, batch.start : stop] += share * traced.profiles[:, : stop - batch.start]
+        return out
+
+    def _end(self, batch: Batch) -> int:
+        later = [b.start for b in self.batches if b.start > batch.start]
+        return min(later, default=batch.stop)
+
+
+def refuse(scene: Scene) -> None:
+    """Refuse scenes whose echoes cannot be differentiated.
+
+    Raises
+    ------
+    SceneError, RadarError : one line: the reason and the remedy
+    """
+    method, name = scene.settings.method, scene.name
+    if method in ("image", "raster"):
+        raise RadarError(f"{name}: method {method} makes no raw data to differentiate; take hybrid or raw")
+    if scene.radar.receiver is not None:
+        raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
+    if scene.moves:
+        raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")
+    if scene.points or scene.has_sources:
+        raise SceneError(
+            f"{name}: points, wires, volumes and scatterers beside the mesh cannot be differentiated; leave them out"
+        )
+    if not scene.geometry.n_faces:
+        raise SceneError(f"{name}: there is no mesh whose echoes could be differentiated")
