@@ -21,6 +21,7 @@ from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.pulses import KeyPulse, Pulses
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.tangents import MOST, Displacement, Tangents
@@ -91,10 +92,14 @@ def _follow(found: C64, pulses: KeyPulse, displacements: Sequence[Displacement],
 
 @dataclass(frozen=True, eq=False)
 class _At:
-    """The scene at some values of the parameters, and its geometry on the device."""
+    """The scene at some values of the parameters, and its geometry on the device.
+
+    ``displaced`` : whether shapes were displaced with their scatterers, as the tables of the geometry say
+    """
 
     scene: Scene
     trace_scene: TraceScene
+    displaced: bool = False
 
 
 class Model:
@@ -113,6 +118,8 @@ class Model:
     run : prepared run
     names : of all values
     start : (n,) values of the scene as it is
+    statistics : of the most recent data: equal numbers of hits and contributions at two values mean, with the same rays,
+        that hardly any echo appeared or vanished between them
 
     Raises
     ------
@@ -141,6 +148,7 @@ class Model:
         self.scene = self.run.scene
         self.names = tuple(name for p in self.parameters for name in p.names(self.scene))
         self.start = np.concatenate([p.values(self.scene) for p in self.parameters])
+        self.statistics = TraceStatistics()
         self.rays = self.run.rays(self.sampling, 0)
         self.batches = self._batches()
 
@@ -179,17 +187,36 @@ class Model:
     def _at(self, values: F64) -> _At:
         scene = self.at(values)
         assert self.run.trace_scene is not None
-        traced = self.run.trace_scene
+        traced, displaced = self.run.trace_scene, False
         if not scene.same_shapes(self.scene):
-            traced = built(scene)
-        elif scene.materials is not self.scene.materials:
+            offsets = self._translations(values)
+            if offsets is None:
+                return _At(scene, built(scene))
+            displaced = True
+            number = self.scene.geometry.face_mesh[traced.geometry_faces] + 1
+            traced = traced.displaced(number.astype(np.uint32), np.concatenate([np.zeros((1, 3)), offsets]))
+        if scene.materials is not self.scene.materials:
             traced = traced.at_frequency(scene.materials, scene.radar.waveform.wavelength)
-        return _At(scene, traced)
+        return _At(scene, traced, displaced)
+
+    def _translations(self, values: F64) -> F64 | None:
+        """(n_meshes, 3) m, translation of every mesh; None where a parameter changes shapes otherwise."""
+        offsets = np.zeros((len(self.scene.geometry.mesh_names), 3))
+        for parameter, own in zip(self.parameters, self.split(values), strict=True):
+            if np.array_equal(own, parameter.values(self.scene)):
+                continue
+            found = parameter.translation(self.scene, own)
+            if found is not None:
+                offsets[found[0]] += found[1]
+            elif not parameter.changed(self.scene, own).same_shapes(self.scene):
+                return None
+        return offsets
 
     def _tracer(self, here: _At) -> Tracer:
         run, plan = self.run, self.run.plan
         sampling = replace(self.sampling, scene=here.scene)
-        return Tracer(sampling, sampling.flags, here.trace_scene, plan.max_depth, run.timer, plan.sub_bands)
+        flags = replace(sampling.flags, motion=here.displaced)
+        return Tracer(sampling, flags, here.trace_scene, plan.max_depth, run.timer, plan.sub_bands)
 
     def data(self, values: F64 | None = None) -> C64:
         """Raw data (channels, pulses, samples) at some values; None: of the scene as it is."""
@@ -248,8 +275,10 @@ class Model:
         _, n_pulses, n_samples = self.shape
         out = np.zeros((batches.n_layers, n_pulses, n_samples), dtype=np.complex64)
         subsets = self.run.layers.subsets
+        self.statistics = TraceStatistics()
         for batch in self.batches:
             traced = batches.trace(batch)
+            self.statistics = self.statistics.plus(traced.statistics)
             # the pulse beyond a block's end belongs to the next block
             stop = batch.stop if not batch.together else self._end(batch)
             share = np.float32(SUBSET_SHARES[subsets[batch.subset]])

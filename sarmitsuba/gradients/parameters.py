@@ -68,6 +68,10 @@ class Parameter(ABC):
     def changed(self, scene: Scene, values: F64) -> Scene:
         """The scene with other values, (n,)."""
 
+    def translation(self, scene: Scene, values: F64) -> tuple[int, F64] | None:
+        """Mesh that :meth:`changed` translates, and by what (3,), m; None where it does something else."""
+        return None
+
     def displacements(self, scene: Scene, face_mesh: F64) -> Sequence[Displacement]:
         """Displacements whose derivatives are needed; ``face_mesh``: (n_faces,) mesh of each traced face."""
         return ()
@@ -271,9 +275,14 @@ class Shift(Parameter):
 
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
+        mesh, step = self.translation(scene, values)
+        return with_moved(scene, mesh, np.zeros((3, 3)), step)
+
+    def translation(self, scene: Scene, values: F64) -> tuple[int, F64]:
+        """See the base class."""
         step = np.zeros(3)
         step[AXES.index(self.axis)] = float(values[0])
-        return with_moved(scene, mesh_of(scene, self.shape, self.label), np.zeros((3, 3)), step)
+        return mesh_of(scene, self.shape, self.label), step
 
     def displacements(self, scene: Scene, face_mesh: F64) -> Sequence[Displacement]:
         """See the base class."""

@@ -33,6 +33,7 @@ class Movers:
     time : s, of the state below
     face_number : ``number`` on the device
     state : (8 n_motions,) float64 on the device: displacement (m) and velocity (m/s) of each at ``time``
+    held : displaced once and at rest, the same at all times; ``motions`` is then empty
     """
 
     motions: tuple[Motion, ...]
@@ -41,6 +42,7 @@ class Movers:
     time: float
     face_number: mi.UInt32
     state: mi.Float64
+    held: bool = False
 
     @staticmethod
     def of(geometry: Geometry, rows: NDArray[np.intp]) -> Movers | None:
@@ -57,6 +59,21 @@ class Movers:
         return Movers(
             tuple(motions), number, triangles, 0.0, device_array(mi.UInt32, number), _state(motions, 0.0)
         )
+
+    @staticmethod
+    def displaced(triangles: F64, number: U32, offsets: F64) -> Movers:
+        """Faces at rest that were displaced with their diffuse scatterers.
+
+        Parameters
+        ----------
+        triangles : (n_faces, 3, 3) float64, m, displaced
+        number : (n_faces,) uint32, of each face's row of ``offsets``
+        offsets : (n, 3) float64, m; the first is zero
+        """
+        state = np.zeros((len(offsets), ROW))
+        state[:, :3] = offsets
+        tables = device_array(mi.UInt32, number), device_array(mi.Float64, state)
+        return Movers((), number, triangles, 0.0, *tables, held=True)
 
     def at(self, time: float) -> Movers:
         """The same at another time, s."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.arrays import F32, F64, I64
+from sarmitsuba.arrays import F32, F64, I64, U32
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
@@ -167,10 +167,18 @@ class TraceScene:
 
     def at(self, time: float) -> TraceScene:
         """The scene with all moving faces at their positions at a time, s; itself where nothing moves."""
-        if self.movers is None or time == self.movers.time:
+        if self.movers is None or self.movers.held or time == self.movers.time:
             return self
         movers = self.movers.at(time)
-        triangles = movers.corners()
+        return self._with_movers(movers, movers.corners())
+
+    def displaced(self, number: U32, offsets: F64) -> TraceScene:
+        """The scene at rest with faces displaced together with their diffuse scatterers, see `Movers.displaced`."""
+        triangles = self.triangles + offsets[number][:, None]
+        return self._with_movers(Movers.displaced(triangles, number, offsets), triangles)
+
+    def _with_movers(self, movers: Movers, triangles: F64) -> TraceScene:
+        """The scene with its faces at other places, (n_faces, 3, 3) m."""
         corners = triangles.astype(np.float32)
         return replace(
             self,
