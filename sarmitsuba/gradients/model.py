@@ -10,6 +10,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.parameters import Derivatives, Parameter
@@ -18,6 +19,7 @@ from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Batch, BatchTracer, built
 from sarmitsuba.simulation.blocks import Blocks
+from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.pulses import KeyPulse, Pulses
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
@@ -249,7 +251,7 @@ class Model:
                 Tangents.of(some, those, here.trace_scene.n_faces, len(with_parts(scene.materials)))
             )
             tangents = len(some) + len(those)
-            found = self._traced(TangentBatches(tracer, self.rays, c * (2 + tangents), 0))
+            found = self._traced(TangentBatches(tracer, self.rays, c * (2 + tangents), 0), progress)
             planes = found.reshape(2 + tangents, *self.shape)
             data, farther = planes[0], planes[1]
             displaced += list(planes[2 : 2 + len(some)])
@@ -270,7 +272,17 @@ class Model:
                 row += 1
         return data, out
 
-    def _traced(self, batches: BatchTracer) -> C64:
+    def raw(self, data: C64) -> RawData:
+        """Data (channels, pulses, samples) as raw data of the scene."""
+        radar, run = self.scene.radar, self.run
+        metadata = raw_metadata(run, run.plan, run.notes)
+        flown = radar.track if radar.recorded is not None else None
+        layers = run.layers.layers
+        return RawData(
+            data, layers, "compressed", radar.as_recorded(), metadata, self.scene.image, flown=flown
+        )
+
+    def _traced(self, batches: BatchTracer, progress: Callable[[float], None] | None = None) -> C64:
         """Profiles (layers, pulses, samples) of all batches, subsets weighted by their shares and summed."""
         _, n_pulses, n_samples = self.shape
         out = np.zeros((batches.n_layers, n_pulses, n_samples), dtype=np.complex64)
@@ -279,6 +291,8 @@ class Model:
         for batch in self.batches:
             traced = batches.trace(batch)
             self.statistics = self.statistics.plus(traced.statistics)
+            if progress is not None:
+                progress(batch.stop / n_pulses)
             # the pulse beyond a block's end belongs to the next block
             stop = batch.stop if not batch.together else self._end(batch)
             share = np.float32(SUBSET_SHARES[subsets[batch.subset]])
