@@ -13,7 +13,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.gradients.parameters import Derivatives, Parameter
+from sarmitsuba.gradients.parameters import Derivatives, Parameter, Step, with_material
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene
@@ -27,6 +27,7 @@ from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.tangents import MOST, Displacement, Tangents
+from sarmitsuba.trace.variants import Property
 
 # effects whose echoes have no derivative yet, by the kernel flag that switches them on
 UNSUPPORTED = {
@@ -36,6 +37,10 @@ UNSUPPORTED = {
     "diffuse_pairs": "pairs of diffuse scatterers",
     "transmission": "transmission through slabs",
 }
+
+
+# properties of materials that one launch carries at most: each needs two more sets of fields in every ray
+MOST_STEPS = 8
 
 
 class TangentBatches(BatchTracer):
@@ -61,7 +66,7 @@ class TangentBatches(BatchTracer):
         carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
         farther = pulses.profiles(grid[:moved], partial(_per_metre, carrier, share))
         parts = [pulses.profiles(grid[:c], share), farther]
-        if tangents.levels:
+        if tangents.levels or tangents.properties:
             parts.append(pulses.profiles(grid[moved:], share))
         found = np.concatenate(parts)
         if isinstance(pulses, KeyPulse):
@@ -240,30 +245,44 @@ class Model:
         mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
         displacements = [tuple(p.displacements(scene, mesh)) for p in self.parameters]
         levels = [tuple(p.levels(scene)) for p in self.parameters]
+        steps = [tuple(p.steps(scene)) for p in self.parameters]
         displaced: list[C64] = []
         levelled: list[C64] = []
-        flat, numbers = sum(displacements, ()), sum(levels, ())
+        changed: list[C64] = []
+        left = [list(sum(found, ())) for found in (displacements, levels, steps)]
         data = farther = np.zeros(0, dtype=np.complex64)
-        for k in range(0, max(len(flat), len(numbers), 1), MOST):
-            some, those = flat[k : k + MOST], numbers[k : k + MOST]
+        first = True
+        while first or any(left):
+            first = False
+            some, those, these = (own[:most] for own, most in zip(left, (MOST, MOST, MOST_STEPS), strict=True))
+            left = [own[most:] for own, most in zip(left, (MOST, MOST, MOST_STEPS), strict=True)]
             tracer = self._tracer(here)
-            tracer.set_tangents(
-                Tangents.of(some, those, here.trace_scene.n_faces, len(with_parts(scene.materials)))
-            )
-            tangents = len(some) + len(those)
+            for one in {tracer, *tracer.by_frequency}:
+                one.tangents = Tangents.of(
+                    some,
+                    those,
+                    here.trace_scene.n_faces,
+                    len(with_parts(scene.materials)),
+                    [self._property(here, one, step) for step in these],
+                )
+            tangents = len(some) + len(those) + len(these)
             found = self._traced(TangentBatches(tracer, self.rays, c * (2 + tangents), 0), progress)
-            planes = found.reshape(2 + tangents, *self.shape)
-            data, farther = planes[0], planes[1]
-            displaced += list(planes[2 : 2 + len(some)])
-            levelled += list(planes[2 + len(some) :])
+            planes = list(found.reshape(2 + tangents, *self.shape))
+            data, farther = planes[:2]
+            displaced += planes[2 : 2 + len(some)]
+            levelled += planes[2 + len(some) : 2 + len(some) + len(those)]
+            changed += planes[2 + len(some) + len(those) :]
         out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
         row = 0
-        for parameter, moves, heights in zip(self.parameters, displacements, levels, strict=True):
+        for parameter, moves, heights, its_steps in zip(
+            self.parameters, displacements, levels, steps, strict=True
+        ):
             own = Derivatives(
                 data,
                 farther,
                 [displaced.pop(0) for _ in moves],
                 [levelled.pop(0) for _ in heights],
+                [changed.pop(0) for _ in its_steps],
                 scene.radar.waveform.center_frequency,
                 scene.radar.track.time,
             )
@@ -271,6 +290,17 @@ class Model:
                 out[row] = plane
                 row += 1
         return data, out
+
+    @staticmethod
+    def _property(here: _At, tracer: Tracer, step: Step) -> Property:
+        """Geometry with the tables of materials at both ends of a step, at a tracer's frequency."""
+        wavelength = tracer.kernel.wavelength
+        ends = []
+        for change in (step.below, step.above):
+            materials = with_material(here.scene, step.material, **change).materials
+            materials = tuple(m.at_frequency(SPEED_OF_LIGHT / wavelength) for m in materials)
+            ends.append(tracer.trace_scene.at_frequency(materials, wavelength))
+        return Property(*ends, per_unit=1.0 / step.size)
 
     def raw(self, data: C64) -> RawData:
         """Data (channels, pulses, samples) as raw data of the scene."""

@@ -16,7 +16,7 @@ from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.trace.tangents import PER_DB, Displacement
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from sarmitsuba.materials.material import Material
     from sarmitsuba.scene.scene import Scene
@@ -34,6 +34,7 @@ class Derivatives:
     farther : by a slant range common to all echoes, per m
     displaced : by each displacement of a parameter
     levelled : by each level of a parameter, per dB
+    changed : by each property of a material, per unit
     center_frequency : Hz
     time : (n_pulses,) s
     """
@@ -42,8 +43,26 @@ class Derivatives:
     farther: C64
     displaced: Sequence[C64]
     levelled: Sequence[C64]
+    changed: Sequence[C64]
     center_frequency: float
     time: F64
+
+
+@dataclass(frozen=True)
+class Step:
+    """Values of a property of a material, between which amplitudes are differentiated along every path.
+
+    Parameters
+    ----------
+    material : name
+    below, above : changes of the material, by field
+    size : difference of the property between both
+    """
+
+    material: str
+    below: Mapping[str, float | complex]
+    above: Mapping[str, float | complex]
+    size: float
 
 
 class Parameter(ABC):
@@ -78,6 +97,10 @@ class Parameter(ABC):
 
     def levels(self, scene: Scene) -> Sequence[frozenset[int]]:
         """Levels whose derivatives are needed, by numbers of the kernel's materials."""
+        return ()
+
+    def steps(self, scene: Scene) -> Sequence[Step]:
+        """Steps of properties of materials over which derivatives are needed."""
         return ()
 
     @abstractmethod
@@ -213,16 +236,13 @@ class Level(Parameter):
         return f"level:{self.material}"
 
     def _own(self, scene: Scene) -> Material:
-        for m in with_parts(scene.materials):
-            if m.name == self.material:
-                if not LAWS[m.diffuse_law].level or not np.isfinite(m.diffuse_level_db):
-                    raise SceneError(
-                        f'material "{m.name}": diffuse_law = {m.diffuse_law} has no level; differentiate by a '
-                        "property that it has"
-                    )
-                return m
-        known = ", ".join(sorted({m.name for m in with_parts(scene.materials)}))
-        raise SceneError(f'parameter {self.label}: no material "{self.material}"; there are {known}')
+        m = material_of(scene, self.material, self.label)
+        if not has_level(m):
+            raise SceneError(
+                f"parameter {self.label}: diffuse_law = {m.diffuse_law} has no level; differentiate by a property "
+                "that it has"
+            )
+        return m
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """See the base class."""
@@ -244,6 +264,96 @@ class Level(Parameter):
     def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""
         return found.levelled
+
+
+# share of a property by which it is changed on either side, and of the wavelength for the thickness of a slab
+STEP, THICKNESS_STEP = 0.01, 0.002
+
+# kinds of properties: what they are called in a fit's table
+PROPERTIES = {
+    "permittivity": "permittivity, real part",
+    "loss": "permittivity, less the imaginary part",
+    "rms_height": "rms height, m",
+    "correlation_length": "correlation length, m",
+    "thickness": "thickness of the slab, m",
+}
+
+
+@dataclass(frozen=True)
+class Property(Parameter):
+    """Property of a material: one of ``PROPERTIES``.
+
+    Parameters
+    ----------
+    kind, material : names
+    """
+
+    kind: str
+    material: str
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """See the base class."""
+        return f"{self.kind}:{self.material}"
+
+    def _own(self, scene: Scene) -> Material:
+        m = material_of(scene, self.material, self.label)
+        problem = ""
+        if self.kind in ("permittivity", "loss"):
+            problem = (
+                "a perfect conductor has none"
+                if m.pec
+                else "it is given over frequency"
+                if m.dispersion is not None
+                else ""
+            )
+        elif not getattr(m, self.kind) > 0.0:
+            problem = f"its {self.kind} is 0"
+        if problem:
+            raise SceneError(f"parameter {self.label}: {problem}; differentiate by another property")
+        return m
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """See the base class."""
+        return (f"{self.label} [{'1' if self.kind in ('permittivity', 'loss') else 'm'}]",)
+
+    def values(self, scene: Scene) -> F64:
+        """See the base class."""
+        m = self._own(scene)
+        if self.kind == "permittivity":
+            return np.array([m.permittivity.real])
+        if self.kind == "loss":
+            return np.array([-m.permittivity.imag])
+        return np.array([getattr(m, self.kind)])
+
+    def _field(self, m: Material, value: float) -> Mapping[str, float | complex]:
+        """Change of the material to another value."""
+        if self.kind == "permittivity":
+            return {"permittivity": complex(value, m.permittivity.imag)}
+        if self.kind == "loss":
+            return {"permittivity": complex(m.permittivity.real, -value)}
+        return {self.kind: value}
+
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """See the base class."""
+        return with_material(scene, self.material, **self._field(self._own(scene), float(values[0])))
+
+    def steps(self, scene: Scene) -> Sequence[Step]:
+        """See the base class."""
+        m, value = self._own(scene), float(self.values(scene)[0])
+        step = STEP * (abs(m.permittivity) if self.kind in ("permittivity", "loss") else value)
+        if self.kind == "thickness":
+            step = min(step, THICKNESS_STEP * scene.radar.waveform.wavelength)
+        low = value - step
+        if self.kind == "loss":  # no medium that amplifies
+            low = max(low, 0.0)
+        return (
+            Step(self.material, self._field(m, low), self._field(m, value + step), value + step - low),
+        )
+
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
+        """See the base class."""
+        return found.changed
 
 
 @dataclass(frozen=True)
@@ -292,6 +402,25 @@ class Shift(Parameter):
     def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""
         return found.displaced
+
+
+def has_level(m: Material) -> bool:
+    """Whether the diffuse law of a material has a level."""
+    return bool(LAWS[m.diffuse_law].level) and bool(np.isfinite(m.diffuse_level_db))
+
+
+def material_of(scene: Scene, name: str, label: str) -> Material:
+    """The material of a name.
+
+    Raises
+    ------
+    SceneError : there is none
+    """
+    for m in with_parts(scene.materials):
+        if m.name == name:
+            return m
+    known = ", ".join(sorted({m.name for m in with_parts(scene.materials)}))
+    raise SceneError(f'parameter {label}: no material "{name}"; there are {known}')
 
 
 def numbers_of(scene: Scene, name: str) -> frozenset[int]:
@@ -364,18 +493,16 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
             case "level", [material]:
                 found.append(Level(material))
             case "levels", []:
-                names = dict.fromkeys(
-                    m.name
-                    for m in with_parts(scene.materials)
-                    if LAWS[m.diffuse_law].level and np.isfinite(m.diffuse_level_db)
-                )
+                names = dict.fromkeys(m.name for m in with_parts(scene.materials) if has_level(m))
                 found += [Level(name) for name in names]
+            case kind, [material] if kind in PROPERTIES:
+                found.append(Property(kind, material))
             case "shift", [shape, axis] if axis in AXES and axis:
                 found.append(Shift(shape, axis))
             case _:
                 raise SceneError(
                     f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], level:MATERIAL, "
-                    "levels, shift:SHAPE:AXIS"
+                    f"levels, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, shift:SHAPE:AXIS"
                 )
     if not found:
         raise SceneError("parameters: none is given; name at least one, such as gain or levels")

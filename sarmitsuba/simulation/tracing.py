@@ -113,11 +113,6 @@ class Tracer:
         for tracer in {self, *self.by_frequency}:
             tracer.timer = timer
 
-    def set_tangents(self, tangents: Tangents) -> None:
-        """Record derivatives behind the channels, at every frequency."""
-        for tracer in {self, *self.by_frequency}:
-            tracer.tangents = tangents
-
     def of_term(self, term: int) -> "Tracer":
         """Tracer with one of the random numbers of every diffuse scatterer; see :class:`KernelSettings`."""
         other = copy(self)

@@ -11,7 +11,9 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.corners import both_chains, corner_share
 from sarmitsuba.trace.leg import Surroundings, antenna_basis
+from sarmitsuba.trace.propagation import mirror
 from sarmitsuba.trace.stage import closed as by_stages
+from sarmitsuba.trace.stage import coherent_loss
 from sarmitsuba.trace.state import (
     COHERENT,
     Closing,
@@ -178,6 +180,43 @@ def close_coherent(
     estimates already and are unchanged. Of the two chains of a corner the one whose last facet limits the beam is
     weighted higher, see :func:`sarmitsuba.trace.corners.corner_share`.
     """
+    amplitudes = _amplitudes(kernel, ray, hit, reflection, receive, returned.weight)
+    return Contribution(
+        kind=mi.UInt32(COHERENT),
+        order=hit.order,
+        pulse=lane.pulse,
+        slant_range=returned.slant_range,
+        range_rate=returned.range_rate,
+        amplitudes=amplitudes,
+        active=returned.counts,
+        point=returned.point,
+        range_tangents=returned.range_tangents,
+        material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
+        amplitude_tangents=_derivatives(kernel, ray, hit, receive, returned.weight),
+    )
+
+
+def _derivatives(
+    kernel: Kernel, ray: RayState, hit: Hit, receive: Receiver, weight: mi.Complex2f
+) -> tuple[mi.Complex2f, ...] | None:
+    """Derivatives of the channels of a coherent return by the properties of materials; None without any."""
+    variants = kernel.variants
+    if variants is None:
+        return None
+    own = coherent_loss(kernel, hit)
+    found = []
+    for variant, one, there in zip(variants.kernels, variants.rays(ray), variants.hits(hit), strict=True):
+        reflection = mirror(variant, one, there, there.normal)
+        loss = coherent_loss(variant, there)
+        ratio = dr.select(own > 0.0, loss / dr.maximum(own, 1e-30), 0.0)
+        found.append(_amplitudes(variant, one, there, reflection, receive, weight * ratio))
+    return variants.differences(found)
+
+
+def _amplitudes(
+    kernel: Kernel, ray: RayState, hit: Hit, reflection: Reflection, receive: Receiver, weight: mi.Complex2f
+) -> tuple[mi.Complex2f, ...]:
+    """Recorded channels of a coherent return; see :func:`close_coherent`."""
     flags = kernel.flags
     closed = {}
     for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
@@ -190,19 +229,8 @@ def close_coherent(
     for channel in flags.closed:
         a, b = flags.reciprocal(channel)
         c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
-        amplitudes.append(c * returned.weight)
-    return Contribution(
-        kind=mi.UInt32(COHERENT),
-        order=hit.order,
-        pulse=lane.pulse,
-        slant_range=returned.slant_range,
-        range_rate=returned.range_rate,
-        amplitudes=tuple(field.recorded(flags.closed, amplitudes, flags.channels)),
-        active=returned.counts,
-        point=returned.point,
-        range_tangents=returned.range_tangents,
-        material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
-    )
+        amplitudes.append(c * weight)
+    return tuple(field.recorded(flags.closed, amplitudes, flags.channels))
 
 
 def _closed(
@@ -244,4 +272,10 @@ def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contributi
         material=None
         if a.material is None or b.material is None
         else dr.select(condition, a.material, b.material),
+        amplitude_tangents=None
+        if a.amplitude_tangents is None or b.amplitude_tangents is None
+        else tuple(
+            dr.select(condition, x, y)
+            for x, y in zip(a.amplitude_tangents, b.amplitude_tangents, strict=True)
+        ),
     )

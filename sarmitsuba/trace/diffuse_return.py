@@ -78,6 +78,7 @@ class DiffuseReturns:
     straight_weight, reciprocal_weight : amplitude factors of the straight and of the reciprocal path
     receive : receiving polarisations and gain of the antenna for the hit
     age : change of the scatterers since the first pass; None where nothing changes
+    variants : terms with other materials, of the straight and the reciprocal path; empty without any
     """
 
     kernel: Kernel
@@ -92,6 +93,7 @@ class DiffuseReturns:
     reciprocal_weight: mi.Float
     receive: Receiver
     age: Age | None
+    variants: tuple[tuple[Terms, Terms | None], ...] = ()
 
     def first(self) -> Slot:
         """The first return of the hit."""
@@ -169,6 +171,9 @@ class DiffuseReturns:
             point=centre,
             range_tangents=rates,
             material=material,
+            amplitude_tangents=self._derivatives(
+                [terms for terms, _ in self.variants], random, self.straight_weight
+            ),
         )
         if self.reciprocal is None:
             return straight
@@ -180,6 +185,9 @@ class DiffuseReturns:
             range_rate=rate_out,
             amplitudes=tuple(mixed(terms, random) * self.reciprocal_weight for terms in self.reciprocal),
             range_tangents=back_rates,
+            amplitude_tangents=self._derivatives(
+                [terms or [] for _, terms in self.variants], random, self.reciprocal_weight
+            ),
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, reciprocal, straight)
@@ -191,6 +199,16 @@ class DiffuseReturns:
             slot.other_way,
             self._reversed(straight, self.reverse, random, home, rate_home, movement),
             selected(slot.back, reciprocal, straight),
+        )
+
+    def _derivatives(
+        self, variants: list[Terms], random: list[mi.Complex2f], weight: mi.Float
+    ) -> tuple[mi.Complex2f, ...] | None:
+        """Derivatives of the channels by the properties of materials; None without any."""
+        if self.kernel.variants is None:
+            return None
+        return self.kernel.variants.differences(
+            [[mixed(terms, random) * weight for terms in variant] for variant in variants]
         )
 
     def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
@@ -210,6 +228,7 @@ class DiffuseReturns:
             hit = replace(hit, material=bits, properties=properties)
             terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
             out = replace(out, hit=hit, straight=terms[0], reciprocal=terms[1], reverse=terms[2])
+            out = replace(out, variants=_variants(kernel, self.lane, self.ray, hit, self.receive))
             if self.age is not None:
                 out = replace(out, age=Age.of(kernel, scene.change_table, bits & MATERIAL_MASK))
         factor = surfaces.amplitude(
@@ -308,10 +327,22 @@ def close_diffuse(
         reciprocal_weight=weight * tube_here.loss_reciprocal,
         receive=receive,
         age=Age.of(kernel, kernel.scene.change_table, hit.material & MATERIAL_MASK),
+        variants=_variants(kernel, lane, ray, hit, receive),
     )
 
 
 Terms: TypeAlias = "list[list[mi.Complex2f]]"
+
+
+def _variants(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
+) -> tuple[tuple[Terms, Terms | None], ...]:
+    """Terms of the straight and of the reciprocal path with the materials of every variant."""
+    variants = kernel.variants
+    if variants is None:
+        return ()
+    found = zip(variants.kernels, variants.rays(ray), variants.hits(hit), strict=True)
+    return tuple(_terms(one, lane, its_ray, its_hit, receive)[:2] for one, its_ray, its_hit in found)
 
 
 def _terms(

@@ -167,6 +167,8 @@ def _bounce(
     hit = arrive(kernel, lane, ray, found)
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
     ray = past_foci(there, hit)
+    if kernel.variants is not None:
+        ray = replace(ray, variants=tuple(past_foci(v, hit).fields for v in kernel.variants.rays(there)))
     tube_here = footprint(kernel, lane, ray, hit)
     if tube_here.lost is not None:
         hit = hit.without(tube_here.lost)
@@ -188,8 +190,13 @@ def _bounce(
         first = None
         if flags.coherent:
             zeros = tuple(mi.Complex2f(0.0) for _ in flags.channels)
-            amplitudes = _only_where(returned.counts, lambda: coherent(returned).amplitudes, lambda: zeros)
-            first = replace(coherent(returned), amplitudes=amplitudes)
+            if kernel.variants is None:
+                amplitudes = _only_where(
+                    returned.counts, lambda: coherent(returned).amplitudes, lambda: zeros
+                )
+                first = replace(coherent(returned), amplitudes=amplitudes)
+            else:
+                first = _with_derivatives(coherent, returned, zeros * (1 + len(kernel.variants.per_unit)))
         diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
         added, count = _add_all(accumulator, added, first, diffuse)
     elif flags.coherent:
@@ -204,6 +211,21 @@ def _bounce(
         return there, hit, last, added
     mirrored = replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count, trail=trail)
     return there, hit, mirrored, added
+
+
+def _with_derivatives(
+    coherent: Callable[[TubeReturn], Contribution], returned: TubeReturn, zeros: tuple[mi.Complex2f, ...]
+) -> Contribution:
+    """Coherent return with the derivatives of its amplitudes, computed where it counts."""
+
+    def amplitudes() -> tuple[mi.Complex2f, ...]:
+        found = coherent(returned)
+        assert found.amplitude_tangents is not None
+        return found.amplitudes + found.amplitude_tangents
+
+    outside = coherent(returned)
+    n, values = len(outside.amplitudes), _only_where(returned.counts, amplitudes, lambda: zeros)
+    return replace(outside, amplitudes=values[:n], amplitude_tangents=values[n:])
 
 
 def _only_where(lanes: mi.Bool, then: Callable[[], Value], otherwise: Callable[[], Value]) -> Value:

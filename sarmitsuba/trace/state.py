@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
     from sarmitsuba.trace.tangents import Carried, Tangents
+    from sarmitsuba.trace.variants import Variants
     from sarmitsuba.trace.tubes.polygon import Bounds
     from sarmitsuba.trace.tubes.tube import Patch
 
@@ -141,6 +142,7 @@ class Kernel:
     flags: KernelFlags
     constants: Constants
     tangents: Carried | None = None
+    variants: Variants | None = None
 
     @classmethod
     def of(
@@ -158,8 +160,10 @@ class Kernel:
             scene = replace(scene, surfaces=scene.surfaces.without_texture())
         if scene.slabs is not None:
             scene.slabs.prepare()  # before anything is recorded
-        carried = None if tangents is None else tangents.carried()
-        return cls(scene, grid, pulses, flags, Constants.of(settings, flags, scene, grid), carried)
+        kernel = cls(scene, grid, pulses, flags, Constants.of(settings, flags, scene, grid))
+        if tangents is None:
+            return kernel
+        return replace(kernel, tangents=tangents.carried(), variants=tangents.variants(kernel))
 
     @property
     def curved(self) -> bool:
@@ -280,7 +284,8 @@ class RayState:
     crossed : number of slabs that the path crossed; None where no slab transmits
     mirror : facet of the last reflection; None where paths and their reverses are not averaged
     trail : number given to the last hit by a follower, ``NO_HIT`` before the first; None without a follower
-    tangents : derivatives by parameters; None without any
+    tangents : derivatives by displacements; None without any
+    variants : fields with other materials; None without any
     """
 
     active: mi.Bool
@@ -302,6 +307,7 @@ class RayState:
     mirror: Mirror | None = None
     trail: mi.UInt32 | None = None
     tangents: RayTangents | None = None
+    variants: tuple[tuple[ComplexVector, ...], ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -447,6 +453,7 @@ class Contribution:
     point : float64, m, scene frame; phase centre on the surface of the hit
     range_tangents : float64, m per unit, derivatives of the slant range by parameters; None without any
     material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
+    amplitude_tangents : derivatives of the channels by properties of materials, property by property; None without any
     """
 
     kind: mi.UInt32
@@ -459,6 +466,7 @@ class Contribution:
     point: mi.Vector3d
     range_tangents: tuple[mi.Float64, ...] | None = None
     material: mi.UInt32 | None = None
+    amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
 
     @property
     def placed(self) -> mi.Bool:

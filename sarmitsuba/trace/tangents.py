@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sarmitsuba.trace.kernel import Accumulator, LaneArrays
-    from sarmitsuba.trace.state import Contribution, Hit, Lane, RayState
+    from sarmitsuba.trace.state import Contribution, Hit, Kernel, Lane, RayState
+    from sarmitsuba.trace.variants import Property, Variants
 
 # parameters of one kind that one launch carries at most: bits of a table entry
 MOST = 32
@@ -68,7 +69,7 @@ class RayTangents:
 
 @dataclass(frozen=True, eq=False)
 class Tangents:
-    """What the kernel records beside every echo: first displacements, then levels.
+    """What the kernel records beside every echo: first displacements, then levels, then properties of materials.
 
     Parameters
     ----------
@@ -77,12 +78,14 @@ class Tangents:
         channels
     moved : (n_faces,) bit k: the face is moved by displacement k
     levelled : (n_materials,) bit k: level k applies to the material
+    properties : of materials; each gives the derivative of the channels
     """
 
     displacements: tuple[Displacement, ...]
     levels: tuple[frozenset[int], ...]
     moved: mi.UInt32
     levelled: mi.UInt32
+    properties: tuple[Property, ...] = ()
 
     @staticmethod
     def of(
@@ -90,6 +93,7 @@ class Tangents:
         levels: Sequence[frozenset[int]],
         n_faces: int,
         n_materials: int,
+        properties: Sequence[Property] = (),
     ) -> Tangents:
         """Tables of these parameters on the device."""
         assert len(displacements) <= MOST and len(levels) <= MOST
@@ -105,12 +109,19 @@ class Tangents:
             tuple(levels),
             device_array(mi.UInt32, moved),
             device_array(mi.UInt32, levelled),
+            tuple(properties),
         )
 
     @property
     def count(self) -> int:
         """Number of derivatives of each channel."""
-        return len(self.displacements) + len(self.levels)
+        return len(self.displacements) + len(self.levels) + len(self.properties)
+
+    def variants(self, kernel: Kernel) -> Variants | None:
+        """Variants of a kernel with other materials; None without properties."""
+        from sarmitsuba.trace.variants import Variants
+
+        return Variants.of(kernel, self.properties) if self.properties else None
 
     def carried(self) -> Carried:
         """Numbers for one kernel, as opaque scalars: other values do not compile another kernel."""
@@ -260,7 +271,7 @@ class Carried:
             for k in range(len(self.plan.levels)):
                 per_db = dr.select(known & (((bits >> k) & 1) == 1), mi.Float(PER_DB), 0.0)
                 out += [a * per_db for a in echo.amplitudes]
-        return tuple(out)
+        return (*out, *(echo.amplitude_tangents or ()))
 
 
 class _WithTangents:
