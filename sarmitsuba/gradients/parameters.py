@@ -404,6 +404,81 @@ class Shift(Parameter):
         return found.displaced
 
 
+@dataclass(frozen=True)
+class Deformation(Parameter):
+    """Height, scale or rotation of a shape, whose base stays where it is.
+
+    Parameters
+    ----------
+    kind : ``height`` (m, the shape is stretched upwards), ``scale`` (1, about the middle of its base) or ``rotation``
+        (rad, about the vertical through the middle of its base, anticlockwise from above)
+    shape : name of the mesh
+    """
+
+    kind: str
+    shape: str
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """See the base class."""
+        return f"{self.kind}:{self.shape}"
+
+    def _placed(self, scene: Scene) -> tuple[int, F64, float]:
+        """Mesh, middle of its base (3,) and its height, m."""
+        mesh, geometry = mesh_of(scene, self.shape, self.label), scene.geometry
+        first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
+        corners = geometry.vertices[geometry.faces[first:stop]].reshape(-1, 3)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        height = float(high[2] - low[2])
+        if self.kind == "height" and not height > 0.0:
+            raise SceneError(f"parameter {self.label}: the shape is flat; shift it instead")
+        return mesh, np.array([*(0.5 * (low + high))[:2], low[2]]), height
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """See the base class."""
+        return (f"{self.label} [{DEFORMATIONS[self.kind]}]",)
+
+    def values(self, scene: Scene) -> F64:
+        """See the base class."""
+        _, _, height = self._placed(scene)
+        return np.array([{"height": height, "scale": 1.0, "rotation": 0.0}[self.kind]])
+
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """See the base class."""
+        mesh, base, height = self._placed(scene)
+        value = float(values[0])
+        if self.kind == "rotation":
+            c, s = np.cos(value), np.sin(value)
+            gradient = np.array([[c - 1.0, -s, 0.0], [s, c - 1.0, 0.0], [0.0, 0.0, 0.0]])
+        elif not value > 0.0:
+            raise SceneError(f"parameter {self.label} = {value:g} must be above 0")
+        else:
+            gradient = self._gradient(height) * (value - (height if self.kind == "height" else 1.0))
+        return with_moved(scene, mesh, gradient, -gradient @ base)
+
+    def _gradient(self, height: float) -> F64:
+        """Velocity gradient, 1 per unit."""
+        if self.kind == "height":
+            return np.diag([0.0, 0.0, 1.0 / height])
+        if self.kind == "scale":
+            return np.eye(3)
+        return np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+    def displacements(self, scene: Scene, face_mesh: F64) -> Sequence[Displacement]:
+        """See the base class."""
+        mesh, base, height = self._placed(scene)
+        gradient = self._gradient(height)
+        return [Displacement(np.zeros(3), face_mesh == mesh, -gradient @ base, gradient)]
+
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
+        """See the base class."""
+        return found.displaced
+
+
+# kinds of deformation and their units
+DEFORMATIONS = {"height": "m", "scale": "1", "rotation": "rad"}
+
+
 def has_level(m: Material) -> bool:
     """Whether the diffuse law of a material has a level."""
     return bool(LAWS[m.diffuse_law].level) and bool(np.isfinite(m.diffuse_level_db))
@@ -495,6 +570,8 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
             case "levels", []:
                 names = dict.fromkeys(m.name for m in with_parts(scene.materials) if has_level(m))
                 found += [Level(name) for name in names]
+            case kind, [shape] if kind in DEFORMATIONS:
+                found.append(Deformation(kind, shape))
             case kind, [material] if kind in PROPERTIES:
                 found.append(Property(kind, material))
             case "shift", [shape, axis] if axis in AXES and axis:
@@ -502,7 +579,8 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
             case _:
                 raise SceneError(
                     f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], level:MATERIAL, "
-                    f"levels, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, shift:SHAPE:AXIS"
+                    f"levels, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, shift:SHAPE:AXIS, "
+                    f"{', '.join(f'{k}:SHAPE' for k in DEFORMATIONS)}"
                 )
     if not found:
         raise SceneError("parameters: none is given; name at least one, such as gain or levels")
