@@ -245,9 +245,7 @@ def _in_band_variance(scene: Scene, power: float) -> float:
     return power * max(scene.radar.waveform.range_cell / scene.radar.window.sample_spacing, 1.0)
 
 
-def _cost(
-    difference: C128, values: F64, known: Mapping[int, tuple[float, float]], variance: float
-) -> float:
+def _cost(difference: C128, values: F64, known: Mapping[int, tuple[float, float]], variance: float) -> float:
     """Sum of squares of data and priors, in the data's unit."""
     prior = sum(((values[k] - mean) / sigma) ** 2 for k, (mean, sigma) in known.items())
     return float(np.sum(np.abs(difference) ** 2)) + 0.5 * variance * prior

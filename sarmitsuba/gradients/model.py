@@ -147,9 +147,7 @@ class Model:
                     f"{scene.name}: {what} cannot be differentiated; switch off the effect {name}, or leave them out"
                 )
         if flags.extra:
-            raise SceneError(
-                f"{scene.name}: effects of extensions cannot be differentiated; switch them off"
-            )
+            raise SceneError(f"{scene.name}: effects of extensions cannot be differentiated; switch them off")
         assert self.run.sampling is not None and self.run.trace_scene is not None
         self.sampling: SamplingPlan = self.run.sampling
         self.scene = self.run.scene
@@ -254,7 +252,9 @@ class Model:
         first = True
         while first or any(left):
             first = False
-            some, those, these = (own[:most] for own, most in zip(left, (MOST, MOST, MOST_STEPS), strict=True))
+            some, those, these = (
+                own[:most] for own, most in zip(left, (MOST, MOST, MOST_STEPS), strict=True)
+            )
             left = [own[most:] for own, most in zip(left, (MOST, MOST, MOST_STEPS), strict=True)]
             tracer = self._tracer(here)
             for one in {tracer, *tracer.by_frequency}:

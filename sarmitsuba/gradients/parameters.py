@@ -347,9 +347,7 @@ class Property(Parameter):
         low = value - step
         if self.kind == "loss":  # no medium that amplifies
             low = max(low, 0.0)
-        return (
-            Step(self.material, self._field(m, low), self._field(m, value + step), value + step - low),
-        )
+        return (Step(self.material, self._field(m, low), self._field(m, value + step), value + step - low),)
 
     def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""

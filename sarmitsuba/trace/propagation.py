@@ -462,7 +462,9 @@ def reflect(
         crossed=ray.crossed,
         mirror=None if ray.mirror is None else mirror_at(kernel, hit),
         tangents=None if kernel.tangents is None else kernel.tangents.mirrored(ray, hit, n64),
-        variants=None if kernel.variants is None else _reflected_variants(kernel.variants, ray, hit, tube_here),
+        variants=None
+        if kernel.variants is None
+        else _reflected_variants(kernel.variants, ray, hit, tube_here),
     )
 
 

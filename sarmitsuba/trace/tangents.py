@@ -16,7 +16,10 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.device_arrays import device_array
-from sarmitsuba.trace.movement import Movement, ShadowBoundary  # at run time: Dr.Jit reads the types of loop states
+from sarmitsuba.trace.movement import (
+    Movement,
+    ShadowBoundary,
+)  # at run time: Dr.Jit reads the types of loop states
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
