@@ -3,7 +3,7 @@
 Modules touched, and the data that flows::
 
     parameters        names, values; a scene with other values; which derivatives of echoes each needs
-        -> model      one plan (rays, blocks of pulses, effects) that stays the same for all values
+        -> forward model  one plan (rays, blocks of pulses, effects) that stays the same for all values
         -> trace      :mod:`sarmitsuba.trace.tangents`: along every traced path the derivative of the slant range by
                       displacements of antenna and shapes is part of the ray's state; each echo is added to its cells
                       with these as further channels

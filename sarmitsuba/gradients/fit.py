@@ -14,9 +14,9 @@ from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.exclusive import exclusive
+from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
-from sarmitsuba.gradients.model import Model
-from sarmitsuba.gradients.parameters import AntennaTrack
+from sarmitsuba.gradients.radar_parameters import AntennaTrack
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 # damping relative to the diagonal of the normal equations: first, and by what it grows and falls
@@ -136,7 +136,7 @@ def fit(
     """
     scene = Scene.of(scene)
     given = parameters_of(parameters, scene)
-    model = Model(scene, given)
+    model = ForwardModel(scene, given)
     measured = _planes(model, data)
     known = _priors(model, priors or {})
     values = _coarse_track(model, measured, model.start)
@@ -197,7 +197,7 @@ def fit(
     )
 
 
-def _planes(model: Model, data: RawData) -> C64:
+def _planes(model: ForwardModel, data: RawData) -> C64:
     """Measured data (channels, pulses, samples), their layers of a channel summed."""
     name, radar = model.scene.name, model.scene.radar
     if data.domain != "compressed":
@@ -226,7 +226,7 @@ def _planes(model: Model, data: RawData) -> C64:
     return out
 
 
-def _priors(model: Model, priors: Mapping[str, Prior]) -> dict[int, tuple[float, float]]:
+def _priors(model: ForwardModel, priors: Mapping[str, Prior]) -> dict[int, tuple[float, float]]:
     """Mean and standard deviation of the values with priors, by number."""
     short = [name.rsplit(" [", 1)[0] for name in model.names]
     known = {}
@@ -281,7 +281,7 @@ def _check_determined(names: tuple[str, ...], normal: F64) -> None:
         )
 
 
-def _coarse_track(model: Model, measured: C64, start: F64) -> F64:
+def _coarse_track(model: ForwardModel, measured: C64, start: F64) -> F64:
     """Values with those of a track moved by the range errors of whole pulses; others stay."""
     tracks = [k for k, p in enumerate(model.parameters) if isinstance(p, AntennaTrack)]
     if not tracks:
@@ -304,7 +304,7 @@ def _coarse_track(model: Model, measured: C64, start: F64) -> F64:
     return np.concatenate(split)
 
 
-def range_errors(model: Model, measured: C64, expected: C64) -> tuple[F64, NDArray[np.bool_]]:
+def range_errors(model: ForwardModel, measured: C64, expected: C64) -> tuple[F64, NDArray[np.bool_]]:
     r"""Slant range by which the echoes of every pulse are farther than expected, m, and the pulses that have echoes.
 
     With the spectra D and M of measured and expected profiles over the band, :math:`\sum D M^*` of a pulse has the
@@ -340,6 +340,3 @@ def _slope(values: C128, at: F64) -> float:
         slope += float(np.angle(np.sum(flat[lag:] * flat[:-lag].conj())) / (at[lag] - at[0]))
         lag *= 2
     return slope
-
-
-__all__ = ["Fit", "Prior", "fit", "range_errors"]

@@ -10,8 +10,9 @@ from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.gradients.model import Model
-from sarmitsuba.gradients.parameters import Parameter, parse
+from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.parameter import Parameter
+from sarmitsuba.gradients.parsing import parse
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def parameters_of(given: Parameters, scene: Scene) -> tuple[Parameter, ...]:
 
     Raises
     ------
-    SceneError : a text that names no parameter; see :func:`sarmitsuba.gradients.parameters.parse`
+    SceneError : a text that names no parameter; see :func:`sarmitsuba.gradients.parsing.parse`
     """
     if isinstance(given, str):
         return parse(given, scene)
@@ -109,7 +110,7 @@ def jacobian(
     Parameters
     ----------
     scene : as loaded, a scene file, or the name of a shipped scene
-    parameters : text such as ``"levels,track:5"``, or texts and objects, see :mod:`sarmitsuba.gradients.parameters`
+    parameters : text such as ``"levels,track:5"``, or texts and objects, see :func:`sarmitsuba.gradients.parsing.parse`
     progress : called with the share that is done
 
     Returns
@@ -131,6 +132,6 @@ def jacobian(
     shapes are those of its key pulse.
     """
     scene = Scene.of(scene)
-    model = Model(scene, parameters_of(parameters, scene))
+    model = ForwardModel(scene, parameters_of(parameters, scene))
     data, derivative = model.derivative(progress=progress)
     return Jacobian(model.names, model.start, derivative, model.raw(data))

@@ -12,6 +12,7 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.corners import both_chains, corner_share
 from sarmitsuba.trace.leg import Surroundings, antenna_basis
 from sarmitsuba.trace.propagation import mirror
+from sarmitsuba.trace.range_tangents import of_tube
 from sarmitsuba.trace.stage import closed as by_stages
 from sarmitsuba.trace.stage import coherent_loss
 from sarmitsuba.trace.state import (
@@ -25,8 +26,8 @@ from sarmitsuba.trace.state import (
     Reflection,
     TubeFootprint,
 )
-
 from sarmitsuba.trace.tangents import NO_MATERIAL
+from sarmitsuba.trace.variants import differences, variant_hits, variant_rays
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.tangents import Carried
@@ -156,7 +157,7 @@ def tube_return(
     counts = ~(dr.abs(weight) <= NEGLIGIBLE * dr.abs(whole))
     rates = None
     if kernel.tangents is not None:
-        rates = kernel.tangents.of_tube(ray, hit, found.point - hit.p)
+        rates = of_tube(kernel.tangents, ray, hit, found.point - hit.p)
     return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates)
 
 
@@ -200,17 +201,18 @@ def _derivatives(
     kernel: Kernel, ray: RayState, hit: Hit, receive: Receiver, weight: mi.Complex2f
 ) -> tuple[mi.Complex2f, ...] | None:
     """Derivatives of the channels of a coherent return by the properties of materials; None without any."""
-    variants = kernel.variants
-    if variants is None:
+    if not kernel.variants:
         return None
     own = coherent_loss(kernel, hit)
     found = []
-    for variant, one, there in zip(variants.kernels, variants.rays(ray), variants.hits(hit), strict=True):
+    for variant, one, there in zip(
+        kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True
+    ):
         reflection = mirror(variant, one, there, there.normal)
         loss = coherent_loss(variant, there)
         ratio = dr.select(own > 0.0, loss / dr.maximum(own, 1e-30), 0.0)
         found.append(_amplitudes(variant, one, there, reflection, receive, weight * ratio))
-    return variants.differences(found)
+    return differences(kernel, found)
 
 
 def _amplitudes(

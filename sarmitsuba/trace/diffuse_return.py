@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.closing import Receiver, Receiving, selected
+from sarmitsuba.trace.range_tangents import of_scatterer
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
@@ -24,6 +25,7 @@ from sarmitsuba.trace.state import (
 )
 from sarmitsuba.trace.table_rows import MaterialRow
 from sarmitsuba.trace.temporal import Age
+from sarmitsuba.trace.variants import differences, variant_hits, variant_rays
 from sarmitsuba.trace.wind_waves import WaterTables
 
 if TYPE_CHECKING:
@@ -158,7 +160,7 @@ class DiffuseReturns:
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
         rates = back_rates = material = None
         if self.kernel.tangents is not None:
-            rates, back_rates = self.kernel.tangents.of_scatterer(ray, hit, lane, centre)
+            rates, back_rates = of_scatterer(self.kernel.tangents, ray, hit, lane, centre)
             material = hit.material & MATERIAL_MASK
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
@@ -205,11 +207,8 @@ class DiffuseReturns:
         self, variants: list[Terms], random: list[mi.Complex2f], weight: mi.Float
     ) -> tuple[mi.Complex2f, ...] | None:
         """Derivatives of the channels by the properties of materials; None without any."""
-        if self.kernel.variants is None:
-            return None
-        return self.kernel.variants.differences(
-            [[mixed(terms, random) * weight for terms in variant] for variant in variants]
-        )
+        amplitudes = [[mixed(terms, random) * weight for terms in variant] for variant in variants]
+        return differences(self.kernel, amplitudes)
 
     def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
         """The same returns with the material, map value and texture at a scatterer (float64, m, at time zero).
@@ -338,10 +337,7 @@ def _variants(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
 ) -> tuple[tuple[Terms, Terms | None], ...]:
     """Terms of the straight and of the reciprocal path with the materials of every variant."""
-    variants = kernel.variants
-    if variants is None:
-        return ()
-    found = zip(variants.kernels, variants.rays(ray), variants.hits(hit), strict=True)
+    found = zip(kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True)
     return tuple(_terms(one, lane, its_ray, its_hit, receive)[:2] for one, its_ray, its_hit in found)
 
 

@@ -17,6 +17,7 @@ from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.leg import Surroundings, beam_patterns
 from sarmitsuba.trace.movement import ShadowBoundary
 from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.range_tangents import mirrored_tangents
 from sarmitsuba.trace.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.slab_passage import slab_factors
 from sarmitsuba.trace.stage import mirrored
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, Purpose
     from sarmitsuba.trace.scene_tables import TraceScene
-    from sarmitsuba.trace.variants import Variants
 
     # face, barycentric coordinates, and the lanes that hit something
     Found = tuple[mi.UInt32, mi.Vector2f, mi.Bool]
@@ -114,8 +114,6 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         mirror=Mirror.none() if kernel.reversible else None,
         tangents=None if kernel.tangents is None else kernel.tangents.launched(),
     )
-    if kernel.variants is not None:
-        state = replace(state, variants=kernel.variants.launched(state.fields))
     return lane, state
 
 
@@ -461,22 +459,8 @@ def reflect(
         contributions=ray.contributions,
         crossed=ray.crossed,
         mirror=None if ray.mirror is None else mirror_at(kernel, hit),
-        tangents=None if kernel.tangents is None else kernel.tangents.mirrored(ray, hit, n64),
-        variants=None
-        if kernel.variants is None
-        else _reflected_variants(kernel.variants, ray, hit, tube_here),
+        tangents=None if kernel.tangents is None else mirrored_tangents(kernel.tangents, ray, hit, n64),
     )
-
-
-def _reflected_variants(
-    variants: Variants, ray: RayState, hit: Hit, tube_here: TubeFootprint
-) -> tuple[tuple[ComplexVector, ...], ...]:
-    """Fields of the reflected ray with the materials of every variant."""
-    fields = []
-    for kernel, one, there in zip(variants.kernels, variants.rays(ray), variants.hits(hit), strict=True):
-        reflection = mirror(kernel, one, there, there.normal)
-        fields.append(reflect(kernel, one, there, tube_here, reflection).fields)
-    return tuple(fields)
 
 
 def _curved_mirror(

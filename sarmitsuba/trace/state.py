@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.movement import Movement
     from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
-    from sarmitsuba.trace.tangents import Carried, Tangents
-    from sarmitsuba.trace.variants import Variants
+    from sarmitsuba.trace.tangents import Carried
     from sarmitsuba.trace.tubes.polygon import Bounds
     from sarmitsuba.trace.tubes.tube import Patch
 
@@ -134,7 +133,10 @@ class Constants:
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """Common inputs of all parts of one recorded kernel; its scene lacks the tables of effects that are off."""
+    """Common inputs of all parts of one recorded kernel; its scene lacks the tables of effects that are off.
+
+    ``tangents``, ``variants`` and ``per_unit`` are for derivatives, see :mod:`sarmitsuba.trace.variants`.
+    """
 
     scene: TraceScene
     grid: LaunchGrid
@@ -142,7 +144,8 @@ class Kernel:
     flags: KernelFlags
     constants: Constants
     tangents: Carried | None = None
-    variants: Variants | None = None
+    variants: tuple[Kernel, ...] = ()
+    per_unit: tuple[mi.Float, ...] = ()
 
     @classmethod
     def of(
@@ -152,18 +155,14 @@ class Kernel:
         pulses: PulseBatch,
         flags: KernelFlags,
         settings: KernelSettings,
-        tangents: Tangents | None = None,
     ) -> Kernel:
-        """Kernel of a launch with these settings, and with the derivatives ``tangents``; None: without any."""
+        """Kernel of a launch with these settings."""
         scene = scene.with_tables(surfaces=flags.texture, movers=flags.motion, slabs=flags.slabs)
         if settings.term is not None and scene.surfaces is not None:
             scene = replace(scene, surfaces=scene.surfaces.without_texture())
         if scene.slabs is not None:
             scene.slabs.prepare()  # before anything is recorded
-        kernel = cls(scene, grid, pulses, flags, Constants.of(settings, flags, scene, grid))
-        if tangents is None:
-            return kernel
-        return replace(kernel, tangents=tangents.carried(), variants=tangents.variants(kernel))
+        return cls(scene, grid, pulses, flags, Constants.of(settings, flags, scene, grid))
 
     @property
     def curved(self) -> bool:
@@ -285,7 +284,7 @@ class RayState:
     mirror : facet of the last reflection; None where paths and their reverses are not averaged
     trail : number given to the last hit by a follower, ``NO_HIT`` before the first; None without a follower
     tangents : derivatives by displacements; None without any
-    variants : fields with other materials; None without any
+    variants : fields with other materials; empty without any
     """
 
     active: mi.Bool
@@ -307,7 +306,7 @@ class RayState:
     mirror: Mirror | None = None
     trail: mi.UInt32 | None = None
     tangents: RayTangents | None = None
-    variants: tuple[tuple[ComplexVector, ...], ...] | None = None
+    variants: tuple[tuple[ComplexVector, ...], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,87 +11,35 @@ is formed echo by echo, before anything is added; with h a hundredth of p its er
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.field import ComplexVector  # at run time: Dr.Jit reads the types of the loop's state
+from sarmitsuba.trace.propagation import mirror, reflect
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.scene_tables import TraceScene
-    from sarmitsuba.trace.state import Hit, Kernel, RayState
-
-Fields = tuple[ComplexVector, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Property:
-    """Property of a material: the scene's geometry with the tables of its materials at both ends of a step.
-
-    Parameters
-    ----------
-    below, above : scenes that share everything but these tables
-    per_unit : one over the difference of the property between them
-    """
-
-    below: TraceScene
-    above: TraceScene
-    per_unit: float
+    from sarmitsuba.trace.state import Hit, Kernel, RayState, TubeFootprint
+    from sarmitsuba.trace.tangents import Tangents
 
 
-@dataclass(frozen=True, eq=False)
-class Variants:
-    """Kernels with other materials, two for each property.
-
-    Parameters
-    ----------
-    kernels : without derivatives of their own
-    per_unit : of each property
-    """
-
-    kernels: tuple[Kernel, ...]
-    per_unit: tuple[mi.Float, ...]
-
-    @staticmethod
-    def of(kernel: Kernel, properties: Sequence[Property]) -> Variants:
-        """Variants of a kernel."""
-        return Variants(
-            tuple(_with_materials(kernel, scene) for p in properties for scene in (p.below, p.above)),
-            tuple(dr.opaque(mi.Float, p.per_unit) for p in properties),
-        )
-
-    def launched(self, fields: Fields) -> tuple[Fields, ...]:
-        """Fields of all variants at launch."""
-        return (fields,) * len(self.kernels)
-
-    def rays(self, ray: RayState) -> list[RayState]:
-        """The ray with the fields of every variant."""
-        assert ray.variants is not None
-        return [replace(ray, fields=fields, variants=None, tangents=None) for fields in ray.variants]
-
-    def hits(self, hit: Hit) -> list[Hit]:
-        """The hit with the material's properties of every variant."""
-        number = hit.material & MATERIAL_MASK
-        known = hit.met
-        found = []
-        for kernel in self.kernels:
-            scene = kernel.scene
-            row = MaterialRow.of(scene.material_table, number, known)
-            slab = None if scene.slabs is None else SlabRow.of(scene.slabs.table, number, known)
-            found.append(replace(hit, properties=row, slab=slab))
-        return found
-
-    def differences(self, amplitudes: Sequence[Sequence[mi.Complex2f]]) -> tuple[mi.Complex2f, ...]:
-        """Derivatives of the channels by every property, from the channels of every variant."""
-        out: list[mi.Complex2f] = []
-        for k, per_unit in enumerate(self.per_unit):
-            below, above = amplitudes[2 * k : 2 * k + 2]
-            out += [(b - a) * per_unit for a, b in zip(below, above, strict=True)]
-        return tuple(out)
+def with_tangents(kernel: Kernel, tangents: Tangents | None) -> Kernel:
+    """Kernel that carries derivatives; itself without any."""
+    if tangents is None:
+        return kernel
+    return replace(
+        kernel,
+        tangents=tangents.carried(),
+        variants=tuple(
+            _with_materials(kernel, scene) for p in tangents.properties for scene in (p.below, p.above)
+        ),
+        per_unit=tuple(dr.opaque(mi.Float, p.per_unit) for p in tangents.properties),
+    )
 
 
 def _with_materials(kernel: Kernel, scene: TraceScene) -> Kernel:
@@ -108,4 +56,47 @@ def _with_materials(kernel: Kernel, scene: TraceScene) -> Kernel:
         correction_table=scene.correction_table,
         slabs=slabs,
     )
-    return replace(kernel, scene=tables, tangents=None, variants=None)
+    return replace(kernel, scene=tables)
+
+
+def variant_rays(ray: RayState) -> list[RayState]:
+    """The ray with the fields of every variant."""
+    return [replace(ray, fields=fields, variants=(), tangents=None) for fields in ray.variants]
+
+
+def variant_hits(kernel: Kernel, hit: Hit) -> list[Hit]:
+    """The hit with the material's properties of every variant."""
+    number = hit.material & MATERIAL_MASK
+    found = []
+    for variant in kernel.variants:
+        scene = variant.scene
+        row = MaterialRow.of(scene.material_table, number, hit.met)
+        slab = None if scene.slabs is None else SlabRow.of(scene.slabs.table, number, hit.met)
+        found.append(replace(hit, properties=row, slab=slab))
+    return found
+
+
+def reflected_variants(
+    kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint
+) -> tuple[tuple[ComplexVector, ...], ...]:
+    """Fields of the reflected ray of every variant."""
+    fields = []
+    for variant, one, there in zip(
+        kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True
+    ):
+        reflection = mirror(variant, one, there, there.normal)
+        fields.append(reflect(variant, one, there, tube_here, reflection).fields)
+    return tuple(fields)
+
+
+def differences(
+    kernel: Kernel, amplitudes: Sequence[Sequence[mi.Complex2f]]
+) -> tuple[mi.Complex2f, ...] | None:
+    """Derivatives of the channels by every property, from the channels of every variant; None without any."""
+    if not kernel.variants:
+        return None
+    out: list[mi.Complex2f] = []
+    for k, per_unit in enumerate(kernel.per_unit):
+        below, above = amplitudes[2 * k : 2 * k + 2]
+        out += [(b - a) * per_unit for a, b in zip(below, above, strict=True)]
+    return tuple(out)

@@ -13,7 +13,8 @@ from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.gradients.parameters import Derivatives, Parameter, Step, with_material
+from sarmitsuba.gradients.material_parameters import with_material
+from sarmitsuba.gradients.parameter import Derivatives, Parameter, Step
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene
@@ -26,8 +27,7 @@ from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.scene_tables import TraceScene
-from sarmitsuba.trace.tangents import MOST, Displacement, Tangents
-from sarmitsuba.trace.variants import Property
+from sarmitsuba.trace.tangents import MOST, Displacement, StepTables, Tangents
 
 # effects whose echoes have no derivative yet, by the kernel flag that switches them on
 UNSUPPORTED = {
@@ -109,7 +109,7 @@ class _At:
     displaced: bool = False
 
 
-class Model:
+class ForwardModel:
     """Raw data of a scene as a function of parameters.
 
     The launch windows, rays, effects and blocks of pulses are those of the scene as it is, so that the data are a fixed
@@ -125,8 +125,8 @@ class Model:
     run : prepared run
     names : of all values
     start : (n,) values of the scene as it is
-    statistics : of the most recent data: equal numbers of hits and contributions at two values mean, with the same rays,
-        that hardly any echo appeared or vanished between them
+    statistics : of the most recent data: where two values have equal numbers of hits and contributions, with the same
+        rays, hardly any echo appeared or vanished between them
 
     Raises
     ------
@@ -263,7 +263,7 @@ class Model:
                     those,
                     here.trace_scene.n_faces,
                     len(with_parts(scene.materials)),
-                    [self._property(here, one, step) for step in these],
+                    [self._step_tables(here, one, step) for step in these],
                 )
             tangents = len(some) + len(those) + len(these)
             found = self._traced(TangentBatches(tracer, self.rays, c * (2 + tangents), 0), progress)
@@ -292,7 +292,7 @@ class Model:
         return data, out
 
     @staticmethod
-    def _property(here: _At, tracer: Tracer, step: Step) -> Property:
+    def _step_tables(here: _At, tracer: Tracer, step: Step) -> StepTables:
         """Geometry with the tables of materials at both ends of a step, at a tracer's frequency."""
         wavelength = tracer.kernel.wavelength
         ends = []
@@ -300,7 +300,7 @@ class Model:
             materials = with_material(here.scene, step.material, **change).materials
             materials = tuple(m.at_frequency(SPEED_OF_LIGHT / wavelength) for m in materials)
             ends.append(tracer.trace_scene.at_frequency(materials, wavelength))
-        return Property(*ends, per_unit=1.0 / step.size)
+        return StepTables(*ends, per_unit=1.0 / step.size)
 
     def raw(self, data: C64) -> RawData:
         """Data (channels, pulses, samples) as raw data of the scene."""
