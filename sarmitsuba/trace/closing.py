@@ -88,7 +88,7 @@ class TubeReturn:
     weight : 1/m^2 times the lit area and the radar's amplitude constant, with the integral of the phase
     slant_range, range_rate : float64, m and m/s, of the echo
     point : float64, m, scene frame, phase centre
-    range_tangents : float64, m per unit, see :class:`Contribution`
+    range_tangents : m per unit, see :class:`Contribution`
     """
 
     counts: mi.Bool
@@ -96,14 +96,14 @@ class TubeReturn:
     slant_range: mi.Float64
     range_rate: mi.Float64
     point: mi.Vector3d
-    range_tangents: tuple[mi.Float64, ...] | None = None
+    range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
 
     @staticmethod
     def none(tangents: Carried | None = None) -> TubeReturn:
         """No return."""
         # opaque: Dr.Jit merges equal literals of two branches, and then finds none of them in scope
         zero, weight = mi.Float64(0.0), dr.opaque(mi.Float, 0.0)
-        rates = None if tangents is None else tuple(mi.Float64(0.0) for _ in tangents.antenna)
+        rates = None if tangents is None else tangents.no_rates()
         return TubeReturn(mi.Bool(False), mi.Complex2f(weight, weight), zero, zero, mi.Vector3d(0.0), rates)
 
 
@@ -157,7 +157,7 @@ def tube_return(
     counts = ~(dr.abs(weight) <= NEGLIGIBLE * dr.abs(whole))
     rates = None
     if kernel.tangents is not None:
-        rates = of_tube(kernel.tangents, ray, hit, found.point - hit.p)
+        rates = of_tube(kernel, ray, hit, found)
     return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates)
 
 

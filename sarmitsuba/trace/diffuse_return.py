@@ -160,7 +160,7 @@ class DiffuseReturns:
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
         rates = back_rates = material = None
         if self.kernel.tangents is not None:
-            rates, back_rates = of_scatterer(self.kernel.tangents, ray, hit, lane, centre)
+            rates, back_rates = of_scatterer(self.kernel, ray, hit, lane, centre)
             material = hit.material & MATERIAL_MASK
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),

@@ -425,6 +425,7 @@ class Closing:
     slant_range, range_rate : float64, m and m/s, of the echo
     point : float64, m, scene frame, phase centre
     velocity, virtual_velocity : float64, m/s, of the antenna and of its image in the mirrors, relative to the lit patch
+    changes : derivatives of ``integral`` by the deformations of shapes; empty without any
     """
 
     factor: mi.Float
@@ -434,6 +435,7 @@ class Closing:
     point: mi.Vector3d
     velocity: mi.Vector3d
     virtual_velocity: mi.Vector3d
+    changes: tuple[mi.Complex2f, ...] = ()
 
 
 @dataclass
@@ -450,7 +452,8 @@ class Contribution:
     amplitudes : one complex float32 per channel, without the phase of the slant range
     active : lanes that have the echo
     point : float64, m, scene frame; phase centre on the surface of the hit
-    range_tangents : float64, m per unit, derivatives of the slant range by parameters; None without any
+    range_tangents : derivatives of the slant range by displacements, m per unit: float64, or complex where amplitudes
+        change too, see :mod:`sarmitsuba.trace.range_tangents`; None without any
     material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
     amplitude_tangents : derivatives of the channels by properties of materials, property by property; None without any
     """
@@ -463,7 +466,7 @@ class Contribution:
     amplitudes: tuple[mi.Complex2f, ...]
     active: mi.Bool
     point: mi.Vector3d
-    range_tangents: tuple[mi.Float64, ...] | None = None
+    range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
     material: mi.UInt32 | None = None
     amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
 

@@ -36,7 +36,8 @@ def with_derivatives(carried: Carried, echo: Contribution) -> tuple[mi.Complex2f
     assert echo.range_tangents is not None and echo.material is not None
     out = list(echo.amplitudes)
     for rate in echo.range_tangents:
-        out += [a * mi.Float(rate) for a in echo.amplitudes]
+        factor = rate if isinstance(rate, mi.Complex2f) else mi.Float(rate)
+        out += [a * factor for a in echo.amplitudes]
     if carried.plan.levels:
         known = echo.material != NO_MATERIAL
         bits = dr.gather(mi.UInt32, carried.plan.levelled, echo.material, echo.active & known)

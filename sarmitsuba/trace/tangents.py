@@ -181,6 +181,10 @@ class Carried:
         still = mi.Vector3d(0.0)
         return Movement(still, dr.select(self.moves(k, face, active), velocity, still))
 
+    def no_rates(self) -> tuple[mi.Float64 | mi.Complex2f, ...]:
+        """Derivatives of a slant range that nothing changes."""
+        return tuple(mi.Float64(0.0) if g is None else mi.Complex2f(0.0) for g in self.gradient)
+
     def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
         """Whether displacement k moves a face."""
         return ((dr.gather(mi.UInt32, self.plan.moved, face, active) >> k) & 1) == 1
