@@ -157,7 +157,7 @@ def tube_return(
     counts = ~(dr.abs(weight) <= NEGLIGIBLE * dr.abs(whole))
     rates = None
     if kernel.tangents is not None:
-        rates = of_tube(kernel, ray, hit, found)
+        rates = of_tube(kernel, ray, hit, tube_here, found)
     return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates)
 
 

@@ -30,7 +30,30 @@ def _normal_rate(carried: Carried, k: int, hit: Hit, n: mi.Vector3d) -> mi.Vecto
     return dr.select(carried.moves(k, hit.face, hit.active), rate, mi.Vector3d(0.0))
 
 
-def mirrored_tangents(carried: Carried, ray: RayState, hit: Hit, n: mi.Vector3d) -> RayTangents:
+def _stretched(
+    carried: Carried, k: int, ray: RayState, hit: Hit, tube_here: TubeFootprint
+) -> tuple[mi.Vector3f, mi.Vector3f] | None:
+    """Change of a tube's two edges on a facet with the lit area, m per unit; None for a translation.
+
+    The edges change with the facet, or with a smaller lit piece before it, whose tubes are projected onto the facet.
+    """
+    assert ray.tangents is not None
+    boundary, before = ray.tangents.boundary[k], ray.tangents.stretch[k]
+    if boundary is None or before is None:
+        return None
+    own = hit.largest_cell <= boundary.size
+    moves = carried.moves(k, hit.face, hit.active)
+    found = []
+    for edge, change in zip((tube_here.u, tube_here.v), before, strict=True):
+        turned = mi.Vector3f(carried.turned(k, mi.Vector3d(edge)))
+        projected = change + hit.direction * (dr.dot(change, hit.normal) / hit.cos_incidence)
+        found.append(dr.select(own, dr.select(moves, turned, mi.Vector3f(0.0)), projected))
+    return found[0], found[1]
+
+
+def mirrored_tangents(
+    carried: Carried, ray: RayState, hit: Hit, tube_here: TubeFootprint, n: mi.Vector3d
+) -> RayTangents:
     r"""State of the ray reflected at a hit.
 
     The image :math:`A' = A - 2 n \, (A - p) \cdot n` of the antenna in a facet that moves and turns has the
@@ -39,7 +62,8 @@ def mirrored_tangents(carried: Carried, ray: RayState, hit: Hit, n: mi.Vector3d)
     """
     assert ray.tangents is not None
     from_hit = ray.virtual_antenna - hit.p
-    virtual, boundaries = [], []
+    virtual, boundaries, stretches = [], [], []
+    n32 = mi.Vector3f(n)
     for k, (velocity, boundary) in enumerate(zip(ray.tangents.virtual, ray.tangents.boundary, strict=True)):
         movement = carried.movement(k, hit.face, hit.p, hit.active)
         towards = velocity if movement is None else velocity - movement.velocity
@@ -48,10 +72,15 @@ def mirrored_tangents(carried: Carried, ray: RayState, hit: Hit, n: mi.Vector3d)
         if turn is not None:
             image -= 2.0 * (turn * dr.dot(from_hit, n) + n * dr.dot(from_hit, turn))
         virtual.append(image)
+        stretch = _stretched(carried, k, ray, hit, tube_here)
+        if stretch is not None:
+            u, v = (x - n32 * (2.0 * dr.dot(x, n32)) for x in stretch)
+            stretch = (u, v)
+        stretches.append(stretch)
         if boundary is not None and movement is not None:
             boundary = boundary.at(movement, hit.largest_cell).mirrored(movement, n)
         boundaries.append(boundary)
-    return RayTangents(tuple(virtual), tuple(boundaries))
+    return RayTangents(tuple(virtual), tuple(boundaries), tuple(stretches))
 
 
 def _patch(
@@ -68,7 +97,9 @@ def _patch(
     return antenna, virtual
 
 
-def of_tube(kernel: Kernel, ray: RayState, hit: Hit, closing: Closing) -> RangeRates:
+def of_tube(
+    kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint, closing: Closing
+) -> RangeRates:
     """Derivatives of the slant range of a tube's coherent return by every displacement, m per unit."""
     carried, changes = kernel.tangents, list(closing.changes)
     assert carried is not None
@@ -83,7 +114,9 @@ def of_tube(kernel: Kernel, ray: RayState, hit: Hit, closing: Closing) -> RangeR
         if gradient is None:
             found.append(0.5 * rate)
             continue
-        growth = mi.Complex2f(_area_rate(carried, k, hit))
+        stretch = _stretched(carried, k, ray, hit, tube_here)
+        assert stretch is not None
+        growth = mi.Complex2f(_area_rate(tube_here, stretch))
         if closing.integral is not None and changes:
             whole, change = closing.integral, changes.pop(0)
             there = dr.squared_norm(whole) > 1e-24
@@ -98,8 +131,15 @@ def _with_amplitude(kernel: Kernel, rate: mi.Float64, growth: mi.Complex2f) -> m
     return mi.Complex2f(mi.Float(rate) - per.imag, per.real)
 
 
-def _area_rate(carried: Carried, k: int, hit: Hit) -> mi.Float:
-    r"""Relative change of a facet's area, :math:`\mathrm{tr} A - n \cdot A n`."""
+def _area_rate(tube_here: TubeFootprint, stretch: tuple[mi.Vector3f, mi.Vector3f]) -> mi.Float:
+    """Relative change of the area of a tube's footprint."""
+    normal = dr.cross(tube_here.u, tube_here.v)
+    change = dr.cross(stretch[0], tube_here.v) + dr.cross(tube_here.u, stretch[1])
+    return dr.dot(change, normal) * dr.rcp(dr.maximum(dr.squared_norm(normal), 1e-30))
+
+
+def _surface_rate(carried: Carried, k: int, hit: Hit) -> mi.Float:
+    r"""Relative change of the area of a facet, :math:`\mathrm{tr} A - n \cdot A n`."""
     rows = carried.gradient[k]
     assert rows is not None
     n = hit.normal64
@@ -121,9 +161,9 @@ def deformation_rates(kernel: Kernel, ray: RayState, hit: Hit, tube: TubeFootpri
         out = -(virtual - d * dr.dot(virtual, d)) / hit.length
         back = (antenna - s * dr.dot(antenna, s)) / hit.length_back
         q = mi.Vector3f(back - out) * kernel.constants.wavenumber
-        turned = [mi.Vector3f(carried.turned(k, mi.Vector3d(x))) for x in (tube.u, tube.v)]
-        moves = carried.moves(k, hit.face, hit.active)
-        u, v = (dr.select(moves, x, mi.Vector3f(0.0)) for x in turned)
+        stretch = _stretched(carried, k, ray, hit, tube)
+        assert stretch is not None
+        u, v = stretch
         found.append((q, u, v))
     return found
 
@@ -146,7 +186,7 @@ def of_scatterer(
         rates: list[mi.Float64 | mi.Complex2f] = [0.5 * (leg + dr.dot(back, antenna)), leg]
         if carried.gradient[k] is not None:
             # the power of a cell grows with its area
-            growth = mi.Complex2f(0.5 * _area_rate(carried, k, hit))
+            growth = mi.Complex2f(0.5 * _surface_rate(carried, k, hit))
             rates = [_with_amplitude(kernel, rate, growth) for rate in rates]
         straight.append(rates[0])
         reciprocal.append(rates[1])

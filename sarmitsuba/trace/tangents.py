@@ -71,16 +71,18 @@ class StepTables:
 
 @dataclass
 class RayTangents:
-    """Part of a ray's state: velocities of its virtual antenna and shadow boundary, for each displacement.
+    """Part of a ray's state: velocities of its virtual antenna and of the lit area, for each displacement.
 
     Parameters
     ----------
     virtual : float64, m per unit, of the antenna mirrored through the chain so far
     boundary : of the lit area; None for displacements of the antenna alone
+    stretch : m per unit, change of the tube's two edges with the lit area, of the last facet; None for translations
     """
 
     virtual: tuple[mi.Vector3d, ...]
     boundary: tuple[ShadowBoundary | None, ...]
+    stretch: tuple[tuple[mi.Vector3f, mi.Vector3f] | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +172,9 @@ class Carried:
         return RayTangents(
             tuple(mi.Vector3d(a) for a in self.antenna),
             tuple(None if b is None else ShadowBoundary.open() for b in self.offset),
+            tuple(
+                None if g is None else (dr.zeros(mi.Vector3f), dr.zeros(mi.Vector3f)) for g in self.gradient
+            ),
         )
 
     def movement(self, k: int, face: mi.UInt32, point: mi.Vector3d, active: mi.Bool) -> Movement | None:
