@@ -71,7 +71,20 @@ class Fit:
     @property
     def sigma(self) -> F64:
         """(n,) standard deviations of the values."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def as_dict(self) -> dict[str, object]:
+        """JSON-able form; a bound that is not known is None."""
+        return {
+            "names": list(self.names),
+            "start": self.start.tolist(),
+            "values": self.values.tolist(),
+            "sigma": self.sigma.tolist(),
+            "bound": [float(b) if np.isfinite(b) else None for b in self.bound],
+            "covariance": self.covariance.tolist(),
+            "costs": list(self.costs),
+            "converged": self.converged,
+        }
 
     def table(self) -> str:
         """Table of the values, one line each."""
@@ -178,7 +191,7 @@ def fit(
         prior[k] = 1.0 / sigma**2
     noise = _in_band_variance(model.scene, float(np.mean(np.abs(difference) ** 2)))
     covariance = np.linalg.inv(2.0 * normal / noise + np.diag(prior))
-    power = noise_power(model.scene.radar, "compressed")
+    power = noise_power(scene.radar, "compressed")
     bound = np.full(len(values), np.nan)
     if power > 0.0:
         stated = _in_band_variance(model.scene, power)

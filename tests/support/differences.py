@@ -1,0 +1,147 @@
+"""Drawn scenes of boxes on ground, and derivatives of their raw data by central differences of whole runs."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from sarmitsuba import (
+    FilmDescription,
+    Material,
+    RadarDescription,
+    Scene,
+    SceneMesh,
+    TraceSettings,
+    build_scene,
+)
+from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.parsing import parse
+
+# steps of the differences by unit: a sixth of a radian of phase, and a hundredth of a material's property
+METRES, SECONDS, DECIBELS, SHARE, RADIANS = 4e-4, 2e-11, 0.05, 0.02, 5e-5
+
+
+def box(rng: np.random.Generator, turn: float) -> tuple[F64, F64]:
+    """Vertices and faces of a box that stands on the ground, turned about the vertical."""
+    size, place = rng.uniform([3.0, 3.0, 2.0], [7.0, 7.0, 6.0]), rng.uniform(-3.0, 3.0, 2)
+    v = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=np.float64)
+    v = (v - [0.5, 0.5, 0.0]) * size
+    c, s = np.cos(turn), np.sin(turn)
+    v = v @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [*place, 0.0]
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    faces = [triangle for a, b, c_, d in quads for triangle in ((a, b, c_), (a, c_, d))]
+    return v, np.array(faces)
+
+
+def drawn(
+    seed: int, *, metal: bool = False, pulses: int = 6, interval: int | None = None, most: int = 4
+) -> Scene:
+    """A box on ground under a squinted radar: rough materials, or a metal box on smooth ground.
+
+    Parameters
+    ----------
+    interval : pulses that share one tracing; None: all of them
+    most : bounces
+    """
+    rng = np.random.default_rng([seed, 0x6A61C])
+    eps = rng.uniform(3.0, 9.0, 2) - 1j * rng.uniform(0.1, 2.0, 2)
+    if metal:
+        wall, soil = Material("wall", pec=True), Material("soil", permittivity=complex(eps[0]))
+    else:
+        heights, lengths = rng.uniform(0.001, 0.003, 2), rng.uniform(0.02, 0.06, 2)
+        wall = Material(
+            "wall",
+            permittivity=complex(eps[0]),
+            rms_height=float(heights[0]),
+            diffuse_law="small_perturbation",
+            correlation_length=float(lengths[0]),
+        )
+        soil = Material(
+            "soil",
+            permittivity=complex(eps[1]),
+            rms_height=float(heights[1]),
+            diffuse_law="lambert",
+            diffuse_level_db=float(rng.uniform(-20.0, -5.0)),
+            correlation_length=float(lengths[1]),
+        )
+    size = 25.0
+    flat = np.array([[-size, -size, 0.0], [size, -size, 0.0], [size, size, 0.0], [-size, size, 0.0]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return build_scene(
+            [
+                SceneMesh(*box(rng, float(rng.uniform(0.0, np.pi))), wall, "box"),
+                SceneMesh(flat, np.array([[0, 1, 2], [0, 2, 3]]), soil, "ground"),
+            ],
+            radar=RadarDescription(
+                slant_range=float(rng.uniform(2000.0, 6000.0)),
+                look_angle_deg=float(rng.uniform(25.0, 55.0)),
+                center_frequency=9.65e9,
+                bandwidth=150e6,
+                n_pulses=pulses,
+                noise_temperature=0.0,
+                mode="spotlight",
+                squint_angle_deg=float(rng.uniform(8.0, 20.0)),
+            ),
+            film=FilmDescription(image_extent_azimuth=22.0, image_extent_range=22.0),
+            settings=TraceSettings(
+                method="hybrid",
+                key_pulse_interval=pulses if interval is None else interval,
+                gridding_width=8,
+                max_depth=most,
+                effects={"diffuse_pairs": "off", "edge_diffraction": "off"},
+            ),
+            name=f"drawn{seed}",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Derivative along one direction of the values against central differences of fourth order.
+
+    Parameters
+    ----------
+    error : of the derivative, relative to the norm of the differences
+    steady : whether equally many rays hit and echo at all values, so that hardly any echo appeared or vanished
+    """
+
+    error: float
+    steady: bool
+
+
+def compared(scene: Scene, kind: str, seed: int = 0) -> Compared:
+    """Compare the derivatives of one kind of parameter, along a drawn direction if it has several values."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = ForwardModel(scene, parse(kind, scene))
+        _, derivative = model.derivative()
+    rng = np.random.default_rng([seed, 7])
+    way = rng.standard_normal(len(model.names)) if len(model.names) > 1 else np.ones(1)
+    way /= np.linalg.norm(way)
+    counts = set()
+
+    def at(steps: float) -> C128:
+        data = model.data(model.start + steps * step(model) * way)
+        counts.add((model.statistics.hits, model.statistics.contributions))
+        return data.astype(np.complex128)
+
+    own = np.tensordot(way, derivative.astype(np.complex128), 1)
+    expected = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * step(model))
+    return Compared(relative(own, expected), len(counts) == 1)
+
+
+def step(model: ForwardModel) -> float:
+    """Step of the differences of a model's values, all of one unit."""
+    name, value = model.names[0], float(model.start[0])
+    kind, unit = name.split(":")[0], name.rsplit("[", 1)[1].rstrip("]")
+    if kind in ("permittivity", "loss", "rms_height", "correlation_length"):
+        return SHARE * value
+    return {"m": METRES, "s": SECONDS, "dB": DECIBELS, "rad": RADIANS, "1": METRES / 4.0}[unit]
+
+
+def relative(found: C64 | C128, expected: C128) -> float:
+    """Norm of the difference over that of what is expected."""
+    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
