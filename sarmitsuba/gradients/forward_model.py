@@ -192,30 +192,29 @@ class ForwardModel:
     def _at(self, values: F64) -> _At:
         scene = self.at(values)
         assert self.run.trace_scene is not None
-        traced, displaced = self.run.trace_scene, False
-        if not scene.same_shapes(self.scene):
-            offsets = self._translations(values)
-            if offsets is None:
-                return _At(scene, built(scene))
-            displaced = True
-            number = self.scene.geometry.face_mesh[traced.geometry_faces] + 1
-            traced = traced.displaced(number.astype(np.uint32), np.concatenate([np.zeros((1, 3)), offsets]))
-        if scene.materials is not self.scene.materials:
+        traced = self.run.trace_scene
+        displaced = not scene.same_shapes(self.scene)
+        if displaced:
+            matrices, offsets = self._moved(values)
+            moved = built(scene)
+            number = scene.geometry.face_mesh[moved.geometry_faces].astype(np.uint32)
+            traced = moved.displaced_from(traced, number, matrices, offsets)
+        elif scene.materials is not self.scene.materials:
             traced = traced.at_frequency(scene.materials, scene.radar.waveform.wavelength)
         return _At(scene, traced, displaced)
 
-    def _translations(self, values: F64) -> F64 | None:
-        """(n_meshes, 3) m, translation of every mesh; None where a parameter changes shapes otherwise."""
-        offsets = np.zeros((len(self.scene.geometry.mesh_names), 3))
+    def _moved(self, values: F64) -> tuple[F64, F64]:
+        """(n_meshes, 3, 3) and (n_meshes, 3) m: where the points of every mesh came to with these values."""
+        n = len(self.scene.geometry.mesh_names)
+        matrices, offsets = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
+        scene = self.scene
         for parameter, own in zip(self.parameters, self.split(values), strict=True):
-            if np.array_equal(own, parameter.values(self.scene)):
-                continue
-            found = parameter.translation(self.scene, own)
+            found = parameter.moved(scene, own)
             if found is not None:
-                offsets[found[0]] += found[1]
-            elif not parameter.changed(self.scene, own).same_shapes(self.scene):
-                return None
-        return offsets
+                mesh, matrix, offset = found
+                matrices[mesh], offsets[mesh] = matrix @ matrices[mesh], matrix @ offsets[mesh] + offset
+            scene = parameter.changed(scene, own)
+        return matrices, offsets
 
     def _tracer(self, here: _At) -> Tracer:
         run, plan = self.run, self.run.plan

@@ -80,8 +80,8 @@ class Parameter(ABC):
     def changed(self, scene: Scene, values: F64) -> Scene:
         """The scene with other values, (n,)."""
 
-    def translation(self, scene: Scene, values: F64) -> tuple[int, F64] | None:
-        """Mesh that :meth:`changed` translates, and by what (3,), m; None where it does something else."""
+    def moved(self, scene: Scene, values: F64) -> tuple[int, F64, F64] | None:
+        """Mesh that :meth:`changed` moves, with the matrix (3, 3) and the offset (3,), m, of its points; None: none."""
         return None
 
     def displacements(self, scene: Scene, face_mesh: I64) -> Sequence[Displacement]:

@@ -47,14 +47,13 @@ class Shift(Parameter):
 
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
-        mesh, step = self.translation(scene, values)
-        return with_moved(scene, mesh, np.zeros((3, 3)), step)
+        return with_moved(scene, *self.moved(scene, values))
 
-    def translation(self, scene: Scene, values: F64) -> tuple[int, F64]:
+    def moved(self, scene: Scene, values: F64) -> tuple[int, F64, F64]:
         """See the base class."""
         step = np.zeros(3)
         step[AXES.index(self.axis)] = float(values[0])
-        return mesh_of(scene, self.shape, self.label), step
+        return mesh_of(scene, self.shape, self.label), np.eye(3), step
 
     def displacements(self, scene: Scene, face_mesh: I64) -> Sequence[Displacement]:
         """See the base class."""
@@ -107,6 +106,10 @@ class Deformation(Parameter):
 
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
+        return with_moved(scene, *self.moved(scene, values))
+
+    def moved(self, scene: Scene, values: F64) -> tuple[int, F64, F64]:
+        """See the base class."""
         mesh, base, height = self._placed(scene)
         value = float(values[0])
         if self.kind == "rotation":
@@ -116,7 +119,7 @@ class Deformation(Parameter):
             raise SceneError(f"parameter {self.label} = {value:g} must be above 0")
         else:
             gradient = self._gradient(height) * (value - (height if self.kind == "height" else 1.0))
-        return with_moved(scene, mesh, gradient, -gradient @ base)
+        return mesh, np.eye(3) + gradient, -gradient @ base
 
     def _gradient(self, height: float) -> F64:
         """Velocity gradient, 1 per unit."""
@@ -156,14 +159,14 @@ def mesh_of(scene: Scene, name: str, label: str) -> int:
     return found[0]
 
 
-def with_moved(scene: Scene, mesh: int, gradient: F64, offset: F64) -> Scene:
-    """The scene with the vertices p of one mesh at ``p + offset + gradient p``."""
+def with_moved(scene: Scene, mesh: int, matrix: F64, offset: F64) -> Scene:
+    """The scene with the vertices p of one mesh at ``matrix p + offset``."""
     geometry = scene.geometry
     faces = geometry.faces.copy()
     first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
     own, inverse = np.unique(faces[first:stop], return_inverse=True)
     corners = geometry.vertices[own]
-    moved = corners + offset + corners @ gradient.T
+    moved = corners @ matrix.T + offset
     # vertices shared with other meshes stay theirs
     faces[first:stop] = len(geometry.vertices) + inverse.reshape(-1, 3)
     vertices = np.concatenate([geometry.vertices, moved])

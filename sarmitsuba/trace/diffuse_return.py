@@ -150,7 +150,7 @@ class DiffuseReturns:
         """Echo of a scatterer with its random factors; ``centre``: its position at rest, m."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
         if movement is not None:  # the lattice moves with the shape
-            centre = centre + movement.shift
+            centre = movement.displaced(centre)
         random = speckle_coefficients(
             key, hit.properties.cross_polar_ratio, flags, self.age, self.kernel.constants.term
         )
@@ -218,7 +218,7 @@ class DiffuseReturns:
         kernel, hit, scene = self.kernel, self.hit, self.kernel.scene
         surfaces = scene.surfaces
         assert surfaces is not None
-        vertex = hit.vertex0 if hit.movement is None else hit.vertex0 - hit.movement.shift
+        vertex = hit.vertex0 if hit.movement is None else hit.movement.at_rest(hit.vertex0)
         offset = mi.Vector3f(centre - vertex)
         out = self
         if surfaces.classes is not None:
@@ -292,7 +292,7 @@ def _tilted(water: WaterTables, hit: Hit, material: mi.UInt32, time: mi.Float64 
     """The hit with the normal of the water tilted by the long waves, for its diffuse law."""
     now = mi.Float(0.0) if time is None else mi.Float(time)
     # waves travel on water that moves as a whole, as in a current
-    place = hit.p if hit.movement is None else hit.p - hit.movement.shift
+    place = hit.p if hit.movement is None else hit.movement.at_rest(hit.p)
     return replace(hit, normal=water.tilted(hit.normal, mi.Vector3f(place), material, now))
 
 
@@ -309,10 +309,17 @@ def close_diffuse(
         cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
     returns = hit.sees if reciprocal is None else hit.sees | (hit.active & ~hit.first)
     # position on the facet at time zero: its scatterers move with it
-    p = hit.p if hit.movement is None else hit.p - hit.movement.shift
-    lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
+    p, normal, u, v = hit.p, hit.normal64, tube_here.u, tube_here.v
+    grown = patch.weight
+    if hit.movement is not None:
+        p, normal = hit.movement.at_rest(p), hit.movement.normal_at_rest(normal)
+        if hit.movement.deformation is not None:
+            now = dr.squared_norm(dr.cross(u, v))
+            u, v = (mi.Vector3f(hit.movement.direction_at_rest(mi.Vector3d(x))) for x in (u, v))
+            grown = grown * dr.sqrt(now * dr.rcp(dr.maximum(dr.squared_norm(dr.cross(u, v)), 1e-30)))
+    lattice = ScattererLattice.of(p, normal, u, v, patch, cell, returns)
     # a facet narrower than the ray spacing is hit by chance: its power is weighted by one over that chance
-    weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
+    weight = constants.amplitude * dr.sqrt(lattice.area * grown)
     return DiffuseReturns(
         kernel=kernel,
         lane=lane,

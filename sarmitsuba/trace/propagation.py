@@ -459,7 +459,9 @@ def reflect(
         contributions=ray.contributions,
         crossed=ray.crossed,
         mirror=None if ray.mirror is None else mirror_at(kernel, hit),
-        tangents=None if kernel.tangents is None else mirrored_tangents(kernel.tangents, ray, hit, tube_here, n64),
+        tangents=None
+        if kernel.tangents is None
+        else mirrored_tangents(kernel.tangents, ray, hit, tube_here, n64),
     )
 
 
