@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -107,6 +108,60 @@ class _At:
     scene: Scene
     trace_scene: TraceScene
     displaced: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """Derivatives of echoes that parameters need; ``counts``: how many of each of the three sorts, by parameter."""
+
+    displacements: tuple[Displacement, ...]
+    levels: tuple[frozenset[int], ...]
+    steps: tuple[Step, ...]
+    counts: tuple[tuple[int, int, int], ...] = ()
+
+    @staticmethod
+    def of(parameters: Sequence[Parameter], here: _At) -> _Wanted:
+        """All that the parameters need, in their order."""
+        scene = here.scene
+        mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
+        moves = [tuple(p.displacements(scene, mesh)) for p in parameters]
+        levels = [tuple(p.levels(scene)) for p in parameters]
+        steps = [tuple(p.steps(scene)) for p in parameters]
+        return _Wanted(
+            tuple(chain.from_iterable(moves)),
+            tuple(chain.from_iterable(levels)),
+            tuple(chain.from_iterable(steps)),
+            tuple((len(a), len(b), len(c)) for a, b, c in zip(moves, levels, steps, strict=True)),
+        )
+
+    def parts(self) -> Iterator[_Wanted]:
+        """The same in parts that one launch can carry; at least one, which may be empty."""
+        longest = max(len(self.displacements), len(self.levels))
+        n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
+        for k in range(n):
+            these = slice(k * MOST, (k + 1) * MOST)
+            yield _Wanted(
+                self.displacements[these],
+                self.levels[these],
+                self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class _Planes:
+    """Derivatives found so far, in the order of a :class:`_Wanted`."""
+
+    displaced: list[C64]
+    levelled: list[C64]
+    changed: list[C64]
+
+    def take(self, counts: tuple[int, int, int]) -> tuple[list[C64], list[C64], list[C64]]:
+        """Remove the first of each sort and return them."""
+        taken = []
+        for own, n in zip((self.displaced, self.levelled, self.changed), counts, strict=True):
+            taken.append(own[:n])
+            del own[:n]
+        return taken[0], taken[1], taken[2]
 
 
 class ForwardModel:
@@ -228,64 +283,55 @@ class ForwardModel:
         layers = self.run.layers
         return self._traced(BatchTracer(self._tracer(here), self.rays, layers.per_subset, layers.max_order))
 
+    @property
+    def carried(self) -> int:
+        """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
+        wanted = _Wanted.of(self.parameters, self._at(self.start))
+        return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps)
+
     def derivative(
         self, values: F64 | None = None, progress: Callable[[float], None] | None = None
     ) -> tuple[C64, C64]:
         """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples)."""
         here = self._at(self.start if values is None else values)
-        scene, c = here.scene, self.shape[0]
         check_fits(
-            f"{scene.name}: {len(self.names)} derivatives",
+            f"{here.scene.name}: {len(self.names)} derivatives",
             8 * int(np.prod(self.shape)) * (2 * len(self.names) + 4),
             "take fewer parameters, or fewer pulses",
         )
-        mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
-        displacements = [tuple(p.displacements(scene, mesh)) for p in self.parameters]
-        levels = [tuple(p.levels(scene)) for p in self.parameters]
-        steps = [tuple(p.steps(scene)) for p in self.parameters]
-        displaced: list[C64] = []
-        levelled: list[C64] = []
-        changed: list[C64] = []
-        left = [list(sum(found, ())) for found in (displacements, levels, steps)]
+        wanted = _Wanted.of(self.parameters, here)
+        found = _Planes([], [], [])
         data = farther = np.zeros(0, dtype=np.complex64)
-        first = True
-        while first or any(left):
-            first = False
-            some, those, these = (
-                own[:most] for own, most in zip(left, (MOST, MOST, MOST_STEPS), strict=True)
-            )
-            left = [own[most:] for own, most in zip(left, (MOST, MOST, MOST_STEPS), strict=True)]
+        for some in wanted.parts():
             tracer = self._tracer(here)
             for one in {tracer, *tracer.by_frequency}:
+                steps = [self._step_tables(here, one, step) for step in some.steps]
+                n_materials = len(with_parts(here.scene.materials))
                 one.tangents = Tangents.of(
-                    some,
-                    those,
-                    here.trace_scene.n_faces,
-                    len(with_parts(scene.materials)),
-                    [self._step_tables(here, one, step) for step in these],
+                    some.displacements, some.levels, here.trace_scene.n_faces, n_materials, steps
                 )
-            tangents = len(some) + len(those) + len(these)
-            found = self._traced(TangentBatches(tracer, self.rays, c * (2 + tangents), 0), progress)
-            planes = list(found.reshape(2 + tangents, *self.shape))
+            assert tracer.tangents is not None
+            layers = 2 + tracer.tangents.count
+            batches = TangentBatches(tracer, self.rays, self.shape[0] * layers, 0)
+            planes = list(self._traced(batches, progress).reshape(layers, *self.shape))
             data, farther = planes[:2]
-            displaced += planes[2 : 2 + len(some)]
-            levelled += planes[2 + len(some) : 2 + len(some) + len(those)]
-            changed += planes[2 + len(some) + len(those) :]
+            first = 2
+            for own, number in zip(
+                (found.displaced, found.levelled, found.changed),
+                (len(some.displacements), len(some.levels), len(some.steps)),
+                strict=True,
+            ):
+                own += planes[first : first + number]
+                first += number
         out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
         row = 0
-        for parameter, moves, heights, its_steps in zip(
-            self.parameters, displacements, levels, steps, strict=True
-        ):
-            own = Derivatives(
-                data,
-                farther,
-                [displaced.pop(0) for _ in moves],
-                [levelled.pop(0) for _ in heights],
-                [changed.pop(0) for _ in its_steps],
-                scene.radar.waveform.center_frequency,
-                scene.radar.track.time,
+        for parameter, counts in zip(self.parameters, wanted.counts, strict=True):
+            radar = here.scene.radar
+            own_planes = found.take(counts)
+            derivatives = Derivatives(
+                data, farther, *own_planes, radar.waveform.center_frequency, radar.track.time
             )
-            for plane in parameter.derivative(own):
+            for plane in parameter.derivative(derivatives):
                 out[row] = plane
                 row += 1
         return data, out
@@ -299,7 +345,7 @@ class ForwardModel:
             materials = with_material(here.scene, step.material, **change).materials
             materials = tuple(m.at_frequency(SPEED_OF_LIGHT / wavelength) for m in materials)
             ends.append(tracer.trace_scene.at_frequency(materials, wavelength))
-        return StepTables(*ends, per_unit=1.0 / step.size)
+        return StepTables(ends[0], ends[1], 1.0 / step.size)
 
     def raw(self, data: C64) -> RawData:
         """Data (channels, pulses, samples) as raw data of the scene."""

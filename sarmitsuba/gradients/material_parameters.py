@@ -68,7 +68,7 @@ class Level(Parameter):
 
 
 # share of a property by which it is changed on either side, and of the wavelength for the thickness of a slab
-STEP, THICKNESS_STEP = 0.01, 0.002
+STEP, THICKNESS_STEP = 0.01, 0.0005
 
 # kinds of properties: what they are called in a fit's table
 PROPERTIES = {

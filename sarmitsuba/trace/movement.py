@@ -111,7 +111,7 @@ class Movers:
 class Movement:
     """Displacement (float64, m) and velocity (float64, m/s) of a face at the time of a launch.
 
-    ``deformation`` : rows of the matrix by which the face was stretched or turned, then of its inverse; None: it was not
+    ``deformation`` : rows of the matrix by which the face was stretched or turned, then of its inverse; None: neither
     """
 
     shift: mi.Vector3d

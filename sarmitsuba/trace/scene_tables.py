@@ -211,7 +211,7 @@ class TraceScene:
         )
 
     def displaced_from(self, other: TraceScene, number: U32, matrices: F64, offsets: F64) -> TraceScene:
-        """This scene with the diffuse scatterers and ray spacings of another, from which its shapes were displaced.
+        """The scene with the diffuse scatterers and ray spacings of another, from which its shapes were displaced.
 
         Parameters
         ----------

@@ -21,7 +21,7 @@ from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parsing import parse
 
 # steps of the differences by unit: a sixth of a radian of phase, and a hundredth of a material's property
-METRES, SECONDS, DECIBELS, SHARE, RADIANS = 4e-4, 2e-11, 0.05, 0.02, 5e-5
+METRES, SECONDS, DECIBELS, SHARE, LOSS, RADIANS = 4e-4, 2e-11, 0.05, 0.02, 0.04, 5e-5
 
 
 def box(rng: np.random.Generator, turn: float) -> tuple[F64, F64]:
@@ -36,66 +36,89 @@ def box(rng: np.random.Generator, turn: float) -> tuple[F64, F64]:
     return v, np.array(faces)
 
 
-def drawn(
-    seed: int, *, metal: bool = False, pulses: int = 6, interval: int | None = None, most: int = 4
-) -> Scene:
-    """A box on ground under a squinted radar: rough materials, or a metal box on smooth ground.
+def drawn(seed: int, kind: str, pulses: int = 6) -> Scene:
+    """A box on ground under a squinted radar, all pulses in one block.
 
     Parameters
     ----------
-    interval : pulses that share one tracing; None: all of them
-    most : bounces
+    kind : ``rough``: both scatter diffusely, with mirrors; ``metal``: metal on smooth ground, with mirrors; ``alone``:
+        a rough box whose ground returns nothing to the radar, without mirrors: nothing that a moving box could shadow
     """
     rng = np.random.default_rng([seed, 0x6A61C])
     eps = rng.uniform(3.0, 9.0, 2) - 1j * rng.uniform(0.1, 2.0, 2)
-    if metal:
-        wall, soil = Material("wall", pec=True), Material("soil", permittivity=complex(eps[0]))
-    else:
-        heights, lengths = rng.uniform(0.001, 0.003, 2), rng.uniform(0.02, 0.06, 2)
-        wall = Material(
-            "wall",
-            permittivity=complex(eps[0]),
-            rms_height=float(heights[0]),
-            diffuse_law="small_perturbation",
-            correlation_length=float(lengths[0]),
-        )
+    heights, lengths = rng.uniform(0.001, 0.003, 2), rng.uniform(0.02, 0.06, 2)
+    wall = Material(
+        "wall",
+        permittivity=complex(eps[0]),
+        rms_height=float(heights[0]),
+        diffuse_law="small_perturbation",
+        correlation_length=float(lengths[0]),
+    )
+    soil = Material("soil", permittivity=complex(eps[1]))
+    if kind == "metal":
+        wall = Material("wall", pec=True)
+    elif kind == "rough":
         soil = Material(
             "soil",
             permittivity=complex(eps[1]),
             rms_height=float(heights[1]),
             diffuse_law="lambert",
             diffuse_level_db=float(rng.uniform(-20.0, -5.0)),
-            correlation_length=float(lengths[1]),
         )
+    radar = RadarDescription(
+        slant_range=float(rng.uniform(2000.0, 6000.0)),
+        look_angle_deg=float(rng.uniform(25.0, 55.0)),
+        center_frequency=9.65e9,
+        bandwidth=150e6,
+        n_pulses=pulses,
+        noise_temperature=0.0,
+        mode="spotlight",
+        squint_angle_deg=float(rng.uniform(8.0, 20.0)),
+    )
+    settings = TraceSettings(
+        method="hybrid",
+        key_pulse_interval=pulses,
+        gridding_width=8,
+        max_depth=1 if kind == "alone" else 4,
+        effects={"diffuse_pairs": "off", "edge_diffraction": "off"},
+    )
     size = 25.0
     flat = np.array([[-size, -size, 0.0], [size, -size, 0.0], [size, size, 0.0], [-size, size, 0.0]])
+    meshes = [
+        SceneMesh(*box(rng, float(rng.uniform(0.0, np.pi))), wall, "box"),
+        SceneMesh(flat, np.array([[0, 1, 2], [0, 2, 3]]), soil, "ground"),
+    ]
+    film = FilmDescription(image_extent_azimuth=22.0, image_extent_range=22.0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return build_scene(
-            [
-                SceneMesh(*box(rng, float(rng.uniform(0.0, np.pi))), wall, "box"),
-                SceneMesh(flat, np.array([[0, 1, 2], [0, 2, 3]]), soil, "ground"),
-            ],
-            radar=RadarDescription(
-                slant_range=float(rng.uniform(2000.0, 6000.0)),
-                look_angle_deg=float(rng.uniform(25.0, 55.0)),
-                center_frequency=9.65e9,
-                bandwidth=150e6,
-                n_pulses=pulses,
-                noise_temperature=0.0,
-                mode="spotlight",
-                squint_angle_deg=float(rng.uniform(8.0, 20.0)),
-            ),
-            film=FilmDescription(image_extent_azimuth=22.0, image_extent_range=22.0),
-            settings=TraceSettings(
-                method="hybrid",
-                key_pulse_interval=pulses if interval is None else interval,
-                gridding_width=8,
-                max_depth=most,
-                effects={"diffuse_pairs": "off", "edge_diffraction": "off"},
-            ),
-            name=f"drawn{seed}",
-        )
+        return build_scene(meshes, radar=radar, film=film, settings=settings, name=f"{kind}{seed}")
+
+
+# kinds of parameters whose derivatives are exact for the paths found, with the drawn scenes to show it
+EXACT = (
+    ("rough", "gain"),
+    ("rough", "clock_offset"),
+    ("rough", "track:2"),
+    ("metal", "track:2"),
+    ("rough", "level:soil"),
+    ("rough", "permittivity:wall"),
+    ("rough", "permittivity:soil"),
+    ("metal", "permittivity:soil"),
+    ("rough", "loss:wall"),
+    ("rough", "rms_height:wall"),
+    ("rough", "rms_height:soil"),
+    ("rough", "correlation_length:wall"),
+    ("alone", "shift:box:x,shift:box:y,shift:box:z"),
+    ("alone", "height:box"),
+    ("alone", "scale:box"),
+    ("alone", "rotation:box"),
+)
+# kinds of parameters that move shadows and lit areas, with the drawn scenes in which that matters
+MOVING = tuple(
+    (kind, parameter)
+    for parameter in ("shift:box:x,shift:box:y,shift:box:z", "height:box", "scale:box", "rotation:box")
+    for kind in ("rough", "metal")
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +160,9 @@ def step(model: ForwardModel) -> float:
     """Step of the differences of a model's values, all of one unit."""
     name, value = model.names[0], float(model.start[0])
     kind, unit = name.split(":")[0], name.rsplit("[", 1)[1].rstrip("]")
-    if kind in ("permittivity", "loss", "rms_height", "correlation_length"):
+    if kind == "loss":
+        return LOSS
+    if kind in ("permittivity", "rms_height", "correlation_length"):
         return SHARE * value
     return {"m": METRES, "s": SECONDS, "dB": DECIBELS, "rad": RADIANS, "1": METRES / 4.0}[unit]
 

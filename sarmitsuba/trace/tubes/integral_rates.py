@@ -21,7 +21,7 @@ def integral_with_rates(
     longest: mi.Float,
     kept_up_to: mi.Float | None = None,
 ) -> tuple[mi.Complex2f, ...]:
-    r"""Phase integral I of :func:`sarmitsuba.trace.tubes.polygon.part_integral`, its phase centre, and derivatives of I.
+    r"""Phase integral I of :func:`sarmitsuba.trace.tubes.polygon.part_integral`, its phase centre, derivatives of I.
 
     The part keeps its corners in tube units while ``q``, ``u`` and ``v`` change. The phase centre moves with the facet:
     the derivatives are those of :math:`I e^{-j Q \cdot x_0}` at its fixed place :math:`x_0` in tube units.
