@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,28 +138,37 @@ class Compared:
 
 def compared(scene: Scene, kind: str, seed: int = 0) -> Compared:
     """Compare the derivatives of one kind of parameter, along a drawn direction if it has several values."""
+    return compared_all(scene, (kind,), seed)[0]
+
+
+def compared_all(scene: Scene, kinds: Sequence[str], seed: int = 0) -> list[Compared]:
+    """The same for several kinds of parameters, whose derivatives one kernel carries."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = ForwardModel(scene, parse(kind, scene))
+        model = ForwardModel(scene, parse(",".join(kinds), scene))
         _, derivative = model.derivative()
-    rng = np.random.default_rng([seed, 7])
-    way = rng.standard_normal(len(model.names)) if len(model.names) > 1 else np.ones(1)
-    way /= np.linalg.norm(way)
-    counts = set()
+    rng, found, first = np.random.default_rng([seed, 7]), [], 0
+    for kind in kinds:
+        n = sum(len(p.values(scene)) for p in parse(kind, scene))
+        way = np.zeros(len(model.names))
+        way[first : first + n] = rng.standard_normal(n) if n > 1 else 1.0
+        way /= np.linalg.norm(way)
+        h = step(model, first)
+        counts = set()
+        data: list[C128] = []
+        for steps in (1.0, -1.0, 2.0, -2.0):
+            data.append(model.data(model.start + steps * h * way).astype(np.complex128))
+            counts.add((model.statistics.hits, model.statistics.contributions))
+        own = np.tensordot(way, derivative.astype(np.complex128), 1)
+        expected = (8.0 * (data[0] - data[1]) - (data[2] - data[3])) / (12.0 * h)
+        found.append(Compared(relative(own, expected), len(counts) == 1))
+        first += n
+    return found
 
-    def at(steps: float) -> C128:
-        data = model.data(model.start + steps * step(model) * way)
-        counts.add((model.statistics.hits, model.statistics.contributions))
-        return data.astype(np.complex128)
 
-    own = np.tensordot(way, derivative.astype(np.complex128), 1)
-    expected = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * step(model))
-    return Compared(relative(own, expected), len(counts) == 1)
-
-
-def step(model: ForwardModel) -> float:
-    """Step of the differences of a model's values, all of one unit."""
-    name, value = model.names[0], float(model.start[0])
+def step(model: ForwardModel, number: int) -> float:
+    """Step of the differences of a value of a model."""
+    name, value = model.names[number], float(model.start[number])
     kind, unit = name.split(":")[0], name.rsplit("[", 1)[1].rstrip("]")
     if kind == "loss":
         return LOSS
