@@ -27,6 +27,8 @@ LEAST_CHANGE = 1e-7
 ATTEMPTS = 8
 # largest distance of the receive windows of data and scene, m
 SAME_WINDOW = 1e-3
+# least eigenvalue of the correlations of the derivatives: below, values have ten thousand times the sigma of each alone
+LEAST_WEIGHT = 1e-8
 # weight of a track's displacement across the line of sight, relative to the range error, in the coarse start
 ACROSS = 1e-3
 # shares of the energy of the strongest pulse from which a pulse counts in the coarse start
@@ -286,7 +288,7 @@ def _check_determined(names: tuple[str, ...], normal: F64) -> None:
             raise SceneError(f"fit: the data do not depend on {name}; leave it out or give a prior")
     scaled = normal / np.sqrt(np.outer(own, own))
     weight, vectors = np.linalg.eigh(scaled)
-    if weight[0] < 1e-12:
+    if weight[0] < LEAST_WEIGHT:
         worst = np.argsort(-np.abs(vectors[:, 0]))[:3]
         raise SceneError(
             f"fit: the data determine only sums of {', '.join(names[k] for k in sorted(worst))}; leave some out or "
