@@ -15,6 +15,7 @@ import json
 import statistics
 import time
 import warnings
+from collections.abc import Sequence
 
 import _support
 import numpy as np
@@ -69,34 +70,36 @@ def table(title: str, kinds: tuple[tuple[str, str], ...], seeds: range) -> list[
     print(
         f"{'scenes':7} {'parameter':38} {'steady':>7} {'median':>9} {'90 %':>9} {'worst':>9}   others' median"
     )
-    found: dict[tuple[str, str], list[Compared]] = {one: [] for one in kinds}
+    lines: list[dict[str, object]] = []
     for kind in dict.fromkeys(kind for kind, _ in kinds):
         parameters = [parameter for scenes, parameter in kinds if scenes == kind]
+        drawn_scenes = []
         for seed in seeds:
             scene = drawn(seed, kind, 2 if kind == "alone" else 6)
-            for parameter, one in zip(parameters, compared_all(scene, parameters, seed), strict=True):
-                found[kind, parameter].append(one)
-    lines = []
-    for (kind, parameter), own in found.items():
-        steady = [c.error for c in own if c.steady]
-        others = [c.error for c in own if not c.steady]
-        quantiles = np.quantile(steady, [0.5, 0.9, 1.0]) if steady else np.full(3, np.nan)
-        rest = float(np.median(others)) if others else float("nan")
-        name = "shift:box" if parameter.startswith("shift") else parameter
-        numbers = " ".join(f"{q:9.2e}" for q in quantiles)
-        print(f"{kind:7} {name:38} {len(steady):3d}/{len(own):3d} {numbers}   {rest:.2e}", flush=True)
-        lines.append(
-            {
-                "scenes": kind,
-                "parameter": parameter,
-                "steady": len(steady),
-                "all": len(own),
-                "quantiles": quantiles.tolist(),
-                "others": rest,
-                "errors": [c.error for c in own],
-            }
-        )
+            drawn_scenes.append(compared_all(scene, parameters, seed))
+        for parameter, own in zip(parameters, zip(*drawn_scenes, strict=True), strict=True):
+            lines.append(line(kind, parameter, own))
     return lines
+
+
+def line(kind: str, parameter: str, found: Sequence[Compared]) -> dict[str, object]:
+    """Print one line."""
+    steady = [c.error for c in found if c.steady]
+    others = [c.error for c in found if not c.steady]
+    quantiles = np.quantile(steady, [0.5, 0.9, 1.0]) if steady else np.full(3, np.nan)
+    rest = float(np.median(others)) if others else float("nan")
+    name = "shift:box" if parameter.startswith("shift") else parameter
+    numbers = " ".join(f"{q:9.2e}" for q in quantiles)
+    print(f"{kind:7} {name:38} {len(steady):3d}/{len(found):3d} {numbers}   {rest:.2e}", flush=True)
+    return {
+        "scenes": kind,
+        "parameter": parameter,
+        "steady": len(steady),
+        "all": len(found),
+        "quantiles": quantiles.tolist(),
+        "others": rest,
+        "errors": [c.error for c in found],
+    }
 
 
 def costs() -> list[dict[str, object]]:

@@ -25,7 +25,9 @@ KNOTS, TRACK_PULSES = 4, 48
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--scenes", type=int, default=5, help="drawn scenes of each table")
     parser.add_argument("--first", type=int, default=100, help="first seed")
     parser.add_argument("--json", help="file for the numbers")
@@ -40,7 +42,9 @@ def main() -> None:
 
 def levels(seeds: range) -> list[dict[str, object]]:
     """Print the spread of material levels over their bound."""
-    print(f"material levels, {DRAWS} draws of noise at 20 dB\n{'seed':>5}  rms error over bound, by material; bound, dB")
+    print(
+        f"material levels, {DRAWS} draws of noise at 20 dB\n{'seed':>5}  rms error over bound, by material; bound, dB"
+    )
     lines: list[dict[str, object]] = []
     for seed in seeds:
         scene = fields(seed, MATERIALS, LEVEL_PULSES)
@@ -60,7 +64,9 @@ def levels(seeds: range) -> list[dict[str, object]]:
 
 def tracks(seeds: range) -> list[dict[str, object]]:
     """Print the errors of tracks before and after a fit."""
-    print(f"\ntrack, {KNOTS} knots along three axes\n{'seed':>5} {'before':>8} {'after':>9}  wavelengths   {'CPU s':>6}")
+    print(
+        f"\ntrack, {KNOTS} knots along three axes\n{'seed':>5} {'before':>8} {'after':>9}  wavelengths   {'CPU s':>6}"
+    )
     lines: list[dict[str, object]] = []
     for seed in seeds:
         scene = fields(seed, 1, TRACK_PULSES)

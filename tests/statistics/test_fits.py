@@ -38,7 +38,9 @@ def test_levels_spread_as_the_bound_says() -> None:
 def test_a_track_off_by_two_wavelengths_is_found_to_a_fiftieth(seed: int) -> None:
     scene, knots = fields(seed, 1, 16), 2
     truth, found = fitted_track(scene, knots, 2.0, seed, 30.0)
-    assert range_error(scene, knots, truth) > 0.25  # in wavelengths: the phase is off by half a cycle at least
+    assert (
+        range_error(scene, knots, truth) > 0.25
+    )  # in wavelengths: the phase is off by half a cycle at least
     assert range_error(scene, knots, found.values - truth) < 0.02
 
 

@@ -97,22 +97,22 @@ def drawn(seed: int, kind: str, pulses: int = 6) -> Scene:
 
 # kinds of parameters whose derivatives are exact for the paths found, with the drawn scenes to show it
 EXACT = (
-    ("rough", "gain"),
-    ("rough", "clock_offset"),
-    ("rough", "track:2"),
-    ("metal", "track:2"),
-    ("rough", "level:soil"),
-    ("rough", "permittivity:wall"),
-    ("rough", "permittivity:soil"),
-    ("metal", "permittivity:soil"),
-    ("rough", "loss:wall"),
-    ("rough", "rms_height:wall"),
-    ("rough", "rms_height:soil"),
-    ("rough", "correlation_length:wall"),
     ("alone", "shift:box:x,shift:box:y,shift:box:z"),
     ("alone", "height:box"),
     ("alone", "scale:box"),
     ("alone", "rotation:box"),
+    ("metal", "track:2"),
+    ("metal", "permittivity:soil"),
+    ("rough", "gain"),
+    ("rough", "clock_offset"),
+    ("rough", "track:2"),
+    ("rough", "level:soil"),
+    ("rough", "permittivity:wall"),
+    ("rough", "permittivity:soil"),
+    ("rough", "loss:wall"),
+    ("rough", "rms_height:wall"),
+    ("rough", "rms_height:soil"),
+    ("rough", "correlation_length:wall"),
 )
 # kinds of parameters that move shadows and lit areas, with the drawn scenes in which that matters
 MOVING = tuple(
