@@ -29,6 +29,8 @@ ATTEMPTS = 8
 SAME_WINDOW = 1e-3
 # least eigenvalue of the correlations of the derivatives: below, values have ten thousand times the sigma of each alone
 LEAST_WEIGHT = 1e-8
+# noise power relative to that of the data that priors are weighed against at least
+LEAST_NOISE = 1e-6
 # weight of a track's displacement across the line of sight, relative to the range error, in the coarse start
 ACROSS = 1e-3
 # shares of the energy of the strongest pulse from which a pulse counts in the coarse start
@@ -155,12 +157,13 @@ def fit(
     measured = _planes(model, data)
     known = _priors(model, priors or {})
     values = _coarse_track(model, measured, model.start)
-    variance = _in_band_variance(model.scene, float(np.mean(np.abs(measured) ** 2)))
+    noise = _Noise.of(scene, measured)
     found, jacobian = model.derivative(values)
     difference = measured.astype(np.complex128) - found
-    cost = _cost(difference, values, known, variance)
-    costs, damping, converged = [cost], FIRST_DAMPING, False
+    costs, damping, converged = [_energy(difference)], FIRST_DAMPING, False
     for step in range(1, iterations + 1):
+        variance = noise.variance(difference)
+        cost = _cost(difference, values, known, variance)
         normal, right = _normal_equations(jacobian, difference)
         for k, (mean, sigma) in known.items():  # in units of the data's variance
             normal[k, k] += 0.5 * variance / sigma**2
@@ -178,26 +181,23 @@ def fit(
             converged = True
             break
         damping *= FALLS
-        small = cost - new < LEAST_CHANGE * cost
-        values, cost, difference = tried, new, left
-        costs.append(cost)
+        values, difference, converged = tried, left, cost - new < LEAST_CHANGE * cost
+        costs.append(_energy(difference))
         if progress is not None:
-            progress(step, cost)
-        converged = small
-        if small or step == iterations:
+            progress(step, costs[-1])
+        if converged or step == iterations:
             break
         _, jacobian = model.derivative(values)
     normal, _ = _normal_equations(jacobian, difference)
     prior = np.zeros(len(values))
     for k, (_, sigma) in known.items():
         prior[k] = 1.0 / sigma**2
-    noise = _in_band_variance(model.scene, float(np.mean(np.abs(difference) ** 2)))
-    covariance = np.linalg.inv(2.0 * normal / noise + np.diag(prior))
-    power = noise_power(scene.radar, "compressed")
-    bound = np.full(len(values), np.nan)
-    if power > 0.0:
-        stated = _in_band_variance(model.scene, power)
-        bound = np.sqrt(np.diag(np.linalg.inv(2.0 * normal / stated + np.diag(prior))))
+    shown = noise.of_power(float(np.mean(np.abs(difference) ** 2)))
+    covariance = np.asarray(np.linalg.inv(2.0 * normal / shown + np.diag(prior)), dtype=np.float64)
+    bound: F64 = np.full(len(values), np.nan)
+    if noise.stated > 0.0:
+        least = np.linalg.inv(2.0 * normal / noise.of_power(noise.stated) + np.diag(prior))
+        bound = np.asarray(np.sqrt(np.diag(least)), dtype=np.float64)
     residual = replace(model.raw(difference.astype(np.complex64)), request=data.request)
     return Fit(
         model.names,
@@ -255,15 +255,46 @@ def _priors(model: ForwardModel, priors: Mapping[str, Prior]) -> dict[int, tuple
     return known
 
 
-def _in_band_variance(scene: Scene, power: float) -> float:
-    """Variance of the noise within the band, from the mean power of a sample: samples of one range cell are alike."""
-    return power * max(scene.radar.waveform.range_cell / scene.radar.window.sample_spacing, 1.0)
+@dataclass(frozen=True)
+class _Noise:
+    """Noise of raw data: power of a sample as the radar states it, W (0: not stated), and least power that counts.
+
+    ``samples`` : of a range cell, which are alike, as the noise is flat over the band alone
+    """
+
+    stated: float
+    least: float
+    samples: float
+
+    @staticmethod
+    def of(scene: Scene, measured: C64) -> _Noise:
+        """Noise of a scene's radar; at least ``LEAST_NOISE`` of the measured power."""
+        radar = scene.radar
+        return _Noise(
+            noise_power(radar, "compressed"),
+            LEAST_NOISE * float(np.mean(np.abs(measured) ** 2)),
+            max(float(radar.waveform.range_cell / radar.window.sample_spacing), 1.0),
+        )
+
+    def of_power(self, power: float) -> float:
+        """Variance within the band, from the mean power of a sample."""
+        return power * self.samples
+
+    def variance(self, difference: C128) -> float:
+        """Variance that priors are weighed against: as stated, else as the residuals show."""
+        shown = max(float(np.mean(np.abs(difference) ** 2)), self.least)
+        return self.of_power(self.stated if self.stated > 0.0 else shown)
+
+
+def _energy(difference: C128) -> float:
+    """Sum of squares."""
+    return float(np.sum(np.abs(difference) ** 2))
 
 
 def _cost(difference: C128, values: F64, known: Mapping[int, tuple[float, float]], variance: float) -> float:
     """Sum of squares of data and priors, in the data's unit."""
-    prior = sum(((values[k] - mean) / sigma) ** 2 for k, (mean, sigma) in known.items())
-    return float(np.sum(np.abs(difference) ** 2)) + 0.5 * variance * prior
+    prior = sum(float((values[k] - mean) / sigma) ** 2 for k, (mean, sigma) in known.items())
+    return _energy(difference) + 0.5 * variance * prior
 
 
 def _normal_equations(jacobian: C64, difference: C128) -> tuple[F64, F64]:
@@ -336,7 +367,8 @@ def range_errors(model: ForwardModel, measured: C64, expected: C64) -> tuple[F64
     phase = np.zeros(len(total))
     phase[lit] = np.unwrap(np.angle(total[lit]))
     farther = -phase * wavelength / (4.0 * np.pi)
-    frequency = np.fft.fftfreq(n, d=2.0 * radar.window.sample_spacing / SPEED_OF_LIGHT)
+    spacing = 2.0 * radar.window.sample_spacing / SPEED_OF_LIGHT
+    frequency = np.asarray(np.fft.fftfreq(n, d=spacing), dtype=np.float64)
     # all pulses in phase, and without the range errors known so far: what is left is common to all
     ramp = np.exp(4j * np.pi * np.outer(farther, frequency) / SPEED_OF_LIGHT)
     together = ((cross * np.exp(-1j * phase)[:, None]) * ramp)[lit].sum(axis=0)

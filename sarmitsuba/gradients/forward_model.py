@@ -75,10 +75,10 @@ class TangentBatches(BatchTracer):
         return found
 
 
-def _per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> F64 | C128:
+def _per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
     """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
     factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
-    return factor if share is None else factor * share(cycles_per_metre)
+    return np.asarray(factor if share is None else factor * share(cycles_per_metre), dtype=np.complex128)
 
 
 def _follow(found: C64, pulses: KeyPulse, displacements: Sequence[Displacement], channels: int) -> None:

@@ -67,7 +67,7 @@ class ClockOffset(Parameter):
         """See the base class."""
         carrier = 4j * np.pi * found.center_frequency / SPEED_OF_LIGHT
         envelope = found.farther + np.complex64(carrier) * found.data
-        return (envelope * np.float32(0.5 * SPEED_OF_LIGHT),)
+        return (np.asarray(envelope * np.float32(0.5 * SPEED_OF_LIGHT), dtype=np.complex64),)
 
 
 @dataclass(frozen=True)

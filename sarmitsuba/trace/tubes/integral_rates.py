@@ -31,9 +31,9 @@ def integral_with_rates(
     One traversal of the graph for each rate: everything lies within one pass of the kernel's loop, from which nothing
     of the graph leaves.
     """
-    inputs = tuple(mi.Vector3f(x) for x in (q, u, v))
+    inputs = (mi.Vector3f(q), mi.Vector3f(u), mi.Vector3f(v))
     dr.enable_grad(*inputs)
-    integral, place_u, place_v = part_integral(*inputs, piece, longest, kept_up_to)
+    integral, place_u, place_v = part_integral(inputs[0], inputs[1], inputs[2], piece, longest, kept_up_to)
     # seen from a centre that does not move, though `part_integral` chooses it by q
     qu, qv = dr.dot(inputs[0], inputs[1]), dr.dot(inputs[0], inputs[2])
     moved_u, moved_v = place_u - dr.detach(place_u), place_v - dr.detach(place_v)
