@@ -5,9 +5,10 @@ Usage: python benchmarks/studies/derivatives.py [--count N] [--first SEED] [--ki
 For every kind of parameter, boxes on ground are drawn (``tests/support/differences.py``), and the derivative along a
 drawn direction of its values is compared with differences of sixth order of whole runs. The first table is of kinds
 that change no shadow: the error relative to the norm of the derivative. Scenes in which a ray appears or vanishes
-between the runs (rounding at the edges of facets), so that differences of two orders disagree, are counted apart. The second is of shapes that move on ground that
-scatters: the share of the true derivative that is missing, because shadows and lit areas move. ``--cost`` prints the
-time of K derivatives over that of the data alone, both as the median of interleaved rounds.
+between the runs (rounding at the edges of facets), so that differences of two orders disagree, are counted apart. The
+second is of shapes that move on ground that scatters: the share of the true derivative that is missing, because shadows
+and lit areas move. ``--cost`` prints the time of K derivatives over that of the data alone, both as the median of
+interleaved rounds.
 """
 
 import argparse
