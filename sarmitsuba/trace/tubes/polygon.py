@@ -428,7 +428,7 @@ def part_integral(
     qu, qv = dr.select(told, qu, 0.0), dr.select(told, qv, 0.0)
 
     def kept(phase: mi.Float) -> mi.Float:
-        return dr.select(piece.exact, _kept(phase, kept_up_to), 1.0)
+        return dr.select(piece.exact, dr.detach(_kept(phase, kept_up_to)), 1.0)
 
     inner = kept(dr.sqrt(squared))
     normal = dr.cross(u, v)
