@@ -31,6 +31,8 @@ SAME_WINDOW = 1e-3
 LEAST_WEIGHT = 1e-8
 # noise power relative to that of the data that priors are weighed against at least
 LEAST_NOISE = 1e-6
+# rounding of float32 data, as a share of that
+ROUNDING = 2.0**-48 / LEAST_NOISE
 # weight of a track's displacement across the line of sight, relative to the range error, in the coarse start
 ACROSS = 1e-3
 # shares of the energy of the strongest pulse from which a pulse counts in the coarse start
@@ -192,7 +194,7 @@ def fit(
     prior = np.zeros(len(values))
     for k, (_, sigma) in known.items():
         prior[k] = 1.0 / sigma**2
-    shown = noise.of_power(float(np.mean(np.abs(difference) ** 2)))
+    shown = noise.of_power(max(float(np.mean(np.abs(difference) ** 2)), ROUNDING * noise.least))
     covariance = np.asarray(np.linalg.inv(2.0 * normal / shown + np.diag(prior)), dtype=np.float64)
     bound: F64 = np.full(len(values), np.nan)
     if noise.stated > 0.0:
@@ -238,6 +240,8 @@ def _planes(model: ForwardModel, data: RawData) -> C64:
     out = np.zeros(model.shape, dtype=np.complex64)
     for plane, layer in zip(data.data, data.layers, strict=True):
         out[radar.channels.index(layer.channel)] += plane
+    if not np.isfinite(out).all() or not out.any():
+        raise DataError(f"{name}: the raw data are zero, or not finite: nothing can be fitted to them")
     return out
 
 
