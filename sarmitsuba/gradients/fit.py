@@ -159,7 +159,7 @@ def fit(
     measured = _planes(model, data)
     known = _priors(model, priors or {})
     values = _coarse_track(model, measured, model.start)
-    noise = _Noise.of(scene, measured)
+    noise = _NoisePower.of(scene, measured)
     found, jacobian = model.derivative(values)
     difference = measured.astype(np.complex128) - found
     costs, damping, converged = [_energy(difference)], FIRST_DAMPING, False
@@ -260,7 +260,7 @@ def _priors(model: ForwardModel, priors: Mapping[str, Prior]) -> dict[int, tuple
 
 
 @dataclass(frozen=True)
-class _Noise:
+class _NoisePower:
     """Noise of raw data: power of a sample as the radar states it, W (0: not stated), and least power that counts.
 
     ``samples`` : of a range cell, which are alike, as the noise is flat over the band alone
@@ -271,10 +271,10 @@ class _Noise:
     samples: float
 
     @staticmethod
-    def of(scene: Scene, measured: C64) -> _Noise:
+    def of(scene: Scene, measured: C64) -> _NoisePower:
         """Noise of a scene's radar; at least ``LEAST_NOISE`` of the measured power."""
         radar = scene.radar
-        return _Noise(
+        return _NoisePower(
             noise_power(radar, "compressed"),
             LEAST_NOISE * float(np.mean(np.abs(measured) ** 2)),
             max(float(radar.waveform.range_cell / radar.window.sample_spacing), 1.0),

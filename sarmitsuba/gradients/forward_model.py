@@ -111,7 +111,7 @@ class _At:
 
 
 @dataclass(frozen=True, eq=False)
-class _Wanted:
+class _Needed:
     """Derivatives of echoes that parameters need; ``counts``: how many of each of the three sorts, by parameter."""
 
     displacements: tuple[Displacement, ...]
@@ -120,27 +120,27 @@ class _Wanted:
     counts: tuple[tuple[int, int, int], ...] = ()
 
     @staticmethod
-    def of(parameters: Sequence[Parameter], here: _At) -> _Wanted:
+    def of(parameters: Sequence[Parameter], here: _At) -> _Needed:
         """All that the parameters need, in their order."""
         scene = here.scene
         mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
         moves = [tuple(p.displacements(scene, mesh)) for p in parameters]
         levels = [tuple(p.levels(scene)) for p in parameters]
         steps = [tuple(p.steps(scene)) for p in parameters]
-        return _Wanted(
+        return _Needed(
             tuple(chain.from_iterable(moves)),
             tuple(chain.from_iterable(levels)),
             tuple(chain.from_iterable(steps)),
             tuple((len(a), len(b), len(c)) for a, b, c in zip(moves, levels, steps, strict=True)),
         )
 
-    def parts(self) -> Iterator[_Wanted]:
+    def parts(self) -> Iterator[_Needed]:
         """The same in parts that one launch can carry; at least one, which may be empty."""
         longest = max(len(self.displacements), len(self.levels))
         n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
             these = slice(k * MOST, (k + 1) * MOST)
-            yield _Wanted(
+            yield _Needed(
                 self.displacements[these],
                 self.levels[these],
                 self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
@@ -148,8 +148,8 @@ class _Wanted:
 
 
 @dataclass(frozen=True, eq=False)
-class _Planes:
-    """Derivatives found so far, in the order of a :class:`_Wanted`."""
+class _Found:
+    """Derivatives found so far, in the order of a :class:`_Needed`."""
 
     displaced: list[C64]
     levelled: list[C64]
@@ -286,7 +286,7 @@ class ForwardModel:
     @property
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
-        wanted = _Wanted.of(self.parameters, self._at(self.start))
+        wanted = _Needed.of(self.parameters, self._at(self.start))
         return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps)
 
     def derivative(
@@ -299,8 +299,8 @@ class ForwardModel:
             8 * int(np.prod(self.shape)) * (2 * len(self.names) + 4),
             "take fewer parameters, or fewer pulses",
         )
-        wanted = _Wanted.of(self.parameters, here)
-        found = _Planes([], [], [])
+        wanted = _Needed.of(self.parameters, here)
+        found = _Found([], [], [])
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
             tracer = self._tracer(here)

@@ -165,7 +165,7 @@ def compared_all(scene: Scene, kinds: Sequence[str], seed: int = 0) -> list[Comp
         for steps in (1.0, -1.0, 2.0, -2.0, 3.0, -3.0):
             data.append(model.data(model.start + steps * h * way).astype(np.complex128))
             counts.add((model.statistics.hits, model.statistics.contributions))
-        own = np.tensordot(way, derivative.astype(np.complex128), 1)
+        own = np.einsum("k,kcps->cps", way.astype(np.complex128), derivative.astype(np.complex128))
         one, two, three = (data[2 * i] - data[2 * i + 1] for i in range(3))
         fourth, expected = (8.0 * one - two) / (12.0 * h), (45.0 * one - 9.0 * two + three) / (60.0 * h)
         smooth = relative(fourth, expected) < SMOOTH
