@@ -15,7 +15,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 class RangeFilter(Protocol):
     """Factor on the spectrum of range profiles."""
 
-    def __call__(self, cycles_per_metre: F64) -> F64:
+    def __call__(self, cycles_per_metre: F64) -> F64 | C128:
         """Factor at frequencies of the baseband profile along slant range, 1/m, of the same shape."""
 
 

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from sarmitsuba.arrays import C64
+from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
@@ -117,6 +118,15 @@ class BatchTracer:
         row = self.n_layers * 2 * self.tracer.sampling.scene.radar.window.n_samples * 2 * 16
         return self.tracer.most_pulses or int(max(1, min(MAX_LANES // max(n_rays, 1), MAX_GRID_BYTES // row)))
 
+    @property
+    def amplitudes(self) -> int:
+        """Complex numbers of an echo: its channels."""
+        return len(self.tracer.sampling.scene.radar.channels)
+
+    def of_grid(self, pulses: Pulses, grid: C64, share: RangeFilter | None) -> C64:
+        """Profiles of a filled grid at one frequency, with its share of the band."""
+        return pulses.profiles(grid, share)
+
     def _profiles(
         self, pulses: Pulses, lattices: Sequence[LaunchGrid], wanted: Callable[[Part], bool]
     ) -> tuple[C64, TraceStatistics]:
@@ -124,12 +134,12 @@ class BatchTracer:
         tracer, radar, states = self.tracer, self.tracer.sampling.scene.radar, pulses.states
         serving = [grid for grid in lattices if grid.serves(states.pick.start)]
         tracer.pose(radar.track.time[states.pick])
-        channels, wavelength = len(radar.channels), radar.waveform.wavelength
+        channels, wavelength = self.amplitudes, radar.waveform.wavelength
         profiles: C64 | None = None
         statistics = TraceStatistics()
         for at_frequency, share in tracer.over_band():
             accumulator = pulses.accumulator(
-                self.n_layers // channels, channels, self.max_order, wavelength, tracer.largest_grid
+                max(1, self.max_order), channels, self.max_order, wavelength, tracer.largest_grid
             )
             tracer.largest_grid = max(tracer.largest_grid, accumulator.n_bytes)
             accumulator.watch(radar.window.start_range[states.pick], radar.window.extent)
@@ -137,7 +147,7 @@ class BatchTracer:
                 if wanted(launch.part):
                     done = at_frequency.launch(launch, states, accumulator, pulses.each)
                     statistics = statistics.plus(replace(done, key_pulses=0))
-            part = pulses.profiles(accumulator.grid(), share)
+            part = self.of_grid(pulses, accumulator.grid(), share)
             profiles = part if profiles is None else profiles + part
             tracer.timer.lap("synthesise")
         assert profiles is not None

@@ -132,6 +132,13 @@ class Blocks:
         yield from self._all(todo, settled * self.rays.n_subsets)
         self.done |= set(range(len(self.blocks)))
 
+    def every_batch(self) -> list[Batch]:
+        """Batches of the whole track at the current interval, subset by subset within each block."""
+        if self.interval == 1:
+            return self._every_pulse()
+        subsets = range(self.rays.n_subsets)
+        return [self._batch(i, k) for i in range(len(self.blocks)) for k in subsets]
+
     def _all(self, todo: Sequence[Batch], before: int) -> Iterator[tuple[float, TraceStatistics]]:
         """Trace batches after ``before`` others; statistics are yielded in order, so that sums have the same bits."""
         waiting: dict[Batch, TraceStatistics] = {}

@@ -28,7 +28,10 @@ from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.source import Launch, Source, launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.surfaces import Surfaces
+from sarmitsuba.trace.tangent_echoes import WithTangents
+from sarmitsuba.trace.tangents import Tangents
 from sarmitsuba.trace.tubes.polygon import INNER_UP_TO
+from sarmitsuba.trace.variants import with_tangents
 
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
@@ -57,6 +60,7 @@ class Tracer:
     ----------
     largest_grid : bytes of the largest accumulator grid so far
     times : (n,) s, of the pulses of the next launch; None: as at time zero
+    tangents : derivatives that are recorded behind the channels; None: none
     """
 
     def __init__(
@@ -71,6 +75,7 @@ class Tracer:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
         self.times: F64 | None = None
+        self.tangents: Tangents | None = None
         # surfaces first, then scatterers at known positions
         self.sources: tuple[Source, ...] = (
             Surfaces(),
@@ -151,7 +156,7 @@ class Tracer:
             batch = batch.with_azimuth_later
         if settings.kept_up_to is not None and isinstance(accumulator, DirectAccumulator):
             settings = replace(settings, kept_up_to=settings.kept_up_to * (EVERY_PULSE_UP_TO / INNER_UP_TO))
-        return Kernel.of(self.trace_scene, grid, batch, flags, settings)
+        return with_tangents(Kernel.of(self.trace_scene, grid, batch, flags, settings), self.tangents)
 
     def launch(
         self, launch: Launch, states: AntennaStates, accumulator: GridAccumulator, each: int = 1
@@ -168,7 +173,10 @@ class Tracer:
         antenna = self.sampling.scene.radar.antenna
         kernel = self.kernel_of(launch.part.grid, states, accumulator)
         accumulator.before(launch, kernel.pulses.n_pulses)
-        counts, state = launch.record(kernel, antenna, accumulator)
+        recording: Accumulator = accumulator
+        if kernel.tangents is not None:
+            recording = WithTangents(kernel.tangents, accumulator)
+        counts, state = launch.record(kernel, antenna, recording)
         dr.eval(counts.hits, counts.contributions, state, accumulator.written)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         # in NumPy: sums by Dr.Jit differ in the last bits with the number of threads

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.corners import both_chains, corner_share
 from sarmitsuba.trace.leg import Surroundings, antenna_basis
+from sarmitsuba.trace.propagation import mirror
+from sarmitsuba.trace.range_tangents import of_tube
 from sarmitsuba.trace.stage import closed as by_stages
+from sarmitsuba.trace.stage import coherent_loss
 from sarmitsuba.trace.state import (
     COHERENT,
     Closing,
@@ -23,6 +26,11 @@ from sarmitsuba.trace.state import (
     Reflection,
     TubeFootprint,
 )
+from sarmitsuba.trace.tangents import NO_MATERIAL
+from sarmitsuba.trace.variants import differences, variant_hits, variant_rays
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.tangents import Carried
 
 # amplitude of a tube's return relative to that of the whole tube in phase, down to which it is added
 NEGLIGIBLE = 1e-10
@@ -80,6 +88,7 @@ class TubeReturn:
     weight : 1/m^2 times the lit area and the radar's amplitude constant, with the integral of the phase
     slant_range, range_rate : float64, m and m/s, of the echo
     point : float64, m, scene frame, phase centre
+    range_tangents : m per unit, see :class:`Contribution`
     """
 
     counts: mi.Bool
@@ -87,13 +96,15 @@ class TubeReturn:
     slant_range: mi.Float64
     range_rate: mi.Float64
     point: mi.Vector3d
+    range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
 
     @staticmethod
-    def none() -> TubeReturn:
+    def none(tangents: Carried | None = None) -> TubeReturn:
         """No return."""
         # opaque: Dr.Jit merges equal literals of two branches, and then finds none of them in scope
         zero, weight = mi.Float64(0.0), dr.opaque(mi.Float, 0.0)
-        return TubeReturn(mi.Bool(False), mi.Complex2f(weight, weight), zero, zero, mi.Vector3d(0.0))
+        rates = None if tangents is None else tangents.no_rates()
+        return TubeReturn(mi.Bool(False), mi.Complex2f(weight, weight), zero, zero, mi.Vector3d(0.0), rates)
 
 
 def tube_return(
@@ -144,7 +155,10 @@ def tube_return(
         weight *= turned
     # a value that is not a number counts, so that it is found; a sum, as squares of weights below 1e-19 are zero
     counts = ~(dr.abs(weight.real) + dr.abs(weight.imag) <= NEGLIGIBLE * dr.abs(whole))
-    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point)
+    rates = None
+    if kernel.tangents is not None:
+        rates = of_tube(kernel, ray, hit, tube_here, found)
+    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates)
 
 
 def close_coherent(
@@ -167,6 +181,44 @@ def close_coherent(
     estimates already and are unchanged. Of the two chains of a corner the one whose last facet limits the beam is
     weighted higher, see :func:`sarmitsuba.trace.corners.corner_share`.
     """
+    amplitudes = _amplitudes(kernel, ray, hit, reflection, receive, returned.weight)
+    return Contribution(
+        kind=mi.UInt32(COHERENT),
+        order=hit.order,
+        pulse=lane.pulse,
+        slant_range=returned.slant_range,
+        range_rate=returned.range_rate,
+        amplitudes=amplitudes,
+        active=returned.counts,
+        point=returned.point,
+        range_tangents=returned.range_tangents,
+        material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
+        amplitude_tangents=_derivatives(kernel, ray, hit, receive, returned.weight),
+    )
+
+
+def _derivatives(
+    kernel: Kernel, ray: RayState, hit: Hit, receive: Receiver, weight: mi.Complex2f
+) -> tuple[mi.Complex2f, ...] | None:
+    """Derivatives of the channels of a coherent return by the properties of materials; None without any."""
+    if not kernel.variants:
+        return None
+    own = coherent_loss(kernel, hit)
+    found = []
+    for variant, one, there in zip(
+        kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True
+    ):
+        reflection = mirror(variant, one, there, there.normal)
+        loss = coherent_loss(variant, there)
+        ratio = dr.select(own > 0.0, loss / dr.maximum(own, 1e-30), 0.0)
+        found.append(_amplitudes(variant, one, there, reflection, receive, weight * ratio))
+    return differences(kernel, found)
+
+
+def _amplitudes(
+    kernel: Kernel, ray: RayState, hit: Hit, reflection: Reflection, receive: Receiver, weight: mi.Complex2f
+) -> tuple[mi.Complex2f, ...]:
+    """Recorded channels of a coherent return; see :func:`close_coherent`."""
     flags = kernel.flags
     closed = {}
     for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
@@ -179,17 +231,8 @@ def close_coherent(
     for channel in flags.closed:
         a, b = flags.reciprocal(channel)
         c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
-        amplitudes.append(c * returned.weight)
-    return Contribution(
-        kind=mi.UInt32(COHERENT),
-        order=hit.order,
-        pulse=lane.pulse,
-        slant_range=returned.slant_range,
-        range_rate=returned.range_rate,
-        amplitudes=tuple(field.recorded(flags.closed, amplitudes, flags.channels)),
-        active=returned.counts,
-        point=returned.point,
-    )
+        amplitudes.append(c * weight)
+    return tuple(field.recorded(flags.closed, amplitudes, flags.channels))
 
 
 def _closed(
@@ -223,4 +266,18 @@ def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contributi
         range_rate=dr.select(condition, a.range_rate, b.range_rate),
         amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
         point=dr.select(condition, a.point, b.point),
+        range_tangents=None
+        if a.range_tangents is None or b.range_tangents is None
+        else tuple(
+            dr.select(condition, x, y) for x, y in zip(a.range_tangents, b.range_tangents, strict=True)
+        ),
+        material=None
+        if a.material is None or b.material is None
+        else dr.select(condition, a.material, b.material),
+        amplitude_tangents=None
+        if a.amplitude_tangents is None or b.amplitude_tangents is None
+        else tuple(
+            dr.select(condition, x, y)
+            for x, y in zip(a.amplitude_tangents, b.amplitude_tangents, strict=True)
+        ),
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.closing import Receiver, Receiving, selected
+from sarmitsuba.trace.range_tangents import of_scatterer
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
@@ -24,6 +25,7 @@ from sarmitsuba.trace.state import (
 )
 from sarmitsuba.trace.table_rows import MaterialRow
 from sarmitsuba.trace.temporal import Age
+from sarmitsuba.trace.variants import differences, variant_hits, variant_rays
 from sarmitsuba.trace.wind_waves import WaterTables
 
 if TYPE_CHECKING:
@@ -78,6 +80,7 @@ class DiffuseReturns:
     straight_weight, reciprocal_weight : amplitude factors of the straight and of the reciprocal path
     receive : receiving polarisations and gain of the antenna for the hit
     age : change of the scatterers since the first pass; None where nothing changes
+    variants : terms with other materials, of the straight and the reciprocal path; empty without any
     """
 
     kernel: Kernel
@@ -92,6 +95,7 @@ class DiffuseReturns:
     reciprocal_weight: mi.Float
     receive: Receiver
     age: Age | None
+    variants: tuple[tuple[Terms, Terms | None], ...] = ()
 
     def first(self) -> Slot:
         """The first return of the hit."""
@@ -146,7 +150,7 @@ class DiffuseReturns:
         """Echo of a scatterer with its random factors; ``centre``: its position at rest, m."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
         if movement is not None:  # the lattice moves with the shape
-            centre = centre + movement.shift
+            centre = movement.displaced(centre)
         random = speckle_coefficients(
             key, hit.properties.cross_polar_ratio, flags, self.age, self.kernel.constants.term
         )
@@ -154,6 +158,10 @@ class DiffuseReturns:
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
+        rates = back_rates = material = None
+        if self.kernel.tangents is not None:
+            rates, back_rates = of_scatterer(self.kernel, ray, hit, lane, centre)
+            material = hit.material & MATERIAL_MASK
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
             order=hit.order,
@@ -163,6 +171,11 @@ class DiffuseReturns:
             amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in self.straight),
             active=active,
             point=centre,
+            range_tangents=rates,
+            material=material,
+            amplitude_tangents=self._derivatives(
+                [terms for terms, _ in self.variants], random, self.straight_weight
+            ),
         )
         if self.reciprocal is None:
             return straight
@@ -173,6 +186,10 @@ class DiffuseReturns:
             slant_range=length,
             range_rate=rate_out,
             amplitudes=tuple(mixed(terms, random) * self.reciprocal_weight for terms in self.reciprocal),
+            range_tangents=back_rates,
+            amplitude_tangents=self._derivatives(
+                [terms or [] for _, terms in self.variants], random, self.reciprocal_weight
+            ),
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, reciprocal, straight)
@@ -186,6 +203,13 @@ class DiffuseReturns:
             selected(slot.back, reciprocal, straight),
         )
 
+    def _derivatives(
+        self, variants: list[Terms], random: list[mi.Complex2f], weight: mi.Float
+    ) -> tuple[mi.Complex2f, ...] | None:
+        """Derivatives of the channels by the properties of materials; None without any."""
+        amplitudes = [[mixed(terms, random) * weight for terms in variant] for variant in variants]
+        return differences(self.kernel, amplitudes)
+
     def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
         """The same returns with the material, map value and texture at a scatterer (float64, m, at time zero).
 
@@ -194,7 +218,7 @@ class DiffuseReturns:
         kernel, hit, scene = self.kernel, self.hit, self.kernel.scene
         surfaces = scene.surfaces
         assert surfaces is not None
-        vertex = hit.vertex0 if hit.movement is None else hit.vertex0 - hit.movement.shift
+        vertex = hit.vertex0 if hit.movement is None else hit.movement.at_rest(hit.vertex0)
         offset = mi.Vector3f(centre - vertex)
         out = self
         if surfaces.classes is not None:
@@ -203,6 +227,7 @@ class DiffuseReturns:
             hit = replace(hit, material=bits, properties=properties)
             terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
             out = replace(out, hit=hit, straight=terms[0], reciprocal=terms[1], reverse=terms[2])
+            out = replace(out, variants=_variants(kernel, self.lane, self.ray, hit, self.receive))
             if self.age is not None:
                 out = replace(out, age=Age.of(kernel, scene.change_table, bits & MATERIAL_MASK))
         factor = surfaces.amplitude(
@@ -267,7 +292,7 @@ def _tilted(water: WaterTables, hit: Hit, material: mi.UInt32, time: mi.Float64 
     """The hit with the normal of the water tilted by the long waves, for its diffuse law."""
     now = mi.Float(0.0) if time is None else mi.Float(time)
     # waves travel on water that moves as a whole, as in a current
-    place = hit.p if hit.movement is None else hit.p - hit.movement.shift
+    place = hit.p if hit.movement is None else hit.movement.at_rest(hit.p)
     return replace(hit, normal=water.tilted(hit.normal, mi.Vector3f(place), material, now))
 
 
@@ -284,10 +309,17 @@ def close_diffuse(
         cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
     returns = hit.sees if reciprocal is None else hit.sees | (hit.active & ~hit.first)
     # position on the facet at time zero: its scatterers move with it
-    p = hit.p if hit.movement is None else hit.p - hit.movement.shift
-    lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
+    p, normal, u, v = hit.p, hit.normal64, tube_here.u, tube_here.v
+    grown = patch.weight
+    if hit.movement is not None:
+        p, normal = hit.movement.at_rest(p), hit.movement.normal_at_rest(normal)
+        if hit.movement.deformation is not None:
+            now = dr.squared_norm(dr.cross(u, v))
+            u, v = (mi.Vector3f(hit.movement.direction_at_rest(mi.Vector3d(x))) for x in (u, v))
+            grown = grown * dr.sqrt(now * dr.rcp(dr.maximum(dr.squared_norm(dr.cross(u, v)), 1e-30)))
+    lattice = ScattererLattice.of(p, normal, u, v, patch, cell, returns)
     # a facet narrower than the ray spacing is hit by chance: its power is weighted by one over that chance
-    weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
+    weight = constants.amplitude * dr.sqrt(lattice.area * grown)
     return DiffuseReturns(
         kernel=kernel,
         lane=lane,
@@ -301,10 +333,19 @@ def close_diffuse(
         reciprocal_weight=weight * tube_here.loss_reciprocal,
         receive=receive,
         age=Age.of(kernel, kernel.scene.change_table, hit.material & MATERIAL_MASK),
+        variants=_variants(kernel, lane, ray, hit, receive),
     )
 
 
 Terms: TypeAlias = "list[list[mi.Complex2f]]"
+
+
+def _variants(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
+) -> tuple[tuple[Terms, Terms | None], ...]:
+    """Terms of the straight and of the reciprocal path with the materials of every variant."""
+    found = zip(kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True)
+    return tuple(_terms(one, lane, its_ray, its_hit, receive)[:2] for one, its_ray, its_hit in found)
 
 
 def _terms(

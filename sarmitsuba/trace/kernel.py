@@ -41,6 +41,7 @@ from sarmitsuba.trace.state import (
     Lane,
     RayState,
 )
+from sarmitsuba.trace.variants import reflected_variants, variant_rays
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
@@ -98,6 +99,8 @@ def trace(kernel: Kernel, antenna: Antenna, accumulator: Accumulator) -> tuple[T
     """
     lane, ray = launch(kernel, antenna)
     ray = launched(kernel, lane, ray)
+    if kernel.variants:
+        ray = replace(ray, variants=(ray.fields,) * len(kernel.variants))
     if isinstance(accumulator, Follower):
         ray = replace(ray, trail=mi.UInt32(NO_HIT))
 
@@ -167,6 +170,8 @@ def _bounce(
     hit = arrive(kernel, lane, ray, found)
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
     ray = past_foci(there, hit)
+    if kernel.variants:
+        ray = replace(ray, variants=tuple(past_foci(v, hit).fields for v in variant_rays(there)))
     tube_here = footprint(kernel, lane, ray, hit)
     if tube_here.lost is not None:
         hit = hit.without(tube_here.lost)
@@ -181,15 +186,20 @@ def _bounce(
         returned = _only_where(
             hit.sees & ~vanishing(kernel, hit, tube_here),
             lambda: tube_return(kernel, lane, ray, hit, tube_here, receive),
-            TubeReturn.none,
+            partial(TubeReturn.none, kernel.tangents),
         )
     coherent = partial(close_coherent, kernel, lane, ray, hit, reflection, receive)
     if flags.diffuse:
         first = None
         if flags.coherent:
             zeros = tuple(mi.Complex2f(0.0) for _ in flags.channels)
-            amplitudes = _only_where(returned.counts, lambda: coherent(returned).amplitudes, lambda: zeros)
-            first = replace(coherent(returned), amplitudes=amplitudes)
+            if not kernel.variants:
+                amplitudes = _only_where(
+                    returned.counts, lambda: coherent(returned).amplitudes, lambda: zeros
+                )
+                first = replace(coherent(returned), amplitudes=amplitudes)
+            else:
+                first = _with_derivatives(coherent, returned, zeros * (1 + len(kernel.per_unit)))
         diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
         added, count = _add_all(accumulator, added, first, diffuse)
     elif flags.coherent:
@@ -203,7 +213,24 @@ def _bounce(
         last = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
         return there, hit, last, added
     mirrored = replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count, trail=trail)
+    if kernel.variants:
+        mirrored = replace(mirrored, variants=reflected_variants(kernel, ray, hit, tube_here))
     return there, hit, mirrored, added
+
+
+def _with_derivatives(
+    coherent: Callable[[TubeReturn], Contribution], returned: TubeReturn, zeros: tuple[mi.Complex2f, ...]
+) -> Contribution:
+    """Coherent return with the derivatives of its amplitudes, computed where it counts."""
+
+    def amplitudes() -> tuple[mi.Complex2f, ...]:
+        found = coherent(returned)
+        assert found.amplitude_tangents is not None
+        return found.amplitudes + found.amplitude_tangents
+
+    outside = coherent(returned)
+    n, values = len(outside.amplitudes), _only_where(returned.counts, amplitudes, lambda: zeros)
+    return replace(outside, amplitudes=values[:n], amplitude_tangents=values[n:])
 
 
 def _only_where(lanes: mi.Bool, then: Callable[[], Value], otherwise: Callable[[], Value]) -> Value:

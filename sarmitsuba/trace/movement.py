@@ -33,6 +33,8 @@ class Movers:
     time : s, of the state below
     face_number : ``number`` on the device
     state : (8 n_motions,) float64 on the device: displacement (m) and velocity (m/s) of each at ``time``
+    deformations : of shapes that were displaced once and are at rest, the same at all times; ``motions`` is then empty:
+        (24 n,) float64 on the device, rows of each matrix and of its inverse, with a zero each; None: of moving shapes
     """
 
     motions: tuple[Motion, ...]
@@ -41,6 +43,7 @@ class Movers:
     time: float
     face_number: mi.UInt32
     state: mi.Float64
+    deformations: mi.Float64 | None = None
 
     @staticmethod
     def of(geometry: Geometry, rows: NDArray[np.intp]) -> Movers | None:
@@ -57,6 +60,23 @@ class Movers:
         return Movers(
             tuple(motions), number, triangles, 0.0, device_array(mi.UInt32, number), _state(motions, 0.0)
         )
+
+    @staticmethod
+    def displaced(triangles: F64, number: U32, matrices: F64, offsets: F64) -> Movers:
+        """Faces at rest that were displaced, stretched or turned with their diffuse scatterers.
+
+        Parameters
+        ----------
+        triangles : (n_faces, 3, 3) float64, m, displaced
+        number : (n_faces,) uint32, of each face's row of the others
+        matrices, offsets : (n, 3, 3) and (n, 3) float64, 1 and m: a point p came to ``matrix p + offset``
+        """
+        state = np.zeros((len(offsets), ROW))
+        state[:, :3] = offsets
+        rows = np.zeros((len(offsets), 6, 4))
+        rows[:, :3, :3], rows[:, 3:, :3] = matrices, np.linalg.inv(matrices)
+        tables = device_array(mi.UInt32, number), device_array(mi.Float64, state)
+        return Movers((), number, triangles, 0.0, *tables, device_array(mi.Float64, rows))
 
     def at(self, time: float) -> Movers:
         """The same at another time, s."""
@@ -76,21 +96,51 @@ class Movers:
         """Movement of a face, in a kernel."""
         number = dr.gather(mi.UInt32, self.face_number, face, active)
         shift, velocity = (dr.gather(mi.Vector4d, self.state, number * 2 + i, active) for i in range(2))
+        deformation = None
+        if self.deformations is not None:
+            found = (dr.gather(mi.Vector4d, self.deformations, number * 6 + i, active) for i in range(6))
+            deformation = tuple(mi.Vector3d(row[0], row[1], row[2]) for row in found)
         return Movement(
-            mi.Vector3d(shift[0], shift[1], shift[2]), mi.Vector3d(velocity[0], velocity[1], velocity[2])
+            mi.Vector3d(shift[0], shift[1], shift[2]),
+            mi.Vector3d(velocity[0], velocity[1], velocity[2]),
+            deformation,
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Movement:
-    """Displacement (float64, m) and velocity (float64, m/s) of a face at the time of a launch."""
+    """Displacement (float64, m) and velocity (float64, m/s) of a face at the time of a launch.
+
+    ``deformation`` : rows of the matrix by which the face was stretched or turned, then of its inverse; None: neither
+    """
 
     shift: mi.Vector3d
     velocity: mi.Vector3d
+    deformation: tuple[mi.Vector3d, ...] | None = None
 
     def plus(self, other: Movement) -> Movement:
         """Sum of two movements: of an object that moves on a moving face."""
-        return Movement(self.shift + other.shift, self.velocity + other.velocity)
+        return Movement(self.shift + other.shift, self.velocity + other.velocity, self.deformation)
+
+    def at_rest(self, point: mi.Vector3d) -> mi.Vector3d:
+        """Place of a point of the face before it was displaced."""
+        point = point - self.shift
+        return point if self.deformation is None else _times(self.deformation[3:], point)
+
+    def displaced(self, point: mi.Vector3d) -> mi.Vector3d:
+        """Place of a point of the face that it had before it was displaced."""
+        return (point if self.deformation is None else _times(self.deformation[:3], point)) + self.shift
+
+    def direction_at_rest(self, vector: mi.Vector3d) -> mi.Vector3d:
+        """Vector in the face, as it was before the face was stretched or turned."""
+        return vector if self.deformation is None else _times(self.deformation[3:], vector)
+
+    def normal_at_rest(self, normal: mi.Vector3d) -> mi.Vector3d:
+        """Unit normal of the face, as it was before the face was stretched or turned."""
+        if self.deformation is None:
+            return normal
+        rows = self.deformation[:3]
+        return dr.normalize(rows[0] * normal.x + rows[1] * normal.y + rows[2] * normal.z)
 
 
 @dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
@@ -141,6 +191,11 @@ class ShadowBoundary:
         """Shadow boundary mirrored in a moving facet."""
         velocity = self.velocity - normal * (2.0 * dr.dot(self.velocity - movement.velocity, normal))
         return ShadowBoundary(velocity, self.size)
+
+
+def _times(rows: tuple[mi.Vector3d, ...], vector: mi.Vector3d) -> mi.Vector3d:
+    """Matrix of three rows times a vector."""
+    return mi.Vector3d(*(dr.dot(row, vector) for row in rows))
 
 
 def _state(motions: tuple[Motion, ...] | list[Motion], time: float) -> mi.Float64:

@@ -17,6 +17,7 @@ from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.leg import Surroundings, beam_patterns
 from sarmitsuba.trace.movement import ShadowBoundary
 from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.range_tangents import mirrored_tangents
 from sarmitsuba.trace.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.slab_passage import slab_factors
 from sarmitsuba.trace.stage import mirrored
@@ -111,6 +112,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         contributions=u32(0),
         crossed=u32(0) if kernel.transmits else None,
         mirror=Mirror.none() if kernel.reversible else None,
+        tangents=None if kernel.tangents is None else kernel.tangents.launched(),
     )
     return lane, state
 
@@ -457,6 +459,9 @@ def reflect(
         contributions=ray.contributions,
         crossed=ray.crossed,
         mirror=None if ray.mirror is None else mirror_at(kernel, hit),
+        tangents=None
+        if kernel.tangents is None
+        else mirrored_tangents(kernel.tangents, ray, hit, tube_here, n64),
     )
 
 

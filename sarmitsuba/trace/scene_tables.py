@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.arrays import F32, F64, I64
+from sarmitsuba.arrays import F32, F64, I64, U32
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
@@ -167,7 +167,7 @@ class TraceScene:
 
     def at(self, time: float) -> TraceScene:
         """The scene with all moving faces at their positions at a time, s; itself where nothing moves."""
-        if self.movers is None or time == self.movers.time:
+        if self.movers is None or self.movers.deformations is not None or time == self.movers.time:
             return self
         movers = self.movers.at(time)
         triangles = movers.corners()
@@ -208,6 +208,26 @@ class TraceScene:
             spectrum_table=spectrum,
             correction_table=correction,
             slabs=slabs,
+        )
+
+    def displaced_from(self, other: TraceScene, number: U32, matrices: F64, offsets: F64) -> TraceScene:
+        """The scene with the diffuse scatterers and ray spacings of another, from which its shapes were displaced.
+
+        Parameters
+        ----------
+        other : of the same faces at their old places
+        number : (n_faces,) uint32, of each face's row of the others
+        matrices, offsets : see `Movers.displaced`
+        """
+        rows = np.argsort(other.geometry_faces)[
+            np.searchsorted(np.sort(other.geometry_faces), self.geometry_faces)
+        ]
+        info, old = (np.array(scene.face_info).reshape(-1, 4) for scene in (self, other))
+        info[:, 1:] = old[rows, 1:]  # cells and spacings are those of the faces, not of their new sizes
+        return replace(
+            self,
+            face_info=device_array(mi.UInt32, info),
+            movers=Movers.displaced(self.triangles, number, matrices, offsets),
         )
 
     @property

@@ -63,6 +63,10 @@ class Stage:
         """Coherent return of the tube at a hit, before polarisation."""
         return closing
 
+    def closing_loss(self, kernel: Kernel, hit: Hit) -> mi.Float | None:
+        """Factor of :meth:`at_closing` that depends on the material, to differentiate by its properties; None: one."""
+        return None
+
     def at_vanishing(self, kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool | None:
         """Lanes whose coherent return :meth:`at_closing` makes zero, so that it is not computed; None: none."""
         return None
@@ -190,6 +194,17 @@ def closed(
             found = stage.at_closing(kernel, lane, ray, hit, tube, closing)
             closing = _checked(stage, found, closing, ("integral",))
     return closing
+
+
+def coherent_loss(kernel: Kernel, hit: Hit) -> mi.Float:
+    """Factor on the coherent return that depends on the material, of all stages; see :meth:`Stage.closing_loss`."""
+    found = mi.Float(1.0)
+    for stage in stages_of(kernel.flags):
+        with Calling(_KIND, stage, "closing_loss"):
+            loss = stage.closing_loss(kernel, hit)
+            if loss is not None:
+                found *= checked_type(loss, mi.Float)
+    return found
 
 
 def vanishing(kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool:

@@ -11,6 +11,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
 from sarmitsuba.trace.movement import ShadowBoundary  # as the next
 from sarmitsuba.trace.slab_coefficients import lets_waves_through
+from sarmitsuba.trace.tangents import RayTangents  # as the next
 from sarmitsuba.trace.tubes.tube import TubeExtent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.movement import Movement
     from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
+    from sarmitsuba.trace.tangents import Carried
     from sarmitsuba.trace.tubes.polygon import Bounds
     from sarmitsuba.trace.tubes.tube import Patch
 
@@ -131,13 +133,19 @@ class Constants:
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """Common inputs of all parts of one recorded kernel; its scene lacks the tables of effects that are off."""
+    """Common inputs of all parts of one recorded kernel; its scene lacks the tables of effects that are off.
+
+    ``tangents``, ``variants`` and ``per_unit`` are for derivatives, see :mod:`sarmitsuba.trace.variants`.
+    """
 
     scene: TraceScene
     grid: LaunchGrid
     pulses: PulseBatch
     flags: KernelFlags
     constants: Constants
+    tangents: Carried | None = None
+    variants: tuple[Kernel, ...] = ()
+    per_unit: tuple[mi.Float, ...] = ()
 
     @classmethod
     def of(
@@ -275,6 +283,8 @@ class RayState:
     crossed : number of slabs that the path crossed; None where no slab transmits
     mirror : facet of the last reflection; None where paths and their reverses are not averaged
     trail : number given to the last hit by a follower, ``NO_HIT`` before the first; None without a follower
+    tangents : derivatives by displacements; None without any
+    variants : fields with other materials; empty without any
     """
 
     active: mi.Bool
@@ -295,6 +305,8 @@ class RayState:
     crossed: mi.UInt32 | None = None
     mirror: Mirror | None = None
     trail: mi.UInt32 | None = None
+    tangents: RayTangents | None = None
+    variants: tuple[tuple[ComplexVector, ...], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,6 +425,7 @@ class Closing:
     slant_range, range_rate : float64, m and m/s, of the echo
     point : float64, m, scene frame, phase centre
     velocity, virtual_velocity : float64, m/s, of the antenna and of its image in the mirrors, relative to the lit patch
+    changes : derivatives of ``integral`` by the deformations of shapes; empty without any
     """
 
     factor: mi.Float
@@ -422,6 +435,7 @@ class Closing:
     point: mi.Vector3d
     velocity: mi.Vector3d
     virtual_velocity: mi.Vector3d
+    changes: tuple[mi.Complex2f, ...] = ()
 
 
 @dataclass
@@ -438,6 +452,10 @@ class Contribution:
     amplitudes : one complex float32 per channel, without the phase of the slant range
     active : lanes that have the echo
     point : float64, m, scene frame; phase centre on the surface of the hit
+    range_tangents : derivatives of the slant range by displacements, m per unit: float64, or complex where amplitudes
+        change too, see :mod:`sarmitsuba.trace.range_tangents`; None without any
+    material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
+    amplitude_tangents : derivatives of the channels by properties of materials, property by property; None without any
     """
 
     kind: mi.UInt32
@@ -448,6 +466,9 @@ class Contribution:
     amplitudes: tuple[mi.Complex2f, ...]
     active: mi.Bool
     point: mi.Vector3d
+    range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
+    material: mi.UInt32 | None = None
+    amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
 
     @property
     def placed(self) -> mi.Bool:

@@ -17,7 +17,7 @@ FLOORS = (
     ("view",),
     ("datasets",),
     ("cluster",),
-    ("labelling",),
+    ("labelling", "gradients"),
     ("simulation",),
     ("analysis", "link"),
     ("focusing",),

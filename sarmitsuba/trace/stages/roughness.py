@@ -39,9 +39,12 @@ class RoughnessLoss(Stage):
         self, kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube: TubeFootprint, closing: Closing
     ) -> Closing:
         """Coherent return of the tube at a hit."""
+        return replace(closing, factor=closing.factor * self.closing_loss(kernel, hit))
+
+    def closing_loss(self, kernel: Kernel, hit: Hit) -> mi.Float:
+        """Factor on the coherent return."""
         across = dr.dot(hit.direction - hit.to_antenna, hit.normal)
-        loss = dr.exp(-0.5 * dr.square(kernel.constants.wavenumber * across * hit.properties.rms_height))
-        return replace(closing, factor=closing.factor * loss)
+        return dr.exp(-0.5 * dr.square(kernel.constants.wavenumber * across * hit.properties.rms_height))
 
 
 STAGES.register(RoughnessLoss())

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.range_tangents import deformation_rates
 from sarmitsuba.trace.stage import STAGES, Stage
 from sarmitsuba.trace.tubes import polygon
+from sarmitsuba.trace.tubes.integral_rates import integral_with_rates
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.state import Closing, Hit, Kernel, Lane, RayState, TubeFootprint
@@ -29,6 +32,7 @@ class TubeIntegral(Stage):
         """Coherent return of the tube at a hit."""
         constants, s = kernel.constants, hit.to_antenna
         wave = hit.direction - s
+        rates = deformation_rates(kernel, ray, hit, tube)
         integral, *place = polygon.phase_integral(
             -constants.wavenumber * wave,
             tube.u,
@@ -36,7 +40,9 @@ class TubeIntegral(Stage):
             tube.bounds,
             mi.Float(constants.cell),
             constants.kept_up_to,
+            partial(integral_with_rates, rates) if rates else None,
         )
+        place, changes = place[:2], place[2:]
         rim = tube.u * place[0] + tube.v * place[1]
         # every point of the tube has its own launch direction, whatever mirrors lie in between
         change_out = place[0] * lane.tube_rate_a + place[1] * lane.tube_rate_b
@@ -52,6 +58,7 @@ class TubeIntegral(Stage):
             slant_range=closing.slant_range + mi.Float64(0.5 * dr.dot(wave, rim)),
             range_rate=closing.range_rate - mi.Float64(0.5 * (change_out + change_back)),
             point=closing.point + mi.Vector3d(rim),
+            changes=tuple(changes),
         )
 
     def at_vanishing(self, kernel: Kernel, hit: Hit, tube: TubeFootprint) -> mi.Bool:

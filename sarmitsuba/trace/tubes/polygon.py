@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
+from typing import TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.tubes.tube import NOWHERE, TubeExtent
 
+# phase integral, the two coordinates of its phase centre, and further results of its kind
+Results: TypeAlias = "tuple[mi.Complex2f | mi.Float, ...]"
 # rows of the lattice to each side that are searched for other rays on the facet
 ROWS = 4
 # largest extent of a part across its row, tubes, where no ray is nearer
@@ -346,22 +349,23 @@ def phase_integral(
     bounds: Bounds,
     longest: mi.Float,
     kept_up_to: mi.Float | None = None,
-) -> tuple[mi.Complex2f, mi.Float, mi.Float]:
+    of_part: Callable[..., Results] | None = None,
+) -> Results:
     """Phase integral (:func:`part_integral`) over the part of a facet that one ray represents, and its phase centre.
 
     Most rays on a large facet are far from its edges and have the four sides of their cell. Neighbouring rays are
-    launched together, so whole packets of lanes skip the computation that only edges need.
+    launched together, so whole packets of lanes skip the computation that only edges need. ``of_part``: function like
+    :func:`part_integral`, which it is by default, with further results.
     """
+    compute = of_part or part_integral
 
-    def inside() -> tuple[mi.Complex2f, mi.Float, mi.Float]:
-        return part_integral(q, u, v, bounds.cell(), longest, kept_up_to)
+    def inside() -> Results:
+        return compute(q, u, v, bounds.cell(), longest, kept_up_to)
 
-    def at_edge() -> tuple[mi.Complex2f, mi.Float, mi.Float]:
-        return part_integral(q, u, v, bounds.part(), longest, kept_up_to)
+    def at_edge() -> Results:
+        return compute(q, u, v, bounds.part(), longest, kept_up_to)
 
-    result: tuple[mi.Complex2f, mi.Float, mi.Float] = dr.if_stmt(
-        (), bounds.apart(), inside, at_edge, rv_labels=("integral", "u", "v"), label="edges", mode="symbolic"
-    )
+    result: Results = dr.if_stmt((), bounds.apart(), inside, at_edge, label="edges", mode="symbolic")
     return result
 
 
@@ -424,7 +428,7 @@ def part_integral(
     qu, qv = dr.select(told, qu, 0.0), dr.select(told, qv, 0.0)
 
     def kept(phase: mi.Float) -> mi.Float:
-        return dr.select(piece.exact, _kept(phase, kept_up_to), 1.0)
+        return dr.select(piece.exact, dr.detach(_kept(phase, kept_up_to)), 1.0)
 
     inner = kept(dr.sqrt(squared))
     normal = dr.cross(u, v)

@@ -1,0 +1,137 @@
+"""Derivatives of the raw data of a scene, and of its image, by parameters of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+from sarmitsuba.arrays import C64, F64
+from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.errors import SceneError
+from sarmitsuba.exclusive import exclusive
+from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.parameter import Parameter
+from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.scene.scene import Scene, SceneLike
+
+if TYPE_CHECKING:
+    from sarmitsuba.image.sar_image import SarImage
+
+Parameters: TypeAlias = "str | Sequence[str | Parameter]"
+
+
+@dataclass(frozen=True, eq=False)
+class Jacobian:
+    """Raw data of a scene and their derivatives.
+
+    Parameters
+    ----------
+    names : of the values, with their units in brackets
+    values : (n,) float64, those of the scene
+    derivative : (n, channels, pulses, samples) complex64, sqrt(W) per unit
+    raw : the raw data themselves, without receiver noise
+    """
+
+    names: tuple[str, ...]
+    values: F64
+    derivative: C64
+    raw: RawData
+
+    def __len__(self) -> int:
+        """Number of values."""
+        return len(self.names)
+
+    def number(self, which: int | str) -> int:
+        """Number of a value, from its name with or without its unit.
+
+        Raises
+        ------
+        SceneError : no value of that name
+        """
+        if isinstance(which, int):
+            return which
+        for i, name in enumerate(self.names):
+            if which in (name, name.rsplit(" [", 1)[0]):
+                return i
+        raise SceneError(f"no parameter {which!r}; there are {', '.join(self.names)}")
+
+    def raw_of(self, which: int | str) -> RawData:
+        """Derivative by one value in the form of raw data, which any focuser takes."""
+        return replace(self.raw, data=self.derivative[self.number(which)])
+
+    def image(
+        self, which: int | str, focusing: Callable[[RawData], SarImage | Sequence[SarImage]] | None = None
+    ) -> SarImage | Sequence[SarImage]:
+        """Derivative of the image by one value: focusing is linear in the raw data.
+
+        Parameters
+        ----------
+        which : number or name of the value
+        focusing : function of raw data, without autofocus; None: :func:`sarmitsuba.focus` with its defaults
+        """
+        if focusing is None:
+            from sarmitsuba.focusing import focus
+
+            return focus(self.raw_of(which))
+        return focusing(self.raw_of(which))
+
+
+def parameters_of(given: Parameters, scene: Scene) -> tuple[Parameter, ...]:
+    """Parameters as objects, from a text, or a sequence of texts and objects.
+
+    Raises
+    ------
+    SceneError : a text that names no parameter; see :func:`sarmitsuba.gradients.parsing.parse`
+    """
+    if isinstance(given, str):
+        return parse(given, scene)
+    found: list[Parameter] = []
+    for one in given:
+        found += [one] if isinstance(one, Parameter) else parse(one, scene)
+    if not found:
+        raise SceneError("parameters: none is given; name at least one, such as gain or levels")
+    return tuple(found)
+
+
+@exclusive
+def jacobian(
+    scene: SceneLike, parameters: Parameters, *, progress: Callable[[float], None] | None = None
+) -> Jacobian:
+    r"""Raw data of a scene and their derivatives by parameters.
+
+    An echo of amplitude a and slant range R contributes :math:`a \, e^{-j 4 \pi f R / c}` at the frequency f, and
+
+    .. math:: \left(\partial a - j \frac{4 \pi f}{c} \, a \, \partial R\right) e^{-j 4 \pi f R / c}
+
+    to the derivative. :math:`\partial R` follows from the velocities of the antenna, of its images in the mirrors of
+    the path and of the scatterer, in float64; diffuse scatterers move with their shape.
+
+    Parameters
+    ----------
+    scene : as loaded, a scene file, or the name of a shipped scene
+    parameters : text such as ``"levels,track:5"``, or texts and objects, see :func:`sarmitsuba.gradients.parsing.parse`
+    progress : called with the share that is done
+
+    Returns
+    -------
+    jacobian : derivatives, with the raw data that they belong to
+
+    Raises
+    ------
+    SceneError, RadarError
+        An unknown parameter, or a scene with echoes that cannot be differentiated.
+    ResourceError
+        The derivatives do not fit into memory.
+
+    Notes
+    -----
+    Ignores the motion of shadow boundaries and of the boundaries of lit areas: derivatives are those of the paths that
+    are found. Of displacements it ignores the change of amplitudes (incidence angle, spreading, beam), which is
+    :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that share one tracing, directions to
+    shapes are those of its key pulse.
+    """
+    scene = Scene.of(scene)
+    model = ForwardModel(scene, parameters_of(parameters, scene))
+    data, derivative = model.derivative(progress=progress)
+    return Jacobian(model.names, model.start, derivative, model.raw(data))

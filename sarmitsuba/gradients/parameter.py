@@ -1,0 +1,101 @@
+"""Interface of the parameters by which raw data can be differentiated."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sarmitsuba.arrays import C64, F64, I64
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.trace.tangents import Displacement
+
+AXES = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of the raw data that the kernel and the synthesis give, complex64 (channels, pulses, samples).
+
+    Parameters
+    ----------
+    data : the raw data
+    farther : by a slant range common to all echoes, per m
+    displaced : by each displacement of a parameter
+    levelled : by each level of a parameter, per dB
+    changed : by each property of a material, per unit
+    center_frequency : Hz
+    time : (n_pulses,) s
+    """
+
+    data: C64
+    farther: C64
+    displaced: Sequence[C64]
+    levelled: Sequence[C64]
+    changed: Sequence[C64]
+    center_frequency: float
+    time: F64
+
+
+@dataclass(frozen=True)
+class Step:
+    """Values of a property of a material, between which amplitudes are differentiated along every path.
+
+    Parameters
+    ----------
+    material : name
+    below, above : changes of the material, by field
+    size : difference of the property between both
+    """
+
+    material: str
+    below: Mapping[str, float | complex]
+    above: Mapping[str, float | complex]
+    size: float
+
+
+class Parameter(ABC):
+    """Parameter of a scene, or several of one kind.
+
+    Attributes
+    ----------
+    label : as in :func:`parse`
+    """
+
+    label: str
+
+    @abstractmethod
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """Name of each value, with its unit in brackets."""
+
+    @abstractmethod
+    def values(self, scene: Scene) -> F64:
+        """(n,) float64 values in a scene as it is."""
+
+    @abstractmethod
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """The scene with other values, (n,)."""
+
+    def moved(self, scene: Scene, values: F64) -> tuple[int, F64, F64] | None:
+        """Mesh that :meth:`changed` moves, with the matrix (3, 3) and the offset (3,), m, of its points; None: none."""
+        return None
+
+    def displacements(self, scene: Scene, face_mesh: I64) -> Sequence[Displacement]:
+        """Displacements whose derivatives are needed; ``face_mesh``: (n_faces,) mesh of each traced face."""
+        return ()
+
+    def levels(self, scene: Scene) -> Sequence[frozenset[int]]:
+        """Levels whose derivatives are needed, by numbers of the kernel's materials."""
+        return ()
+
+    def steps(self, scene: Scene) -> Sequence[Step]:
+        """Steps of properties of materials over which derivatives are needed."""
+        return ()
+
+    @abstractmethod
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
+        """Derivative by each value, (channels, pulses, samples) per unit; ``found`` holds what it asked for."""

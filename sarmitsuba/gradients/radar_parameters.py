@@ -1,0 +1,129 @@
+"""Parameters of the radar: gain, clock, positions of the antenna."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sarmitsuba.arrays import C64, F64, I64
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter
+from sarmitsuba.trace.tangents import PER_DB, Displacement
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sarmitsuba.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Gain(Parameter):
+    """Gain of the whole radar, dB of power, relative to the scene's."""
+
+    label: str = "gain"
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """See the base class."""
+        return ("gain [dB]",)
+
+    def values(self, scene: Scene) -> F64:
+        """See the base class."""
+        return np.zeros(1)
+
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """See the base class."""
+        radar = scene.radar
+        power = radar.transmit_power * 10.0 ** (0.1 * float(values[0]))
+        return replace(scene, radar=replace(radar, transmit_power=power))
+
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
+        """See the base class."""
+        return (found.data * np.float32(PER_DB),)
+
+
+@dataclass(frozen=True)
+class ClockOffset(Parameter):
+    """Delay of the echoes against the clock that starts the receive window, s; the carrier's phase does not change."""
+
+    label: str = "clock_offset"
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """See the base class."""
+        return ("clock_offset [s]",)
+
+    def values(self, scene: Scene) -> F64:
+        """See the base class."""
+        return np.zeros(1)
+
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """See the base class."""
+        window = scene.radar.window
+        start = window.start_range - 0.5 * SPEED_OF_LIGHT * float(values[0])
+        return replace(scene, radar=replace(scene.radar, window=replace(window, start_range=start)))
+
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
+        """See the base class."""
+        carrier = 4j * np.pi * found.center_frequency / SPEED_OF_LIGHT
+        envelope = found.farther + np.complex64(carrier) * found.data
+        return (np.asarray(envelope * np.float32(0.5 * SPEED_OF_LIGHT), dtype=np.complex64),)
+
+
+@dataclass(frozen=True)
+class AntennaTrack(Parameter):
+    """Displacement of the antenna's positions, m, linear between knots that divide the time of the track equally.
+
+    Parameters
+    ----------
+    knots : number of them; 1: the same displacement at all pulses
+    axes : of the scene frame, some of ``xyz``
+    """
+
+    knots: int = 1
+    axes: str = AXES
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """See the base class."""
+        return f"track:{self.knots}:{self.axes}"
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """See the base class."""
+        return tuple(f"track {axis} at knot {k} [m]" for axis in self.axes for k in range(self.knots))
+
+    def values(self, scene: Scene) -> F64:
+        """See the base class."""
+        return np.zeros(self.knots * len(self.axes))
+
+    def weights(self, time: F64) -> F64:
+        """(n_pulses, knots) weight of each knot at the pulse times, s."""
+        if self.knots == 1 or len(time) == 1:
+            weights = np.zeros((len(time), self.knots))
+            weights[:, 0] = 1.0
+            return weights
+        at = np.linspace(time[0], time[-1], self.knots)
+        return np.stack([np.interp(time, at, one) for one in np.eye(self.knots)], axis=1)
+
+    def offsets(self, time: F64, values: F64) -> F64:
+        """(n_pulses, 3) displacement at the pulse times, m."""
+        offsets = np.zeros((len(time), 3))
+        weights = self.weights(time)
+        for axis, knots in zip(self.axes, values.reshape(len(self.axes), self.knots), strict=True):
+            offsets[:, AXES.index(axis)] = weights @ knots
+        return offsets
+
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """See the base class."""
+        track = scene.radar.track
+        track = replace(track, position=track.position + self.offsets(track.time, values))
+        return replace(scene, radar=replace(scene.radar, track=track))
+
+    def displacements(self, scene: Scene, face_mesh: I64) -> Sequence[Displacement]:
+        """See the base class."""
+        return [Displacement(np.eye(3)[AXES.index(axis)]) for axis in self.axes]
+
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
+        """See the base class."""
+        weights = self.weights(found.time).astype(np.float32)
+        return [plane * one[:, None] for plane in found.displaced for one in weights.T]

@@ -1,0 +1,173 @@
+"""Parameters of shapes: place, height, scale and rotation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sarmitsuba.arrays import C64, F64, I64
+from sarmitsuba.errors import SceneError
+from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter
+from sarmitsuba.trace.tangents import Displacement
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sarmitsuba.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Shift(Parameter):
+    """Translation of a shape, m, with its diffuse scatterers.
+
+    Parameters
+    ----------
+    shape : name of the mesh
+    axis : of the scene frame: ``x``, ``y`` or ``z``
+    """
+
+    shape: str
+    axis: str
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """See the base class."""
+        return f"shift:{self.shape}:{self.axis}"
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """See the base class."""
+        return (f"{self.label} [m]",)
+
+    def values(self, scene: Scene) -> F64:
+        """See the base class."""
+        mesh_of(scene, self.shape, self.label)
+        return np.zeros(1)
+
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """See the base class."""
+        return with_moved(scene, *self.moved(scene, values))
+
+    def moved(self, scene: Scene, values: F64) -> tuple[int, F64, F64]:
+        """See the base class."""
+        step = np.zeros(3)
+        step[AXES.index(self.axis)] = float(values[0])
+        return mesh_of(scene, self.shape, self.label), np.eye(3), step
+
+    def displacements(self, scene: Scene, face_mesh: I64) -> Sequence[Displacement]:
+        """See the base class."""
+        faces = face_mesh == mesh_of(scene, self.shape, self.label)
+        return [Displacement(np.zeros(3), faces, np.eye(3)[AXES.index(self.axis)])]
+
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
+        """See the base class."""
+        return found.displaced
+
+
+@dataclass(frozen=True)
+class Deformation(Parameter):
+    """Height, scale or rotation of a shape, whose base stays where it is.
+
+    Parameters
+    ----------
+    kind : ``height`` (m, the shape is stretched upwards), ``scale`` (1, about the middle of its base) or ``rotation``
+        (rad, about the vertical through the middle of its base, anticlockwise from above)
+    shape : name of the mesh
+    """
+
+    kind: str
+    shape: str
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """See the base class."""
+        return f"{self.kind}:{self.shape}"
+
+    def _placed(self, scene: Scene) -> tuple[int, F64, float]:
+        """Mesh, middle of its base (3,) and its height, m."""
+        mesh, geometry = mesh_of(scene, self.shape, self.label), scene.geometry
+        first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
+        corners = geometry.vertices[geometry.faces[first:stop]].reshape(-1, 3)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        height = float(high[2] - low[2])
+        if self.kind == "height" and not height > 0.0:
+            raise SceneError(f"parameter {self.label}: the shape is flat; shift it instead")
+        return mesh, np.array([*(0.5 * (low + high))[:2], low[2]]), height
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """See the base class."""
+        return (f"{self.label} [{DEFORMATIONS[self.kind]}]",)
+
+    def values(self, scene: Scene) -> F64:
+        """See the base class."""
+        _, _, height = self._placed(scene)
+        return np.array([{"height": height, "scale": 1.0, "rotation": 0.0}[self.kind]])
+
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """See the base class."""
+        return with_moved(scene, *self.moved(scene, values))
+
+    def moved(self, scene: Scene, values: F64) -> tuple[int, F64, F64]:
+        """See the base class."""
+        mesh, base, height = self._placed(scene)
+        value = float(values[0])
+        if self.kind == "rotation":
+            c, s = np.cos(value), np.sin(value)
+            gradient = np.array([[c - 1.0, -s, 0.0], [s, c - 1.0, 0.0], [0.0, 0.0, 0.0]])
+        elif not value > 0.0:
+            raise SceneError(f"parameter {self.label} = {value:g} must be above 0")
+        else:
+            gradient = self._gradient(height) * (value - (height if self.kind == "height" else 1.0))
+        return mesh, np.eye(3) + gradient, -gradient @ base
+
+    def _gradient(self, height: float) -> F64:
+        """Velocity gradient, 1 per unit."""
+        if self.kind == "height":
+            return np.diag([0.0, 0.0, 1.0 / height])
+        if self.kind == "scale":
+            return np.eye(3)
+        return np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+    def displacements(self, scene: Scene, face_mesh: I64) -> Sequence[Displacement]:
+        """See the base class."""
+        mesh, base, height = self._placed(scene)
+        gradient = self._gradient(height)
+        return [Displacement(np.zeros(3), face_mesh == mesh, -gradient @ base, gradient)]
+
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
+        """See the base class."""
+        return found.displaced
+
+
+# kinds of deformation and their units
+DEFORMATIONS = {"height": "m", "scale": "1", "rotation": "rad"}
+
+
+def mesh_of(scene: Scene, name: str, label: str) -> int:
+    """Number of the mesh of a name.
+
+    Raises
+    ------
+    SceneError : there is none, or several
+    """
+    names = scene.geometry.mesh_names
+    found = [i for i, n in enumerate(names) if n == name]
+    if len(found) != 1:
+        problem = f'{len(found)} shapes are named "{name}"' if found else f'no shape "{name}"'
+        raise SceneError(f"parameter {label}: {problem}; there are {', '.join(sorted(set(names)))}")
+    return found[0]
+
+
+def with_moved(scene: Scene, mesh: int, matrix: F64, offset: F64) -> Scene:
+    """The scene with the vertices p of one mesh at ``matrix p + offset``."""
+    geometry = scene.geometry
+    faces = geometry.faces.copy()
+    first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
+    own, inverse = np.unique(faces[first:stop], return_inverse=True)
+    corners = geometry.vertices[own]
+    moved = corners @ matrix.T + offset
+    # vertices shared with other meshes stay theirs
+    faces[first:stop] = len(geometry.vertices) + inverse.reshape(-1, 3)
+    vertices = np.concatenate([geometry.vertices, moved])
+    return replace(scene, geometry=replace(geometry, vertices=vertices, faces=faces))

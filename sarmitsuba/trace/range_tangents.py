@@ -1,0 +1,193 @@
+r"""Derivatives of slant ranges along a path: at mirrors, of the coherent return of a tube, of diffuse scatterers.
+
+A shape that is stretched or turned changes amplitudes too: the area of its facets, and the phase over tubes. With the
+relative change :math:`\partial a / a` the complex range :math:`\partial R + j \, \partial a / 2 k a` holds both, as
+:math:`-2 j k` times it is the relative derivative of the echo.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.tangents import RayTangents
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.state import Closing, Hit, Kernel, Lane, RayState, TubeFootprint
+    from sarmitsuba.trace.tangents import Carried
+    from sarmitsuba.trace.tubes.integral_rates import Rate
+
+    RangeRates = tuple[mi.Float64 | mi.Complex2f, ...]
+
+
+def _normal_rate(carried: Carried, k: int, hit: Hit, n: mi.Vector3d) -> mi.Vector3d | None:
+    r"""Derivative of a facet's unit normal, :math:`-A^T n + n (n \cdot A n)`; None where it is zero."""
+    rows = carried.gradient[k]
+    if rows is None:
+        return None
+    pulled = rows[0] * n.x + rows[1] * n.y + rows[2] * n.z
+    rate = n * dr.dot(n, pulled) - pulled
+    return dr.select(carried.moves(k, hit.face, hit.active), rate, mi.Vector3d(0.0))
+
+
+def _stretched(
+    carried: Carried, k: int, ray: RayState, hit: Hit, tube_here: TubeFootprint
+) -> tuple[mi.Vector3f, mi.Vector3f] | None:
+    """Change of a tube's two edges on a facet with the lit area, m per unit; None for a translation.
+
+    The edges change with the facet, or with a smaller lit piece before it, whose tubes are projected onto the facet.
+    """
+    assert ray.tangents is not None
+    boundary, before = ray.tangents.boundary[k], ray.tangents.stretch[k]
+    if boundary is None or before is None:
+        return None
+    own = hit.largest_cell <= boundary.size
+    moves = carried.moves(k, hit.face, hit.active)
+    found = []
+    for edge, change in zip((tube_here.u, tube_here.v), before, strict=True):
+        turned = mi.Vector3f(carried.turned(k, mi.Vector3d(edge)))
+        projected = change + hit.direction * (dr.dot(change, hit.normal) / hit.cos_incidence)
+        found.append(dr.select(own, dr.select(moves, turned, mi.Vector3f(0.0)), projected))
+    return found[0], found[1]
+
+
+def mirrored_tangents(
+    carried: Carried, ray: RayState, hit: Hit, tube_here: TubeFootprint, n: mi.Vector3d
+) -> RayTangents:
+    r"""State of the ray reflected at a hit.
+
+    The image :math:`A' = A - 2 n \, (A - p) \cdot n` of the antenna in a facet that moves and turns has the
+    velocity :math:`\dot A - 2 n \, (\dot A - \dot p) \cdot n - 2 \dot n \, (A - p) \cdot n
+    - 2 n \, (A - p) \cdot \dot n`.
+    """
+    assert ray.tangents is not None
+    from_hit = ray.virtual_antenna - hit.p
+    virtual, boundaries, stretches = [], [], []
+    n32 = mi.Vector3f(n)
+    for k, (velocity, boundary) in enumerate(zip(ray.tangents.virtual, ray.tangents.boundary, strict=True)):
+        movement = carried.movement(k, hit.face, hit.p, hit.active)
+        towards = velocity if movement is None else velocity - movement.velocity
+        image = velocity - n * (2.0 * dr.dot(towards, n))
+        turn = _normal_rate(carried, k, hit, n)
+        if turn is not None:
+            image -= 2.0 * (turn * dr.dot(from_hit, n) + n * dr.dot(from_hit, turn))
+        virtual.append(image)
+        stretch = _stretched(carried, k, ray, hit, tube_here)
+        if stretch is not None:
+            u, v = (x - n32 * (2.0 * dr.dot(x, n32)) for x in stretch)
+            stretch = (u, v)
+        stretches.append(stretch)
+        if boundary is not None and movement is not None:
+            boundary = boundary.at(movement, hit.largest_cell).mirrored(movement, n)
+        boundaries.append(boundary)
+    return RayTangents(tuple(virtual), tuple(boundaries), tuple(stretches))
+
+
+def _patch(
+    carried: Carried, k: int, ray: RayState, hit: Hit, point: mi.Vector3d
+) -> tuple[mi.Vector3d, mi.Vector3d]:
+    """Velocities of the antenna and of its image relative to the lit patch at a point of the facet, m per unit."""
+    assert ray.tangents is not None
+    antenna, virtual, boundary = carried.antenna[k], ray.tangents.virtual[k], ray.tangents.boundary[k]
+    movement = carried.movement(k, hit.face, point, hit.active)
+    if movement is not None and boundary is not None:
+        # tubes tile the lit area: their common sides move with its boundary
+        patch = boundary.at(movement, hit.largest_cell).on(movement, hit.direction64, hit.normal64)
+        antenna, virtual = antenna - patch, virtual - patch
+    return antenna, virtual
+
+
+def of_tube(
+    kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint, closing: Closing
+) -> RangeRates:
+    """Derivatives of the slant range of a tube's coherent return by every displacement, m per unit."""
+    carried, changes = kernel.tangents, list(closing.changes)
+    assert carried is not None
+    rim = closing.point - hit.p  # phase centre of the return from the hit, in the facet's plane
+    d, s = hit.direction64, hit.to_antenna64
+    across_out, across_back = rim - d * dr.dot(rim, d), rim - s * dr.dot(rim, s)
+    found: list[mi.Float64 | mi.Complex2f] = []
+    for k, gradient in enumerate(carried.gradient):
+        antenna, virtual = _patch(carried, k, ray, hit, closing.point)
+        rate = dr.dot(s, antenna) - dr.dot(d, virtual)
+        rate -= dr.dot(across_out, virtual) / hit.length + dr.dot(across_back, antenna) / hit.length_back
+        if gradient is None:
+            found.append(0.5 * rate)
+            continue
+        stretch = _stretched(carried, k, ray, hit, tube_here)
+        assert stretch is not None
+        growth = mi.Complex2f(_area_rate(tube_here, stretch))
+        if closing.integral is not None and changes:
+            whole, change = closing.integral, changes.pop(0)
+            there = dr.squared_norm(whole) > 1e-24
+            growth += dr.select(there, change / dr.select(there, whole, 1.0), 0.0)
+        found.append(_with_amplitude(kernel, 0.5 * rate, growth))
+    return tuple(found)
+
+
+def _with_amplitude(kernel: Kernel, rate: mi.Float64, growth: mi.Complex2f) -> mi.Complex2f:
+    """Complex derivative of a slant range, from its own and the relative one of the amplitude."""
+    per = growth * (0.5 / kernel.constants.wavenumber)
+    return mi.Complex2f(mi.Float(rate) - per.imag, per.real)
+
+
+def _area_rate(tube_here: TubeFootprint, stretch: tuple[mi.Vector3f, mi.Vector3f]) -> mi.Float:
+    """Relative change of the area of a tube's footprint."""
+    normal = dr.cross(tube_here.u, tube_here.v)
+    change = dr.cross(stretch[0], tube_here.v) + dr.cross(tube_here.u, stretch[1])
+    return dr.dot(change, normal) * dr.rcp(dr.maximum(dr.squared_norm(normal), 1e-30))
+
+
+def _surface_rate(carried: Carried, k: int, hit: Hit) -> mi.Float:
+    r"""Relative change of the area of a facet, :math:`\mathrm{tr} A - n \cdot A n`."""
+    rows = carried.gradient[k]
+    assert rows is not None
+    n = hit.normal64
+    rate = rows[0].x + rows[1].y + rows[2].z - dr.dot(n, carried.turned(k, n))
+    return dr.select(carried.moves(k, hit.face, hit.active), mi.Float(rate), 0.0)
+
+
+def deformation_rates(kernel: Kernel, ray: RayState, hit: Hit, tube: TubeFootprint) -> list[Rate]:
+    """Derivatives of q, u and v of a tube's phase integral by every displacement that stretches or turns a shape."""
+    carried = kernel.tangents
+    if carried is None or not any(rows is not None for rows in carried.gradient):
+        return []
+    found = []
+    d, s = hit.direction64, hit.to_antenna64
+    for k, rows in enumerate(carried.gradient):
+        if rows is None:
+            continue
+        antenna, virtual = _patch(carried, k, ray, hit, hit.p)
+        out = -(virtual - d * dr.dot(virtual, d)) / hit.length
+        back = (antenna - s * dr.dot(antenna, s)) / hit.length_back
+        q = mi.Vector3f(back - out) * kernel.constants.wavenumber
+        stretch = _stretched(carried, k, ray, hit, tube)
+        assert stretch is not None
+        u, v = stretch
+        found.append((q, u, v))
+    return found
+
+
+def of_scatterer(
+    kernel: Kernel, ray: RayState, hit: Hit, lane: Lane, centre: mi.Vector3d
+) -> tuple[RangeRates, RangeRates]:
+    """Derivatives of a diffuse scatterer's slant range: straight to the antenna, and back through the mirrors."""
+    carried = kernel.tangents
+    assert carried is not None and ray.tangents is not None
+    out, back = dr.normalize(centre - ray.virtual_antenna), dr.normalize(lane.antenna - centre)
+    straight: list[mi.Float64 | mi.Complex2f] = []
+    reciprocal: list[mi.Float64 | mi.Complex2f] = []
+    for k, virtual in enumerate(ray.tangents.virtual):
+        antenna = carried.antenna[k]
+        movement = carried.movement(k, hit.face, centre, hit.active)
+        if movement is not None:
+            antenna, virtual = antenna - movement.velocity, virtual - movement.velocity
+        leg = -dr.dot(out, virtual)
+        rates: list[mi.Float64 | mi.Complex2f] = [0.5 * (leg + dr.dot(back, antenna)), leg]
+        if carried.gradient[k] is not None:
+            # the power of a cell grows with its area
+            growth = mi.Complex2f(0.5 * _surface_rate(carried, k, hit))
+            rates = [_with_amplitude(kernel, rate, growth) for rate in rates]
+        straight.append(rates[0])
+        reciprocal.append(rates[1])
+    return tuple(straight), tuple(reciprocal)

@@ -1,0 +1,47 @@
+"""Accumulator that records the derivatives of every echo behind its channels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.tangents import NO_MATERIAL, PER_DB
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.kernel import Accumulator, LaneArrays
+    from sarmitsuba.trace.state import Contribution
+    from sarmitsuba.trace.tangents import Carried
+
+
+class WithTangents:
+    """Accumulator with tangents; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+
+    def __init__(self, carried: Carried, accumulator: Accumulator) -> None:
+        self.carried, self.accumulator = carried, accumulator
+
+    def begin(self) -> LaneArrays:
+        """See the protocol."""
+        return self.accumulator.begin()
+
+    def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
+        """See the protocol."""
+        return self.accumulator.add(
+            state, replace(contribution, amplitudes=with_derivatives(self.carried, contribution))
+        )
+
+
+def with_derivatives(carried: Carried, echo: Contribution) -> tuple[mi.Complex2f, ...]:
+    """Channels of an echo and their derivatives."""
+    assert echo.range_tangents is not None and echo.material is not None
+    out = list(echo.amplitudes)
+    for rate in echo.range_tangents:
+        factor = rate if isinstance(rate, mi.Complex2f) else mi.Float(rate)
+        out += [a * factor for a in echo.amplitudes]
+    if carried.plan.levels:
+        known = echo.material != NO_MATERIAL
+        bits = dr.gather(mi.UInt32, carried.plan.levelled, echo.material, echo.active & known)
+        for k in range(len(carried.plan.levels)):
+            per_db = dr.select(known & (((bits >> k) & 1) == 1), mi.Float(PER_DB), 0.0)
+            out += [a * per_db for a in echo.amplitudes]
+    return (*out, *(echo.amplitude_tangents or ()))

@@ -1,0 +1,202 @@
+r"""Derivatives of echoes by parameters, carried along their paths and recorded beside the echoes.
+
+An echo of amplitude a and slant range R is :math:`a \, e^{-j 4 \pi f R / c}` at the frequency f. Its derivative by a
+parameter needs :math:`a \, \partial R`, :math:`\partial a`, or both. The kernel records each of these as further
+channels of the echo's own cells, so that one traced path serves all parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.arrays import F64
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.device_arrays import device_array
+from sarmitsuba.trace.movement import (
+    Movement,
+    ShadowBoundary,
+)  # at run time: Dr.Jit reads the types of loop states
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sarmitsuba.trace.scene_tables import TraceScene
+
+# parameters of one kind that one launch carries at most: bits of a table entry
+MOST = 32
+# amplitude per decibel of power
+PER_DB = float(np.log(10.0) / 20.0)
+# material number of returns without a diffuse level
+NO_MATERIAL = 0xFFFFFFFF
+
+
+@dataclass(frozen=True, eq=False)
+class Displacement:
+    r"""Velocity, per unit of a parameter, of the antenna and of the points :math:`\mathbf p` of some faces.
+
+    .. math:: \dot{\mathbf p} = \mathbf b + A \mathbf p
+
+    Parameters
+    ----------
+    antenna : (3,) float64, m per unit
+    faces : (n_faces,) bool, faces of the traced scene that move; None: none
+    offset : (3,) float64, b, m per unit
+    gradient : (3, 3) float64, A, 1 per unit; None: the faces are translated
+    """
+
+    antenna: F64
+    faces: NDArray[np.bool_] | None = None
+    offset: F64 | None = None
+    gradient: F64 | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class StepTables:
+    """Property of a material: the scene's geometry with the tables of its materials at both ends of a step.
+
+    Parameters
+    ----------
+    below, above : scenes that share everything but these tables
+    per_unit : one over the difference of the property between them
+    """
+
+    below: TraceScene
+    above: TraceScene
+    per_unit: float
+
+
+@dataclass
+class RayTangents:
+    """Part of a ray's state: velocities of its virtual antenna and of the lit area, for each displacement.
+
+    Parameters
+    ----------
+    virtual : float64, m per unit, of the antenna mirrored through the chain so far
+    boundary : of the lit area; None for displacements of the antenna alone
+    stretch : m per unit, change of the tube's two edges with the lit area, of the last facet; None for translations
+    """
+
+    virtual: tuple[mi.Vector3d, ...]
+    boundary: tuple[ShadowBoundary | None, ...]
+    stretch: tuple[tuple[mi.Vector3f, mi.Vector3f] | None, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Tangents:
+    """What the kernel records beside every echo: first displacements, then levels, then properties of materials.
+
+    Parameters
+    ----------
+    displacements : each gives the channels times the derivative of the slant range
+    levels : numbers of the materials whose diffuse return has a common level in dB; each gives the derivative of the
+        channels
+    moved : (n_faces,) bit k: the face is moved by displacement k
+    levelled : (n_materials,) bit k: level k applies to the material
+    properties : of materials; each gives the derivative of the channels
+    """
+
+    displacements: tuple[Displacement, ...]
+    levels: tuple[frozenset[int], ...]
+    moved: mi.UInt32
+    levelled: mi.UInt32
+    properties: tuple[StepTables, ...] = ()
+
+    @staticmethod
+    def of(
+        displacements: Sequence[Displacement],
+        levels: Sequence[frozenset[int]],
+        n_faces: int,
+        n_materials: int,
+        properties: Sequence[StepTables] = (),
+    ) -> Tangents:
+        """Tables of these parameters on the device."""
+        assert len(displacements) <= MOST and len(levels) <= MOST
+        moved = np.zeros(max(n_faces, 1), dtype=np.uint32)
+        for k, displacement in enumerate(displacements):
+            if displacement.faces is not None:
+                moved[displacement.faces] |= np.uint32(1 << k)
+        levelled = np.zeros(max(n_materials, 1), dtype=np.uint32)
+        for k, numbers in enumerate(levels):
+            levelled[sorted(numbers)] |= np.uint32(1 << k)
+        return Tangents(
+            tuple(displacements),
+            tuple(levels),
+            device_array(mi.UInt32, moved),
+            device_array(mi.UInt32, levelled),
+            tuple(properties),
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of derivatives of each channel."""
+        return len(self.displacements) + len(self.levels) + len(self.properties)
+
+    def carried(self) -> Carried:
+        """Numbers for one kernel, as opaque scalars: other values do not compile another kernel."""
+        return Carried(
+            self,
+            tuple(_vector(d.antenna) for d in self.displacements),
+            tuple(None if d.offset is None else _vector(d.offset) for d in self.displacements),
+            tuple(
+                None if d.gradient is None else tuple(_vector(row) for row in d.gradient)
+                for d in self.displacements
+            ),
+        )
+
+
+def _vector(values: F64) -> mi.Vector3d:
+    return mi.Vector3d(*(dr.opaque(mi.Float64, float(x)) for x in values))
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """Tangents within a kernel.
+
+    Parameters
+    ----------
+    plan : tables
+    antenna, offset, gradient : of each displacement, see :class:`Displacement`; None where nothing of it moves
+    """
+
+    plan: Tangents
+    antenna: tuple[mi.Vector3d, ...]
+    offset: tuple[mi.Vector3d | None, ...]
+    gradient: tuple[tuple[mi.Vector3d, ...] | None, ...]
+
+    def launched(self) -> RayTangents:
+        """State of a ray at launch."""
+        return RayTangents(
+            tuple(mi.Vector3d(a) for a in self.antenna),
+            tuple(None if b is None else ShadowBoundary.open() for b in self.offset),
+            tuple(
+                None if g is None else (dr.zeros(mi.Vector3f), dr.zeros(mi.Vector3f)) for g in self.gradient
+            ),
+        )
+
+    def movement(self, k: int, face: mi.UInt32, point: mi.Vector3d, active: mi.Bool) -> Movement | None:
+        """Movement of a point of a face by displacement k, m per unit; None where no face moves."""
+        offset = self.offset[k]
+        if offset is None:
+            return None
+        velocity = offset + self.turned(k, point)
+        still = mi.Vector3d(0.0)
+        return Movement(still, dr.select(self.moves(k, face, active), velocity, still))
+
+    def no_rates(self) -> tuple[mi.Float64 | mi.Complex2f, ...]:
+        """Derivatives of a slant range that nothing changes."""
+        return tuple(mi.Float64(0.0) if g is None else mi.Complex2f(0.0) for g in self.gradient)
+
+    def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
+        """Whether displacement k moves a face."""
+        return ((dr.gather(mi.UInt32, self.plan.moved, face, active) >> k) & 1) == 1
+
+    def turned(self, k: int, vector: mi.Vector3d) -> mi.Vector3d:
+        """A times a vector."""
+        rows = self.gradient[k]
+        if rows is None:
+            return mi.Vector3d(0.0)
+        return mi.Vector3d(*(dr.dot(row, vector) for row in rows))

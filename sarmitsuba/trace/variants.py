@@ -1,0 +1,102 @@
+r"""Derivatives of amplitudes by properties of materials, as differences along the same paths.
+
+The fields of a ray are carried three times: with the scene's materials, and for each property with its material at both
+ends of a small step. What they return differs by the coefficients of Fresnel, of the roughness and of the diffuse law
+alone, so that
+
+.. math:: \partial a \approx \frac{a(p + h) - a(p - h)}{2 h}
+
+is formed echo by echo, before anything is added; with h a hundredth of p its error is of order 1e-4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.propagation import mirror, reflect
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
+from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sarmitsuba.trace.field import ComplexVector
+    from sarmitsuba.trace.scene_tables import TraceScene
+    from sarmitsuba.trace.state import Hit, Kernel, RayState, TubeFootprint
+    from sarmitsuba.trace.tangents import Tangents
+
+
+def with_tangents(kernel: Kernel, tangents: Tangents | None) -> Kernel:
+    """Kernel that carries derivatives; itself without any."""
+    if tangents is None:
+        return kernel
+    return replace(
+        kernel,
+        tangents=tangents.carried(),
+        variants=tuple(
+            _with_materials(kernel, scene) for p in tangents.properties for scene in (p.below, p.above)
+        ),
+        per_unit=tuple(dr.opaque(mi.Float, p.per_unit) for p in tangents.properties),
+    )
+
+
+def _with_materials(kernel: Kernel, scene: TraceScene) -> Kernel:
+    own = kernel.scene
+    slabs = own.slabs
+    if slabs is not None and scene.slabs is not None:
+        slabs = replace(slabs, table=scene.slabs.table)
+        slabs.prepare()
+    tables = replace(
+        own,
+        material_table=scene.material_table,
+        diffuse_table=scene.diffuse_table,
+        spectrum_table=scene.spectrum_table,
+        correction_table=scene.correction_table,
+        slabs=slabs,
+    )
+    return replace(kernel, scene=tables)
+
+
+def variant_rays(ray: RayState) -> list[RayState]:
+    """The ray with the fields of every variant."""
+    return [replace(ray, fields=fields, variants=(), tangents=None) for fields in ray.variants]
+
+
+def variant_hits(kernel: Kernel, hit: Hit) -> list[Hit]:
+    """The hit with the material's properties of every variant."""
+    number = hit.material & MATERIAL_MASK
+    found = []
+    for variant in kernel.variants:
+        scene = variant.scene
+        row = MaterialRow.of(scene.material_table, number, hit.met)
+        slab = None if scene.slabs is None else SlabRow.of(scene.slabs.table, number, hit.met)
+        found.append(replace(hit, properties=row, slab=slab))
+    return found
+
+
+def reflected_variants(
+    kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint
+) -> tuple[tuple[ComplexVector, ...], ...]:
+    """Fields of the reflected ray of every variant."""
+    fields = []
+    for variant, one, there in zip(
+        kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True
+    ):
+        reflection = mirror(variant, one, there, there.normal)
+        fields.append(reflect(variant, one, there, tube_here, reflection).fields)
+    return tuple(fields)
+
+
+def differences(
+    kernel: Kernel, amplitudes: Sequence[Sequence[mi.Complex2f]]
+) -> tuple[mi.Complex2f, ...] | None:
+    """Derivatives of the channels by every property, from the channels of every variant; None without any."""
+    if not kernel.variants:
+        return None
+    out: list[mi.Complex2f] = []
+    for k, per_unit in enumerate(kernel.per_unit):
+        below, above = amplitudes[2 * k : 2 * k + 2]
+        out += [(b - a) * per_unit for a, b in zip(below, above, strict=True)]
+    return tuple(out)

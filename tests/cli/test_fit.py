@@ -1,0 +1,66 @@
+"""The command `fit`, on a small field of rough soil."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sarmitsuba import cli
+from sarmitsuba.io import read_raw, write_raw
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.simulation.raw import simulate
+
+FIELD = """<scene version="3.0.0">
+    <default name="level" value="-10"/>
+    <integrator type="sar_path"><string name="diffuse_pairs" value="off"/></integrator>
+    <sensor type="sar_antenna">
+        <float name="slant_range" value="3000"/><float name="look_angle_deg" value="40"/>
+        <float name="center_frequency" value="9.65e9"/><float name="bandwidth" value="150e6"/>
+        <integer name="n_pulses" value="8"/><float name="noise_temperature" value="0"/>
+        <film type="range_film">
+            <float name="image_extent_azimuth" value="12"/><float name="image_extent_range" value="12"/>
+        </film>
+    </sensor>
+    <shape type="rectangle"><transform name="to_world"><scale value="9"/></transform>
+        <bsdf type="radar_material" id="soil">
+            <string name="diffuse_law" value="lambert"/><float name="diffuse_level_db" value="$level"/>
+            <float name="permittivity_real" value="5"/><float name="rms_height" value="0.02"/>
+        </bsdf>
+    </shape>
+</scene>
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "field.xml"
+    path.write_text(FIELD, encoding="utf-8")
+    write_raw(simulate(load_scene(path, parameters={"level": "-7.5"})), tmp_path / "raw.h5")
+    return path
+
+
+def test_a_level_is_fitted_and_written(scene: Path, capsys: Any) -> None:
+    data, out = str(scene.parent / "raw.h5"), scene.parent / "out"
+    command = ["fit", str(scene), "--data", data, "--parameters", "levels", "-o", str(out)]
+    assert cli.main([*command, "--prior", "level:soil=-10:5"]) == 0
+    said = capsys.readouterr().out
+    assert "level:soil [dB]" in said and "converged after" in said
+    record = json.loads((out / "fit.json").read_text(encoding="utf-8"))
+    # tol: data of the scene's own model, float32; the prior weighs as noise of -60 dB
+    assert record["values"] == pytest.approx([-7.5], abs=1e-3)
+    assert record["start"] == [-10.0] and record["converged"] is True
+    left, measured = read_raw(out / "residual.h5").data, read_raw(data).data
+    assert np.linalg.norm(left) < 1e-3 * np.linalg.norm(measured)
+
+
+def test_wrong_options_are_one_line(scene: Path, capsys: Any) -> None:
+    command = ["fit", str(scene), "--data", str(scene.parent / "raw.h5"), "--parameters"]
+    for options, reason in (
+        (["roughness"], "'roughness' is not one of gain"),
+        (["levels", "--prior", "level:soil=3"], "is not of the form NAME=MEAN:SIGMA"),
+        (["levels", "--iterations", "0"], "must be at least 1"),
+    ):
+        assert cli.main([*command, *options]) == 2
+        assert reason in capsys.readouterr().err

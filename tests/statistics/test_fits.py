@@ -1,0 +1,74 @@
+"""Fits to raw data: values within the bound in noise, tracks, priors, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sarmitsuba import Prior, fit
+from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.parsing import parse
+from tests.support.fits import fields, fitted_levels, fitted_track, range_error
+
+OFFSETS = np.array([1.5, -2.0, 0.7])
+
+
+def test_levels_are_found_within_their_sigma() -> None:
+    truth, (found,) = fitted_levels(fields(1, 2, 8), OFFSETS, 20.0, range(1))
+    assert found.converged and found.costs[-1] < 0.5 * found.costs[0]
+    # four standard deviations: one draw in 5000 of three values
+    assert (np.abs(found.values - truth) < 4.0 * found.sigma).all()
+    # the residual is the noise: its power has a standard error of 2 %
+    assert found.sigma == pytest.approx(found.bound, rel=0.1)
+    assert found.scene.materials[0].diffuse_level_db == pytest.approx(found.values[0])
+    assert "level:field0 [dB]" in found.table() and found.as_dict()["converged"] is True
+
+
+@pytest.mark.slow
+def test_levels_spread_as_the_bound_says() -> None:
+    for seed in (1, 2, 3):
+        truth, fits = fitted_levels(fields(seed, 2, 16), OFFSETS, 20.0, range(10))
+        spread = np.sqrt(np.mean([(f.values - truth) ** 2 for f in fits], axis=0))
+        # tol: a spread of ten draws is off by half itself in one of 200
+        assert (spread < 1.5 * fits[0].bound).all() and (spread > 0.5 * fits[0].bound).all()
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(s, marks=pytest.mark.slow) for s in range(2, 7))])
+def test_a_track_off_by_two_wavelengths_is_found_to_a_fiftieth(seed: int) -> None:
+    scene, knots = fields(seed, 1, 16), 2
+    truth, found = fitted_track(scene, knots, 2.0, seed, 30.0)
+    assert (
+        range_error(scene, knots, truth) > 0.25
+    )  # in wavelengths: the phase is off by half a cycle at least
+    assert range_error(scene, knots, found.values - truth) < 0.02
+
+
+def test_priors_separate_what_the_data_do_not() -> None:
+    scene = fields(3, 1, 8)
+    model = ForwardModel(scene, parse("levels", scene))
+    data = model.raw(model.data(model.start + 1.0))
+    with pytest.raises(SceneError, match=r"determine only sums of gain \[dB\], level:field0 \[dB\]"):
+        fit(scene, data, "gain,levels")
+    found = fit(scene, data, "gain,levels", priors={"gain": Prior(0.4, 0.01)})
+    assert found.values[0] == pytest.approx(0.4, abs=1e-3)
+    # tol: the share of the prior that the data could bend, and float32
+    assert found.values[1:] == pytest.approx(model.start + 0.6, abs=1e-2)
+    with pytest.raises(SceneError, match="no such parameter"):
+        fit(scene, data, "levels", priors={"gain": Prior(0.0, 1.0)})
+    with pytest.raises(SceneError, match="sigma = 0"):
+        fit(scene, data, "levels", priors={"level:wall": Prior(0.0, 0.0)})
+
+
+def test_data_of_another_radar_are_refused() -> None:
+    scene = fields(3, 1, 8)
+    model = ForwardModel(scene, parse("gain", scene))
+    data = model.raw(model.data())
+    shorter = replace(data, data=data.data[:, :, 1:])
+    with pytest.raises(DataError, match="give the scene the radar of the data"):
+        fit(scene, shorter, "gain")
+    with pytest.raises(DataError, match="takes range-compressed ones"):
+        fit(scene, replace(data, domain="chirped"), "gain")
+    late = replace(data.radar.window, start_range=data.radar.window.start_range + 1.0)
+    with pytest.raises(DataError, match=r"start up to 1 m apart"):
+        fit(scene, replace(data, radar=replace(data.radar, window=late)), "gain")

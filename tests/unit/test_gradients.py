@@ -1,0 +1,173 @@
+"""Derivatives of raw data: their relation to the raw data, closed forms, kernels, and what is refused."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sarmitsuba
+from sarmitsuba import (
+    FilmDescription,
+    Material,
+    Motion,
+    PointTarget,
+    RadarDescription,
+    Scene,
+    SceneMesh,
+    TraceSettings,
+    build_scene,
+    jacobian,
+    simulate,
+)
+from sarmitsuba.backend import dr
+from sarmitsuba.errors import RadarError, SceneError
+from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.parsing import parse
+from tests.support.differences import drawn, relative
+from tests.support.draws import few_of
+
+
+def plate(**radar: Any) -> Scene:
+    """A rough plate of a metre, 3 km from a squinted radar."""
+    corners = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]])
+    rough = Material("soil", permittivity=5.0, diffuse_law="lambert", diffuse_level_db=-5.0, rms_height=0.02)
+    given = {
+        "slant_range": 3000.0,
+        "look_angle_deg": 40.0,
+        "squint_angle_deg": 20.0,
+        "mode": "spotlight",
+        "n_pulses": 4,
+        "noise_temperature": 0.0,
+        "bandwidth": 150e6,
+    }
+    return build_scene(
+        [SceneMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), rough, "plate")],
+        radar=RadarDescription(**(given | radar)),
+        film=FilmDescription(image_extent_azimuth=8.0, image_extent_range=8.0),
+        settings=TraceSettings(method="raw", effects={"diffuse_pairs": "off"}),
+        name="plate",
+    )
+
+
+@pytest.mark.parametrize("kind", few_of(["alone", "rough", "metal"]))
+@pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
+def test_raw_data_are_those_of_a_plain_run_to_the_bit(kind: str) -> None:
+    scene = drawn(5, kind)
+    found = jacobian(scene, "gain,clock_offset,track:2,shift:box:z")
+    plain = simulate(scene)
+    assert np.array_equal(found.raw.data, plain.data)
+    assert found.derivative.shape == (len(found), *plain.data.shape) == (9, *plain.data.shape)
+    assert np.isfinite(found.derivative).all()
+
+
+@pytest.mark.parametrize("kind", few_of(["alone", "rough"]))
+def test_plain_kernels_stay_as_they_are_and_other_values_compile_none(kind: str) -> None:
+    scene = drawn(5, kind)
+    model = ForwardModel(scene, parse("gain,track:1", scene))
+
+    def kernels(run: Any) -> set[str]:
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            run()
+            return {entry["hash"] for entry in dr.kernel_history() if "hash" in entry}
+
+    before = kernels(lambda: simulate(scene))
+    first = kernels(model.derivative)
+    other = kernels(lambda: model.derivative(model.start + 0.01))
+    assert kernels(lambda: simulate(scene)) == before
+    assert other == first != before
+
+
+def test_directions_to_a_plate_are_those_of_its_place() -> None:
+    """The slant range changes with the antenna's place along the line of sight, and opposite with the plate's."""
+    scene = plate()
+    found = jacobian(scene, "track:1,shift:plate:x,shift:plate:y,shift:plate:z")
+    track = scene.radar.track.position
+    u = track / np.linalg.norm(track, axis=1, keepdims=True)
+    farther = np.einsum("pk,kcps->cps", u, found.derivative[:3])
+    for axis in range(3):
+        # tol: a corner's distance over the range, 2.4e-4, over the least component, a third
+        assert relative(found.derivative[axis], farther * u[:, axis, None]) < 8e-4
+        assert relative(found.derivative[3 + axis], -found.derivative[axis].astype(np.complex128)) < 1e-4
+
+
+def test_a_track_that_is_displaced_as_a_whole_is_the_sum_of_its_knots() -> None:
+    scene = plate()
+    whole, knots = (jacobian(scene, f"track:{n}:yz").derivative for n in (1, 3))
+    for axis in range(2):
+        # tol: float32 sums
+        assert relative(knots[3 * axis : 3 * axis + 3].sum(axis=0), whole[axis].astype(np.complex128)) < 1e-5
+
+
+def test_derivative_of_the_image_is_the_image_of_the_derivative() -> None:
+    scene = plate()
+    found = jacobian(scene, "gain,shift:plate:x")
+    step = 1e-4
+    image = found.image("shift:plate:x")
+    moved = replace(found.raw, data=found.raw.data + np.complex64(step) * found.derivative[1])
+    with_step, without = (sarmitsuba.focus(raw) for raw in (moved, found.raw))
+    change = (with_step.data.astype(np.complex128) - without.data) / step
+    # tol: float32 images over the step of a fortieth of a radian
+    assert relative(image.data, change) < 1e-4
+
+
+def test_values_are_named() -> None:
+    scene = plate()
+    found = jacobian(scene, ["gain", *parse("track:2:z", scene)])
+    assert found.names == ("gain [dB]", "track z at knot 0 [m]", "track z at knot 1 [m]")
+    assert found.number("track z at knot 1") == 2 and len(found) == 3
+    with pytest.raises(SceneError, match="no parameter 'level'"):
+        found.number("level")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "reason"),
+    [
+        ("", "none is given"),
+        ("sigma", "is not one of gain"),
+        ("track:0", "is not one of gain"),
+        ("shift:plate", "is not one of gain"),
+        ("shift:roof:z", 'no shape "roof"'),
+        ("height:plate", "the shape is flat"),
+        ("level:grass", 'no material "grass"'),
+        ("thickness:soil", "its thickness is 0"),
+        ("correlation_length:soil", "its correlation_length is 0"),
+    ],
+)
+def test_wrong_parameters_are_one_line(parameters: str, reason: str) -> None:
+    with pytest.raises(SceneError, match=reason):
+        jacobian(plate(), parameters)
+
+
+@pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
+def test_metal_has_no_permittivity_and_no_level() -> None:
+    scene = drawn(0, "metal")
+    for parameter, reason in (("permittivity:wall", "perfect conductor"), ("level:wall", "has no level")):
+        with pytest.raises(SceneError, match=reason):
+            jacobian(scene, parameter)
+
+
+def test_what_is_not_supported_is_refused_in_one_line() -> None:
+    scene = plate()
+    moving = replace(scene.geometry, mesh_motion=(Motion(velocity=(1.0, 0.0, 0.0)),))
+    cases = [
+        (replace(scene, settings=replace(scene.settings, method="image")), RadarError, "makes no raw data"),
+        (replace(scene, geometry=moving), SceneError, "moving objects"),
+        (replace(scene, points=(PointTarget("one", np.zeros(3), 1.0),)), SceneError, "points"),
+        (replace(scene, radar=replace(scene.radar, receiver=scene.radar.track)), RadarError, "two antennas"),
+    ]
+    for refused, kind, reason in cases:
+        with pytest.raises(kind, match=reason):
+            jacobian(refused, "gain")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        edges = drawn(0, "metal")
+        edges = replace(edges, settings=replace(edges.settings, effects={"diffuse_pairs": "off"}))
+        with pytest.raises(
+            SceneError, match="edge diffraction cannot be differentiated; switch off the effect"
+        ):
+            jacobian(edges, "gain")
