@@ -140,7 +140,8 @@ class Geometry:
         outward = self._outward(corner, normal)[self.face_mesh]
         under, area = outward * normal[:, 2] < 0.0, np.abs(normal[:, 2])
         sheets = float(area[level & (outward == 0.0)].sum())
-        if sheets >= 0.25 * float(area[level & ~under].sum()):
+        # a cone on its base has no other level face
+        if sheets > 0.0 and sheets >= 0.25 * float(area[level & ~under].sum()):
             level &= ~under
         height, area = corner[level, :, 2].mean(axis=1), area[level]
         order = np.argsort(height)

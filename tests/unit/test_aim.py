@@ -103,3 +103,19 @@ def test_undersides_below_the_ground_are_not_the_ground(seed: int, inwards: bool
 def test_floors_are_the_ground_where_there_are_bodies_only(seed: int) -> None:
     geometry, level = sheet_and_bodies(np.random.default_rng(seed), sheet=False, inwards=False)
     assert geometry.ground_height < level
+
+
+def test_a_cone_on_its_base_stands_on_the_ground() -> None:
+    """Its base is its only face inclined by less than 45 degrees, and faces down."""
+    cone = trimesh.creation.cone(radius=1.0, height=4.0)
+    cone.apply_translation([3.0, -2.0, 7.5])
+    n = len(cone.faces)
+    geometry = Geometry(
+        vertices=np.asarray(cone.vertices),
+        faces=np.asarray(cone.faces, dtype=np.int32),
+        face_material=np.zeros(n, dtype=np.int32),
+        face_group=np.arange(n, dtype=np.int32),
+        mesh_names=("cone",),
+        mesh_face_offset=np.array([0, n]),
+    )
+    assert geometry.ground_height == 7.5
