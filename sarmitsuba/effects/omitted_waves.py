@@ -26,6 +26,8 @@ _BLOCK = 400_000
 _PIECE = 1000
 # k times a radius, below which it acts as an edge
 AS_EDGE = 1.26
+# rad, bend up to which two triangles are one plane
+PLANE = 1e-4
 # causes
 EDGES_OFF, BETWEEN, ONE_RIM = "edges left out", "between edges", "two edges as one"
 ROUNDED, CURVED = "rounded edges", "curved surface"
@@ -96,22 +98,26 @@ class MetalLines:
 
     Parameters
     ----------
+    middle : (n, 3) float64, m
     along : (n, 3) float64, unit vectors
     length : (n,) float64, m, of the straight piece
     coherent : (n,) float64, m, that at most adds in phase
     normal : (n, 2, 3) float64, outward normals of both faces; zero where waves go all ways
     sheet : (n, 3) float64, normal of the sheet whose rim it is; zero for others
     width : (n, 2) float64, m, of both faces across the line; infinite for curved surface
+    alone : (n,) bool, rims of a plane sheet that has no edges but rims
     radius : (n,) float64, m, of curvature across the line; 0 for sharp edges
     reflection : (n,) float64, amplitude reflected by the surface at normal incidence; 1 for metal
     """
 
+    middle: F64
     along: F64
     length: F64
     coherent: F64
     normal: F64
     sheet: F64
     width: F64
+    alone: NDArray[np.bool_]
     radius: F64
     reflection: F64
 
@@ -146,17 +152,32 @@ def metal_lines(corners: F64, reflection: F64, wavelength: float) -> MetalLines:
     """
     corners = np.asarray(corners, dtype=np.float64)
     vertex = weld(corners.reshape(-1, 3))
-    piece = piece_of(corners, vertex, edge_pairs(vertex))
+    pairs = edge_pairs(vertex)
+    piece = piece_of(corners, vertex, pairs)
     edges = sharp_edges(corners, np.ones(len(corners), dtype=bool), WIDEST_GAP * wavelength)
     parts = (
-        _of_edges(edges, corners, piece, reflection),
+        _of_edges(edges, corners, piece, reflection, _sheets(corners, piece, pairs)),
         _of_curvature(corners, vertex, piece, reflection, wavelength),
     )
     return MetalLines(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(MetalLines)))
 
 
-def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64) -> MetalLines:
-    """Sharp edges, their collinear pieces joined."""
+def _sheets(corners: F64, piece: I64, pairs: tuple[I64, I64]) -> NDArray[np.bool_]:
+    """Pieces of surface that are plane and share no edge with another piece."""
+    a, b = pairs[0] // 3, pairs[1] // 3
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    level = np.abs(np.einsum("ei,ei->e", normal[a], normal[b])) > 1.0 - 0.5 * PLANE**2
+    plane = np.ones(int(piece.max(initial=-1)) + 1, dtype=bool)
+    plane[piece[a[~level | (piece[a] != piece[b])]]] = False
+    plane[piece[b[~level | (piece[a] != piece[b])]]] = False
+    return plane
+
+
+def _of_edges(
+    edges: SharpEdges, corners: F64, piece: I64, reflection: F64, sheets: NDArray[np.bool_]
+) -> MetalLines:
+    """Sharp edges, their collinear pieces joined; ``sheets``: of :func:`_sheets`."""
     if not edges.n:
         return _none()
     along = edges.along
@@ -186,7 +207,20 @@ def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64) -> M
     widths = (
         np.stack([np.bincount(line, width[:, i] * edges.length) for i in range(2)], axis=1) / whole[:, None]
     )
-    return MetalLines(along[pick], whole, coherent, normal, sheet, widths, np.zeros(pick.size), own[pick])
+    middle = np.stack([np.bincount(line, edges.middle[:, i] * edges.length) for i in range(3)], axis=1)
+    middle /= whole[:, None]
+    return MetalLines(
+        middle,
+        along[pick],
+        whole,
+        coherent,
+        normal,
+        sheet,
+        widths,
+        rim & sheets[faces[pick]].all(axis=1),
+        np.zeros(pick.size),
+        own[pick],
+    )
 
 
 def _widths(edges: SharpEdges, corners: F64, piece: I64) -> tuple[I64, F64]:
@@ -259,12 +293,14 @@ def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavele
     extent = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
     other = np.sqrt(wavelength / np.maximum(bend[:, 1], 1e-12))
     return MetalLines(
+        corners[rows].mean(axis=1),
         along,
         stride * area * bend[:, 0] / (2.0 * np.pi) * (1.0 + LAWS.doubly * bend[:, 1] * radius),
         np.minimum(other, extent),
         np.zeros((rows.size, 2, 3)),
         np.zeros((rows.size, 3)),
         np.full((rows.size, 2), np.inf),
+        np.zeros(rows.size, dtype=bool),
         radius,
         reflection[rows],
     )
@@ -272,7 +308,7 @@ def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavele
 
 def _none() -> MetalLines:
     e = np.zeros(0)
-    return MetalLines(np.zeros((0, 3)), e, e, np.zeros((0, 2, 3)), np.zeros((0, 3)), np.zeros((0, 2)), e, e)
+    return MetalLines(np.zeros((0, 3)), np.zeros((0, 3)), e, e, np.zeros((0, 2, 3)), np.zeros((0, 3)), np.zeros((0, 2)), e > 0.0, e, e)
 
 
 def omitted_energy(
@@ -311,7 +347,7 @@ def omitted_energy(
         size /= np.pi
         lit = all_round | (np.einsum("di,nfi->dnf", s, lines.normal) > 1e-3).any(axis=2)
         shown = np.where(lit, 1.0, law.dark)
-        soft = np.stack([_soft(s, c, lines.along, lean) for c in channels], axis=2)
+        soft = np.stack([soft_share(s, c, lines.along, lean) for c in channels], axis=2)
         # a field across a sheet drives no current in it
         driven = np.stack([_in_sheet(s, c, lines.sheet) for c in channels], axis=2)
         # curved edges and ends turn the polarisation
@@ -343,7 +379,7 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
         p = np.where(kw > 1.0, law.power[of], law.narrow[of])
         d = np.array(start)[rim][:, None] * kw**-p
         if waves.between_rims:  # those that cross the sheet twice are left
-            d = d * np.where(rim.astype(bool)[:, None], np.minimum(1.0, d), 1.0)
+            d = d * np.where(lines.alone[:, None], np.minimum(1.0, d), 1.0)
         return np.asarray(np.where(which & sharp[:, None], np.square(d), 0.0).sum(axis=1) * power)
 
     wide = kw >= 2.0 * np.pi * ONE_EDGE
@@ -375,7 +411,7 @@ def _in_sheet(directions: F64, channel: str, sheet: F64) -> F64:
     return np.asarray(np.minimum(1.0, GRAZING * np.prod(shares, axis=0)))
 
 
-def _soft(directions: F64, channel: str, along: F64, lean: F64) -> F64:
+def soft_share(directions: F64, channel: str, along: F64, lean: F64) -> F64:
     """(n_directions, n) share of a channel's energy with the electric field along each line."""
     vectors = dict(zip("HV", polarisation_vectors(directions), strict=True))
     across = np.maximum(1.0 - lean * lean, 1e-12)
