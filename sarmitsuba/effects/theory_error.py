@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.omitted_waves import (
     AS_EDGE,
+    BENT,
     BETWEEN,
     CURVED,
     EDGES_OFF,
@@ -21,6 +22,7 @@ from sarmitsuba.effects.omitted_waves import (
     metal_lines,
     omitted_energy,
 )
+from sarmitsuba.effects.waves_between import metal_faces, waves_between
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
@@ -38,7 +40,7 @@ _NAMED = 0.15
 _LOG = 20.0 / math.log(10.0)
 # ratio of energies beyond which a level counts as absent
 _ABSENT = 1e4
-REPEATED = "repeated bounces"
+REPEATED, BODIES = "repeated bounces", "between bodies"
 CROSS = ("HV", "VH")
 
 
@@ -185,9 +187,11 @@ def theory_error(
     missing = omitted_energy(lines, directions[some], channels, wavelength, waves)
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     missing[REPEATED] = _repeated(amplitude[some], min(lines.face_width, extent) / wavelength)
+    between = waves_between(lines, metal_faces(corners), directions[some], channels, wavelength)
+    missing[BODIES] = between.energy
     total = np.sum(list(missing.values()), axis=0)
     causes = [
-        TheoryCause(cause_text(name, lines, wavelength), float(rms_db(part, power[some])[counted].max()))
+        TheoryCause(cause_text(name, lines, wavelength, between.gap), float(rms_db(part, power[some])[counted].max()))
         for name, part in missing.items()
         if part.any()
     ]
@@ -242,14 +246,18 @@ def _repeated(amplitude: C128, width: float) -> F64:
     return np.asarray(np.einsum("noc,o->nc", np.square(np.abs(amplitude)), np.square(share)))
 
 
-def cause_text(name: str, lines: MetalLines, wavelength: float) -> str:
-    """Text of a cause with the size that matters, wavelengths."""
+def cause_text(name: str, lines: MetalLines, wavelength: float, gap: float = math.inf) -> str:
+    """Text of a cause with the size that matters, wavelengths; ``gap`` between bodies, m."""
     sharp, k = lines.radius == 0.0, 2.0 * np.pi / wavelength
     across = f"{lines.face_width / wavelength:.2g} wavelengths"
     if name == EDGES_OFF:
         return "edges that are not simulated"
     if name == BETWEEN:
         return f"waves between edges {across} apart, and their ends"
+    if name == BODIES:
+        return f"waves between bodies {gap / wavelength:.2g} wavelengths apart"
+    if name == BENT:
+        return f"waves along bent sheets {across} wide"
     if name == REPEATED:
         return f"several bounces by ray optics{f' between faces {across} wide' if sharp.any() else ''}"
     if name == ONE_RIM:

@@ -1,41 +1,62 @@
-"""Expected level of the waves that pass from the edges of metal to other metal, and by way of it to the radar."""
+"""Expected level of the waves that pass from the edges of one metal body to another one, and from there to the radar."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
-from sarmitsuba.effects.omitted_waves import PLANE, MetalLines, soft_share
+from sarmitsuba.effects.omitted_waves import PLANE, MetalLines, coherent_square, soft_share
 from sarmitsuba.mesh.connected import connected
 from sarmitsuba.mesh.edge_pairs import edge_pairs
 from sarmitsuba.mesh.pieces import SMOOTH_BEND
+from sarmitsuba.mesh.sharp_edges import WIDEST_GAP
 from sarmitsuba.mesh.welding import weld
 
-# points on lines, faces, and products of both with directions that are examined at most
-MOST_POINTS, MOST_FACES, MOST_PRODUCTS = 300, 400, 600_000
-# wavelengths, least height of a point over a face that it does not belong to
+# points on lines, flat faces and curved ones, and products of directions with pairs of them, examined at most
+MOST_POINTS, MOST_FACES, MOST_PRODUCTS = 300, 400, 500_000
+# wavelengths, least height of a point above the plane of another body's face
 ABOVE = 1e-3
-# least sine of the angle at which a wave arrives at a face
+# least cosine of incidence on a face
 GRAZING = 0.05
-# lines that are examined for waves to other lines at most
-MOST_PARALLEL = 300
+# cosine of the angle between two faces that keep a wave between them
+FACING = 0.94
+
+
+@dataclass(frozen=True)
+class BetweenLaws:
+    r"""Amplitudes of waves between bodies, for the electric field across an edge and along it.
+
+    Those of edges over a mirror are 1 by the theory of diffraction. All are fitted to the method of moments for drawn
+    pairs of bodies (``benchmarks/studies/theory_error.py --assemblies``).
+
+    Parameters
+    ----------
+    mirrored : of edges by way of another body's face, as :func:`waves_between` has them
+    edges : of an edge that is lit by another body's edge, at k d = 1; the electric field across both is weak
+    """
+
+    mirrored: tuple[float, float] = (1.0, 1.2)
+    edges: float = 0.65
+
+
+LAWS = BetweenLaws()
 
 
 @dataclass(frozen=True, eq=False)
-class Faces:
-    """Flat faces as rectangles, and curved surface as one for each triangle.
+class MetalFaces:
+    """Flat faces as rectangles, and curved surface as a rectangle for each triangle.
 
     Parameters
     ----------
     center : (n, 3) float64, m
-    axes : (n, 3, 3) float64, unit vectors: two sides, and the normal, outward where closed
-    half : (n, 2) float64, m, half the extents along the sides
-    fill : (n,) float64, area over the rectangle's, times the number of like ones that it stands for
-    closed : (n,) bool, of a body whose other side is never seen
+    axes : (n, 3, 3) float64, unit vectors along two sides, and the normal, outward where closed
+    half : (n, 2) float64, m, half the sides
+    fill : (n,) float64, area over that of the rectangle, times the number of faces that it stands for
+    closed : (n,) bool, of a body whose inside is never seen
     curved : (n,) bool
-    body : (n,) number of the connected body
+    body : (n,) int64, number of the connected body
     """
 
     center: F64
@@ -46,21 +67,34 @@ class Faces:
     curved: NDArray[np.bool_]
     body: I64
 
-    def of(self, rows: I64, times: float = 1.0) -> "Faces":
-        """Selected faces, each for several."""
-        return Faces(
-            self.center[rows],
-            self.axes[rows],
-            self.half[rows],
-            self.fill[rows] * times,
-            self.closed[rows],
-            self.curved[rows],
-            self.body[rows],
-        )
+    @property
+    def n(self) -> int:
+        """Number of faces."""
+        return len(self.fill)
+
+    def of(self, rows: I64, times: float = 1.0) -> "MetalFaces":
+        """Selected faces, each of which stands for several."""
+        chosen = MetalFaces(*(getattr(self, f.name)[rows] for f in fields(self)))
+        chosen.fill[:] *= times
+        return chosen
 
 
-def metal_faces(corners: F64) -> Faces:
-    """Faces of triangles (n, 3, 3), m: at most ``MOST_FACES``, the largest flat ones, and curved ones thinned out."""
+@dataclass(frozen=True, eq=False)
+class WavesBetween:
+    """Energy of the waves between bodies, and how far apart these are.
+
+    Parameters
+    ----------
+    energy : (n_directions, n_channels) float64, m^2, as an RCS
+    gap : m, mean way of the waves from an edge to another body, geometric, by energy; infinite without such waves
+    """
+
+    energy: F64
+    gap: float
+
+
+def metal_faces(corners: F64) -> MetalFaces:
+    """Faces of triangles (n, 3, 3), m: the largest flat ones, and curved ones thinned out, ``MOST_FACES`` each."""
     vertex = weld(corners.reshape(-1, 3))
     first, second = edge_pairs(vertex)
     a, b = first // 3, second // 3
@@ -68,10 +102,10 @@ def metal_faces(corners: F64) -> Faces:
     twice = np.linalg.norm(normal, axis=1)
     normal /= np.maximum(twice, 1e-300)[:, None]
     bend = np.abs(np.einsum("ei,ei->e", normal[a], normal[b]))
-    n = len(corners)
     level = bend > 1.0 - 0.5 * PLANE**2
+    n = len(corners)
     part, body = connected(n, a[level], b[level]), connected(n, a, b)
-    outward = _outward(corners, normal, twice, body, np.concatenate([first, second]))
+    outward = _outward(corners, normal * twice[:, None], body, np.concatenate([first, second]))
     smooth = ~level & (bend > np.cos(SMOOTH_BEND))
     curved = np.zeros(n, dtype=bool)
     curved[a[smooth]] = curved[b[smooth]] = True
@@ -92,144 +126,212 @@ def metal_faces(corners: F64) -> Faces:
         center[less] = np.einsum("fa,fai->fi", 0.5 * (low + high), frame)[less]
     area = np.add.reduceat(0.5 * twice[order], begin)
     fill = area / np.maximum(4.0 * half.prod(axis=1), 1e-300)
-    found = Faces(center, axes, half, fill, outward[lead] != 0.0, curved[lead], body[lead])
+    found = MetalFaces(center, axes, half, fill, outward[lead] != 0.0, curved[lead], body[lead])
     flat, bent = np.flatnonzero(~found.curved), np.flatnonzero(found.curved)
     flat = flat[np.argsort(-area[flat], kind="stable")[:MOST_FACES]]
-    stride = -(-bent.size // MOST_FACES)
-    if not bent.size:
-        return found.of(flat)
-    parts = found.of(flat), found.of(bent[::stride], stride)
-    return Faces(*(np.concatenate([getattr(p, f) for p in parts]) for f in Faces.__dataclass_fields__))
+    stride = max(1, -(-bent.size // MOST_FACES))
+    kept = found.of(flat), found.of(bent[::stride], stride)
+    return MetalFaces(*(np.concatenate([getattr(k, f.name) for k in kept]) for f in fields(MetalFaces)))
 
 
-def _outward(corners: F64, normal: F64, twice: F64, body: I64, shared: I64) -> F64:
+def _outward(corners: F64, area: F64, body: I64, shared: I64) -> F64:
     """(n,) 1 where the normal of a closed body's triangle points outwards, -1 where inwards, 0 for open bodies."""
-    count = np.bincount(body)
     alone = np.ones(3 * len(corners))
     alone[shared] = 0.0
-    middle = corners.mean(axis=1)
-    middle = np.stack([np.bincount(body, middle[:, i]) for i in range(3)], axis=1) / count[:, None]
-    total = np.stack([np.bincount(body, normal[:, i] * twice) for i in range(3)], axis=1)
-    closed = (np.bincount(body, alone.reshape(-1, 3).sum(axis=1)) == 0.0) & (
-        np.abs(total).max(axis=1) <= 1e-6 * np.bincount(body, twice)
+    middle, total = (
+        np.stack([np.bincount(body, values[:, i]) for i in range(3)], axis=1)
+        for values in (corners.mean(axis=1), area)
     )
-    height = np.einsum("ni,ni->n", corners[:, 0] - middle[body], normal) * twice
-    return np.asarray((closed * np.sign(np.bincount(body, height)))[body])
+    middle /= np.bincount(body)[:, None]
+    size = np.bincount(body, np.linalg.norm(area, axis=1))
+    open_sides = np.bincount(body, alone.reshape(-1, 3).sum(axis=1))
+    closed = (open_sides == 0.0) & (np.abs(total).max(axis=1) <= 1e-6 * size)
+    volume = np.bincount(body, np.einsum("ni,ni->n", corners[:, 0] - middle[body], area))
+    return np.asarray((closed * np.sign(volume))[body])
 
 
-NAMES = ("pole", "plain", "own pole", "own plain", "edges", "edges 2", "gap", "own gap")
+def waves_between(
+    lines: MetalLines, faces: MetalFaces, directions: F64, channels: Sequence[str], wavelength: float
+) -> WavesBetween:
+    r"""Energy of the waves from the edges of one body by way of others, which rays do not follow.
 
+    A face mirrors the wave of another body's edge to the radar where the ray from the edge towards the mirrored radar
+    meets it. This wave and its reverse are half as strong each as an edge wave of Keller's at the boundary of a shadow,
 
-def features(
-    lines: MetalLines, faces: Faces, directions: F64, channels: Sequence[str], wavelength: float
-):
-    """(n_directions, n_channels, len(NAMES), 2)"""
-    k = 2.0 * np.pi / wavelength
-    out = np.zeros((len(directions), len(channels), len(NAMES), 2))
-    if not lines.n or not len(faces.center):
-        return out
-    row, point, weight = _points(lines)
-    body = _body_of(lines, faces)
-    rel = point[:, None] - faces.center
-    height = np.einsum("pfi,fi->pf", rel, faces.axes[:, 2])
-    seen = (np.abs(height) > ABOVE * wavelength) & (~faces.closed | (height > 0.0))
-    toward = -np.sign(height)[..., None] * faces.axes[:, 2]
-    free = ~lines.normal.any(axis=(1, 2))
-    p, f = np.nonzero(seen)
-    most = max(1, MOST_PRODUCTS // len(directions))
-    if p.size > most:
-        solid = (faces.half[f].prod(axis=1) * np.abs(height[p, f])) / np.linalg.norm(rel[p, f], axis=1) ** 3
-        pick = np.argpartition(-solid, most)[:most]
-        p, f = p[pick], f[pick]
-    if p.size:
-        i = row[p]
-        n = -toward[p, f]
-        h = np.abs(height[p, f])
-        flat = np.einsum("pi,pai->pa", rel[p, f], faces.axes[f, :2])
-        rise = directions @ n.T
-        tangent = directions[:, None] - rise[..., None] * n
-        sent = tangent - rise[..., None] * n
-        sides = np.einsum("di,pji->dpj", directions, lines.normal[i]) > 1e-6
-        out_there = free[i] | (np.einsum("dpi,pji->dpj", sent, lines.normal[i]) > 1e-6).any(axis=2)
-        lit = free[i] | sides.any(axis=2)
-        rim = free[i] | ~sides.all(axis=2)
-        d = h / np.maximum(rise, GRAZING)
-        foot = np.einsum("dpi,pai->dpa", tangent, faces.axes[f, :2]) * d[..., None] + flat
-        miss = np.square(np.maximum(np.abs(foot) - faces.half[f], 0.0)).sum(axis=2)
-        zone = wavelength * d
-        cover = 1.0 / np.square(1.0 + 4.0 * miss / zone)
-        narrow = np.minimum(1.0, 2.0 * faces.half[f] / np.sqrt(zone)[..., None]).prod(axis=2) * faces.fill[f]
-        cover *= np.where(faces.curved[f], narrow, narrow**2)
-        cover = cover * ((rise > GRAZING) & out_there & lit) * weight[p]
-        along = np.abs(np.einsum("dpi,pi->dp", tangent, lines.along[i]))
-        reach = 1.0 / np.maximum(k * along, 1e-12)
-        cover *= np.minimum(lines.length[i], reach) * np.minimum(np.maximum(lines.coherent, lines.length)[i], reach) / np.pi
-        across = np.sqrt(np.maximum(np.square(tangent).sum(axis=2) - along**2, 1e-12))
-        own = lines.width[i].min(axis=1)
-        # own plane parallel: the wave stays between both
-        own_n = np.where(lines.sheet[i].any(axis=1)[:, None], lines.sheet[i], lines.normal[i, 0])
-        facing = np.maximum(np.abs(np.einsum("pi,pi->p", own_n, n)), np.abs(np.einsum("pi,pi->p", lines.normal[i, 1], n))) > 0.94
-        over = np.linalg.norm(np.maximum(np.abs(flat) - faces.half[f], 0.0), axis=1) < h
-        facing &= over
-        way = np.where(facing, np.hypot(d, np.where(np.isfinite(own), own, 0.0)), d)
-        pole = np.square(np.minimum(1.0 / across, k * np.minimum(0.5 * np.sqrt(wavelength * way), own)))
-        other = (body[i] != faces.body[f])
-        for c, channel in enumerate(channels):
-            soft = soft_share(directions, channel, lines.along, np.abs(directions @ lines.along.T))[:, i]
-            lean = np.abs(directions @ lines.along[i].T)
-            r2 = 1.0 / np.maximum(k * lean, 1e-12)
-            gapsize = np.minimum(lines.length[i], r2) * np.minimum(np.maximum(lines.coherent, lines.length)[i], r2) / np.pi * weight[p]*facing
-            for w, which in enumerate((other, ~other)):
-                x = gapsize*which
-                s = (x * soft).sum(axis=1)
-                out[:, c, 6+w] = np.stack([x.sum(axis=1) - s, s], axis=1)
-            for m, kind in enumerate((cover * pole * rim, cover)):
-                for w, which in enumerate((other, ~other)):
-                    x = kind * which
-                    s = (x * soft).sum(axis=1)
-                    out[:, c, 2 * w + m] = np.stack([x.sum(axis=1) - s, s], axis=1)
-    # edge to edge
-    sharp = np.flatnonzero(lines.radius == 0.0)[:MOST_PARALLEL]
-    if sharp.size and faces.body.max() > 0:
-        m, t, sh = lines.middle[sharp], lines.along[sharp], lines.sheet[sharp]
-        off = m[:, None] - m
-        al = np.einsum("abi,ai->ab", off, t)
-        perp = off - al[..., None] * t[:, None]
-        pd = np.linalg.norm(perp, axis=2)
-        d = np.hypot(pd, np.maximum(np.abs(al) - 0.5 * (lines.length[sharp][:, None] + lines.length[sharp]), 0.0))
-        u = perp / np.maximum(pd, 1e-12)[..., None]
-        fa = np.where(sh.any(axis=1)[:, None], np.einsum("abi,ai->ab", u, sh) ** 2, 1.0)
-        fb = np.where(sh.any(axis=1), np.einsum("abi,bi->ab", u, sh) ** 2, 1.0)
-        w = np.square(t @ t.T) * (body[sharp][:, None] != body[sharp])
-        kd = np.maximum(k * d, 0.5)
-        lean = np.abs(directions @ t.T)
-        reach = 1.0 / np.maximum(k * lean, 1e-12)
-        size = np.minimum(lines.length[sharp], reach) * np.minimum(np.maximum(lines.coherent, lines.length)[sharp], reach) / np.pi
-        for c, channel in enumerate(channels):
-            soft = soft_share(directions, channel, t, lean)
-            for q, pw in enumerate((1, 2)):
-                out[:, c, 4 + q, 0] = (size * (1 - soft)) @ (w * fa * fb / kd**pw).sum(1)
-                out[:, c, 4 + q, 1] = (size * soft) @ (w / kd**pw).sum(1)
-    return out
+    .. math:: D = \frac1{\sin(\delta / 2)} \leq k \min\left(\tfrac12 \sqrt{\lambda d}, w\right)
 
+    with :math:`\delta` the angle between it and the wave that goes straight on over the edge, d its way to the face,
+    and w the width of the edge's own face; where this face and the mirror face each other the wave stays between them
+    over the whole width, which counts as its way. The line returns :math:`D^2` over
+    :math:`\pi` times the square of its coherent length, as those of :func:`~.omitted_waves.omitted_energy`. The part
+    that counts falls from 1 within the mirror to 1/4 a quarter of a Fresnel zone :math:`\sqrt{\lambda d}` beside it; narrower
+    mirrors return the square of their share of the zone, curved ones that of their triangles. Only silhouettes count:
+    rims, limbs, and edges of which one face is lit. A straight edge lit by a parallel one of another body returns
+    :math:`D^2 = D_1^2 / (k d)` with the electric field along both.
 
-def _body_of(lines: MetalLines, faces: Faces) -> I64:
-    rel = lines.middle[:, None] - faces.center
-    q = np.abs(np.einsum("lfi,fai->lfa", rel, faces.axes))
-    q[..., :2] = np.maximum(q[..., :2] - faces.half, 0.0)
-    return faces.body[np.square(q).sum(axis=2).argmin(axis=1)]
+    Parameters
+    ----------
+    lines, faces : of the metal
+    directions : (n, 3) float64, unit vectors to the radar
+    channels : such as HH
+    wavelength : m
+
+    Notes
+    -----
+    Ignores what lies between an edge and the face, or hides the face; faces of the edge's own body; the electric
+    field across two edges; more than two reflections but between two faces.
+    """
+    energy = np.zeros((len(directions), len(channels)))
+    if not lines.n or not faces.n or not faces.body.any():
+        return WavesBetween(energy, float("inf"))
+    row, place, weight = _points(lines)
+    own, body = _bodies(lines, row, faces, WIDEST_GAP * wavelength)
+    if not (body != body[0]).any():
+        return WavesBetween(energy, float("inf"))
+    ways = []
+    pairs = _pairs(place, own, faces, body, wavelength, MOST_PRODUCTS // len(directions))
+    for found, way in (
+        _mirrored(lines, row, place, weight, faces, pairs, directions, channels, wavelength),
+        _edges(lines, row, own, weight, directions, channels, wavelength),
+    ):
+        energy += found
+        ways.append((float(found.sum()), way))
+    total = sum(part for part, _ in ways)
+    if total <= 0.0:
+        return WavesBetween(energy, float("inf"))
+    return WavesBetween(energy, float(np.exp(sum(part * np.log(way) for part, way in ways if part) / total)))
 
 
 def _points(lines: MetalLines) -> tuple[I64, F64, F64]:
-    """Row of the line, place (n, 3), and share of the line's energy of points on all lines."""
+    """Points on the lines: the line (n,), place (n, 3), and share of the line's energy, three a line where affordable."""
     if 3 * lines.n <= MOST_POINTS:
         row = np.repeat(np.arange(lines.n), 3)
-        place = np.tile([-1.0 / 3.0, 0.0, 1.0 / 3.0], lines.n)
+        along = np.tile([-1.0 / 3.0, 0.0, 1.0 / 3.0], lines.n)
         weight = np.full(row.size, 1.0 / 3.0)
-    else:
+    else:  # evenly over the length of all lines
         end = np.cumsum(lines.length)
         mark = end[-1] * (np.arange(MOST_POINTS) + 0.5) / MOST_POINTS
         row = np.minimum(np.searchsorted(end, mark), lines.n - 1)
-        place = (mark - end[row]) / lines.length[row] + 0.5
+        along = (mark - end[row]) / lines.length[row] + 0.5
         weight = end[-1] / MOST_POINTS / lines.length[row]
-    return row, lines.middle[row] + (place * lines.length[row])[:, None] * lines.along[row], weight
+    return row, lines.middle[row] + (along * lines.length[row])[:, None] * lines.along[row], weight
+
+
+def _bodies(lines: MetalLines, row: I64, faces: MetalFaces, touching: float) -> tuple[I64, I64]:
+    """Body of each point's line and of each face, where bodies whose lines lie on another one's face are one."""
+    some, back = np.unique(row, return_inverse=True)
+    off = lines.middle[some][:, None] - faces.center
+    beside = np.abs(np.einsum("lfi,fai->lfa", off, faces.axes))
+    beside[..., :2] = np.maximum(beside[..., :2] - faces.half, 0.0)
+    distance = np.sqrt(np.square(beside).sum(axis=2))
+    own = faces.body[distance.argmin(axis=1)]
+    line, face = np.nonzero(distance < touching)
+    joined = connected(int(faces.body.max()) + 1, own[line], faces.body[face])
+    return joined[own][back.reshape(-1)], joined[faces.body]
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Points over the faces of other bodies: numbers, height, m, place along the face's sides, m, and its normal."""
+
+    point: I64
+    face: I64
+    height: F64
+    beside: F64
+    normal: F64
+
+
+def _pairs(place: F64, own: I64, faces: MetalFaces, body: I64, wavelength: float, most: int) -> _Pairs:
+    """Pairs of points and faces that see each other, those with the largest solid angles."""
+    off = place[:, None] - faces.center
+    height = np.einsum("pfi,fi->pf", off, faces.axes[:, 2])
+    seen = (np.abs(height) > ABOVE * wavelength) & (~faces.closed | (height > 0.0)) & (own[:, None] != body)
+    p, f = np.nonzero(seen)
+    if p.size > max(most, 1):
+        angle = faces.half[f].prod(axis=1) * np.abs(height[p, f]) / np.linalg.norm(off[p, f], axis=1) ** 3
+        kept = np.sort(np.argpartition(-angle, max(most, 1))[: max(most, 1)])
+        p, f = p[kept], f[kept]
+    up = np.sign(height[p, f])[:, None] * faces.axes[f, 2]
+    beside = np.einsum("pi,pai->pa", off[p, f], faces.axes[f, :2])
+    return _Pairs(p, f, np.abs(height[p, f]), beside, up)
+
+
+def _mirrored(
+    lines: MetalLines,
+    row: I64,
+    place: F64,
+    weight: F64,
+    faces: MetalFaces,
+    pairs: _Pairs,
+    directions: F64,
+    channels: Sequence[str],
+    wavelength: float,
+) -> tuple[F64, float]:
+    """Energy (n_directions, n_channels), m^2, of edges by way of faces, and their mean height over these, m."""
+    k = 2.0 * np.pi / wavelength
+    i, f, up = row[pairs.point], pairs.face, pairs.normal
+    rise = directions @ up.T
+    along_face = directions[:, None] - rise[..., None] * up
+    sent = along_face - rise[..., None] * up
+    towards = np.einsum("di,pji->dpj", directions, lines.normal[i]) > 1e-6
+    free = ~lines.normal[i].any(axis=(1, 2))
+    silhouette = free | (towards.any(axis=2) & ~towards.all(axis=2))
+    outside = free | (np.einsum("dpi,pji->dpj", sent, lines.normal[i]) > 1e-6).any(axis=2)
+    # where the ray from the edge to the mirrored radar meets the face's plane, and how far beside it
+    way = pairs.height / np.maximum(rise, GRAZING)
+    foot = np.einsum("dpi,pai->dpa", along_face, faces.axes[f, :2]) * way[..., None] + pairs.beside
+    zone = wavelength * way
+    miss = np.square(np.maximum(np.abs(foot) - faces.half[f], 0.0)).sum(axis=2)
+    share = np.minimum(1.0, 2.0 * faces.half[f] / np.sqrt(zone)[..., None]).prod(axis=2)
+    share = faces.fill[f] * np.where(faces.curved[f], share, np.square(share))
+    share = share / np.square(1.0 + 4.0 * miss / zone) * (silhouette & outside & (rise > GRAZING))
+    # between two faces that face each other
+    own = np.concatenate([lines.sheet[i][:, None], lines.normal[i]], axis=1)
+    level = (np.abs(np.einsum("pji,pi->pj", own, up)) > FACING).any(axis=1)
+    over = np.linalg.norm(np.maximum(np.abs(pairs.beside) - faces.half[f], 0.0), axis=1) < pairs.height
+    width = lines.width[i].min(axis=1)
+    kept = np.where(level & over & np.isfinite(width), width, 0.0)
+    lean = np.abs(np.einsum("dpi,pi->dp", along_face, lines.along[i]))
+    half_sine = np.sqrt(np.maximum(np.square(along_face).sum(axis=2) - np.square(lean), 1e-12))
+    most = k * np.minimum(0.5 * np.sqrt(wavelength * np.hypot(way, kept)), width)
+    sent_energy = share * np.square(np.minimum(1.0 / half_sine, most)) * weight[pairs.point]
+    sent_energy *= coherent_square(lines, i, lean, k)
+    hard, soft = np.square(LAWS.mirrored)
+    by_line = np.abs(directions @ lines.along.T)
+    energy = np.zeros((len(directions), len(channels)))
+    for c, channel in enumerate(channels):
+        part = soft_share(directions, channel, lines.along, by_line)[:, i]
+        energy[:, c] = (sent_energy * (hard * (1.0 - part) + soft * part)).sum(axis=1)
+    of_pair = sent_energy.sum(axis=0)
+    mean = np.log(pairs.height) @ of_pair / max(float(of_pair.sum()), 1e-300)
+    return energy, float(np.exp(mean))
+
+
+def _edges(
+    lines: MetalLines,
+    row: I64,
+    own: I64,
+    weight: F64,
+    directions: F64,
+    channels: Sequence[str],
+    wavelength: float,
+) -> tuple[F64, float]:
+    """Energy (n_directions, n_channels), m^2, of edges lit by other bodies' edges, and their mean distance, m."""
+    k = 2.0 * np.pi / wavelength
+    some, first = np.unique(row, return_index=True)
+    sharp = lines.radius[some] == 0.0
+    some, first = some[sharp], first[sharp]
+    # lines that stand for others, where not all are examined
+    times = np.bincount(row, weight)[some]
+    middle, along, length = lines.middle[some], lines.along[some], lines.length[some]
+    off = middle[:, None] - middle
+    run = np.einsum("abi,ai->ab", off, along)
+    beyond = np.maximum(np.abs(run) - 0.5 * (length[:, None] + length), 0.0)
+    distance = np.sqrt(np.maximum(np.square(off).sum(axis=2) - np.square(run), 0.0) + np.square(beyond))
+    lit = np.square(along @ along.T) * (own[first][:, None] != own[first])
+    lit = lit * LAWS.edges**2 / np.maximum(k * distance, 0.5) * times
+    lean = np.abs(directions @ along.T)
+    sent = coherent_square(lines, some, lean, k) * times * lit.sum(axis=1)
+    energy = np.stack([(sent * soft_share(directions, c, along, lean)).sum(axis=1) for c in channels], axis=1)
+    mean = float((lit * np.log(np.maximum(distance, 1e-12))).sum() / max(float(lit.sum()), 1e-300))
+    return energy, float(np.exp(mean))
