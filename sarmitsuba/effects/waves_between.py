@@ -37,8 +37,9 @@ class BetweenLaws:
     edges : of an edge that is lit by another body's edge, at k d = 1; the electric field across both is weak
     """
 
-    mirrored: tuple[float, float] = (1.0, 1.2)
+    mirrored: tuple[float, float] = (1.1, 1.3)
     edges: float = 0.65
+    zone: float = 0.7
 
 
 LAWS = BetweenLaws()
@@ -132,6 +133,26 @@ def metal_faces(corners: F64) -> MetalFaces:
     stride = max(1, -(-bent.size // MOST_FACES))
     kept = found.of(flat), found.of(bent[::stride], stride)
     return MetalFaces(*(np.concatenate([getattr(k, f.name) for k in kept]) for f in fields(MetalFaces)))
+
+
+def gaps(faces: MetalFaces) -> F64:
+    """Distance (n,) of each flat face from the nearest one that it faces, m; infinite without such a face."""
+    found = np.full(faces.n, np.inf)
+    flat = np.flatnonzero(~faces.curved)
+    if not flat.size:
+        return found
+    center, axes, half = faces.center[flat], faces.axes[flat], faces.half[flat]
+    off = center[:, None] - center  # of the first above the second
+    height = np.einsum("abi,bi->ab", off, axes[:, 2])
+    beside = np.abs(np.einsum("abi,bji->abj", off, axes[:, :2]))
+    cosine = axes[:, 2] @ axes[:, 2].T
+    closed = faces.closed[flat]
+    seen = (~closed | (height > 0.0)) & (~closed[:, None] | (height * cosine < 0.0))
+    level = (np.abs(cosine) > FACING) & (beside <= half).all(axis=2)
+    least = 1e-6 * float(np.ptp(center, axis=0).max())
+    apart = np.where(level & seen & (np.abs(height) > least), np.abs(height), np.inf)
+    found[flat] = np.minimum(apart.min(axis=1, initial=np.inf), apart.min(axis=0, initial=np.inf))
+    return found
 
 
 def _outward(corners: F64, area: F64, body: I64, shared: I64) -> F64:
@@ -284,7 +305,7 @@ def _mirrored(
     miss = np.square(np.maximum(np.abs(foot) - faces.half[f], 0.0)).sum(axis=2)
     share = np.minimum(1.0, 2.0 * faces.half[f] / np.sqrt(zone)[..., None]).prod(axis=2)
     share = faces.fill[f] * np.where(faces.curved[f], share, np.square(share))
-    share = share / np.square(1.0 + 4.0 * miss / zone) * (silhouette & outside & (rise > GRAZING))
+    share = share / (1.0 + 4.0 * miss / zone) * (silhouette & outside & (rise > GRAZING))
     # between two faces that face each other
     own = np.concatenate([lines.sheet[i][:, None], lines.normal[i]], axis=1)
     level = (np.abs(np.einsum("pji,pi->pj", own, up)) > FACING).any(axis=1)
@@ -293,7 +314,7 @@ def _mirrored(
     kept = np.where(level & over & np.isfinite(width), width, 0.0)
     lean = np.abs(np.einsum("dpi,pi->dp", along_face, lines.along[i]))
     half_sine = np.sqrt(np.maximum(np.square(along_face).sum(axis=2) - np.square(lean), 1e-12))
-    most = k * np.minimum(0.5 * np.sqrt(wavelength * np.hypot(way, kept)), width)
+    most = k * np.minimum(LAWS.zone * np.sqrt(wavelength * np.hypot(way, kept)), width)
     sent_energy = share * np.square(np.minimum(1.0 / half_sine, most)) * weight[pairs.point]
     sent_energy *= coherent_square(lines, i, lean, k)
     hard, soft = np.square(LAWS.mirrored)
