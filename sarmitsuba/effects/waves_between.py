@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
@@ -14,8 +15,9 @@ from sarmitsuba.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.mesh.sharp_edges import WIDEST_GAP
 from sarmitsuba.mesh.welding import weld
 
-# points on lines, flat faces and curved ones, and products of directions with pairs of them, examined at most
-MOST_POINTS, MOST_FACES, MOST_PRODUCTS = 300, 400, 500_000
+# points on lines, faces examined with all of them (the largest flat ones, and as many curved ones), other flat faces
+# that are examined with the points nearest to them, and products of directions with pairs of both at most
+MOST_POINTS, MOST_FACES, NEAREST, MOST_PRODUCTS = 300, 400, 16, 500_000
 # wavelengths, least height of a point above the plane of another body's face
 ABOVE = 1e-3
 # least cosine of incidence on a face
@@ -28,13 +30,14 @@ FACING = 0.94
 class BetweenLaws:
     r"""Amplitudes of waves between bodies, for the electric field across an edge and along it.
 
-    Those of edges over a mirror are 1 by the theory of diffraction. All are fitted to the method of moments for drawn
-    pairs of bodies (``benchmarks/studies/theory_error.py --assemblies``).
+    Those of edges over a mirror would be 1 by the theory of diffraction; all are fitted to the method of moments for
+    drawn bodies of several parts (``benchmarks/studies/theory_error.py --set assemblies``).
 
     Parameters
     ----------
     mirrored : of edges by way of another body's face, as :func:`waves_between` has them
     edges : of an edge that is lit by another body's edge, at k d = 1; the electric field across both is weak
+    zone : largest part of a Fresnel zone that a shadow's edge is worth
     """
 
     mirrored: tuple[float, float] = (1.1, 1.3)
@@ -47,7 +50,7 @@ LAWS = BetweenLaws()
 
 @dataclass(frozen=True, eq=False)
 class MetalFaces:
-    """Flat faces as rectangles, and curved surface as a rectangle for each triangle.
+    """Curved surface as a rectangle for each triangle, and flat faces as rectangles, the largest first.
 
     Parameters
     ----------
@@ -95,7 +98,7 @@ class WavesBetween:
 
 
 def metal_faces(corners: F64) -> MetalFaces:
-    """Faces of triangles (n, 3, 3), m: the largest flat ones, and curved ones thinned out, ``MOST_FACES`` each."""
+    """Faces of triangles (n, 3, 3), m; curved ones are thinned out to ``MOST_FACES``."""
     vertex = weld(corners.reshape(-1, 3))
     first, second = edge_pairs(vertex)
     a, b = first // 3, second // 3
@@ -129,16 +132,16 @@ def metal_faces(corners: F64) -> MetalFaces:
     fill = area / np.maximum(4.0 * half.prod(axis=1), 1e-300)
     found = MetalFaces(center, axes, half, fill, outward[lead] != 0.0, curved[lead], body[lead])
     flat, bent = np.flatnonzero(~found.curved), np.flatnonzero(found.curved)
-    flat = flat[np.argsort(-area[flat], kind="stable")[:MOST_FACES]]
+    flat = flat[np.argsort(-area[flat], kind="stable")]
     stride = max(1, -(-bent.size // MOST_FACES))
-    kept = found.of(flat), found.of(bent[::stride], stride)
+    kept = found.of(bent[::stride], stride), found.of(flat)
     return MetalFaces(*(np.concatenate([getattr(k, f.name) for k in kept]) for f in fields(MetalFaces)))
 
 
 def gaps(faces: MetalFaces) -> F64:
-    """Distance (n,) of each flat face from the nearest one that it faces, m; infinite without such a face."""
+    """Distance (n,) of the largest flat faces from the nearest one that each faces, m; infinite for others."""
     found = np.full(faces.n, np.inf)
-    flat = np.flatnonzero(~faces.curved)
+    flat = np.flatnonzero(~faces.curved)[:MOST_FACES]
     if not flat.size:
         return found
     center, axes, half = faces.center[flat], faces.axes[flat], faces.half[flat]
@@ -177,18 +180,19 @@ def waves_between(
     r"""Energy of the waves from the edges of one body by way of others, which rays do not follow.
 
     A face mirrors the wave of another body's edge to the radar where the ray from the edge towards the mirrored radar
-    meets it. This wave and its reverse are half as strong each as an edge wave of Keller's at the boundary of a shadow,
+    meets it. Near the boundary of the edge's shadow this wave and its reverse, which is as strong, have together
 
-    .. math:: D = \frac1{\sin(\delta / 2)} \leq k \min\left(\tfrac12 \sqrt{\lambda d}, w\right)
+    .. math:: D = \frac1{\sin(\delta / 2)} \leq k \min\left(c \sqrt{\lambda d}, w\right)
 
     with :math:`\delta` the angle between it and the wave that goes straight on over the edge, d its way to the face,
     and w the width of the edge's own face; where this face and the mirror face each other the wave stays between them
     over the whole width, which counts as its way. The line returns :math:`D^2` over
     :math:`\pi` times the square of its coherent length, as those of :func:`~.omitted_waves.omitted_energy`. The part
-    that counts falls from 1 within the mirror to 1/4 a quarter of a Fresnel zone :math:`\sqrt{\lambda d}` beside it; narrower
-    mirrors return the square of their share of the zone, curved ones that of their triangles. Only silhouettes count:
-    rims, limbs, and edges of which one face is lit. A straight edge lit by a parallel one of another body returns
-    :math:`D^2 = D_1^2 / (k d)` with the electric field along both.
+    that counts is 1 within the mirror and 1/2 half a Fresnel zone :math:`\sqrt{\lambda d}` beside it; narrower mirrors
+    return the square of their share of the zone. The triangles of curved mirrors return that share itself, which adds
+    up to the spreading :math:`\rho / (\rho + 2 d)`. Only silhouettes count: rims, limbs, and edges of which one face is
+    lit. An edge lit by a parallel one of another body returns :math:`D^2 = D_1^2 / (k d)` with the electric field along
+    both.
 
     Parameters
     ----------
@@ -206,13 +210,14 @@ def waves_between(
     if not lines.n or not faces.n or not faces.body.any():
         return WavesBetween(energy, float("inf"))
     row, place, weight = _points(lines)
-    own, body = _bodies(lines, row, faces, WIDEST_GAP * wavelength)
-    if not (body != body[0]).any():
+    near = _near(place, faces)
+    own, body = _bodies(place, faces, near, WIDEST_GAP * wavelength)
+    if not body.any():
         return WavesBetween(energy, float("inf"))
     ways = []
-    pairs = _pairs(place, own, faces, body, wavelength, MOST_PRODUCTS // len(directions))
+    pairs = _pairs(place, own, faces, body, near, wavelength, MOST_PRODUCTS // len(directions))
     for found, way in (
-        _mirrored(lines, row, place, weight, faces, pairs, directions, channels, wavelength),
+        _mirrored(lines, row, weight, faces, pairs, directions, channels, wavelength),
         _edges(lines, row, own, weight, directions, channels, wavelength),
     ):
         energy += found
@@ -238,17 +243,28 @@ def _points(lines: MetalLines) -> tuple[I64, F64, F64]:
     return row, lines.middle[row] + (along * lines.length[row])[:, None] * lines.along[row], weight
 
 
-def _bodies(lines: MetalLines, row: I64, faces: MetalFaces, touching: float) -> tuple[I64, I64]:
-    """Body of each point's line and of each face, where bodies whose lines lie on another one's face are one."""
-    some, back = np.unique(row, return_inverse=True)
-    off = lines.middle[some][:, None] - faces.center
-    beside = np.abs(np.einsum("lfi,fai->lfa", off, faces.axes))
-    beside[..., :2] = np.maximum(beside[..., :2] - faces.half, 0.0)
-    distance = np.sqrt(np.square(beside).sum(axis=2))
-    own = faces.body[distance.argmin(axis=1)]
-    line, face = np.nonzero(distance < touching)
-    joined = connected(int(faces.body.max()) + 1, own[line], faces.body[face])
-    return joined[own][back.reshape(-1)], joined[faces.body]
+def _near(place: F64, faces: MetalFaces) -> tuple[I64, I64]:
+    """Pairs (n,) of points and faces that are examined, by points."""
+    first = int(faces.curved.sum()) + MOST_FACES
+    face = np.tile(np.arange(min(first, faces.n)), (len(place), 1))
+    if faces.n > first:
+        tree = scipy.spatial.cKDTree(faces.center[first:])
+        nearest = tree.query(place, k=min(NEAREST, faces.n - first))[1].reshape(len(place), -1)
+        face = np.concatenate([face, nearest + first], axis=1)
+    return np.repeat(np.arange(len(place)), face.shape[1]), face.ravel()
+
+
+def _bodies(place: F64, faces: MetalFaces, near: tuple[I64, I64], touching: float) -> tuple[I64, I64]:
+    """Body of each point and of each face, where bodies with points on a face of another one are one."""
+    p, f = near
+    off = np.abs(np.einsum("pi,pai->pa", place[p] - faces.center[f], faces.axes[f]))
+    off[:, :2] = np.maximum(off[:, :2] - faces.half[f], 0.0)
+    distance = np.linalg.norm(off, axis=1)
+    nearest = distance.reshape(len(place), -1).argmin(axis=1)
+    own = faces.body[f.reshape(len(place), -1)[np.arange(len(place)), nearest]]
+    close = distance < touching
+    joined = connected(int(faces.body.max()) + 1, own[p[close]], faces.body[f[close]])
+    return joined[own], joined[faces.body]
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,25 +278,27 @@ class _Pairs:
     normal: F64
 
 
-def _pairs(place: F64, own: I64, faces: MetalFaces, body: I64, wavelength: float, most: int) -> _Pairs:
+def _pairs(
+    place: F64, own: I64, faces: MetalFaces, body: I64, near: tuple[I64, I64], wavelength: float, most: int
+) -> _Pairs:
     """Pairs of points and faces that see each other, those with the largest solid angles."""
-    off = place[:, None] - faces.center
-    height = np.einsum("pfi,fi->pf", off, faces.axes[:, 2])
-    seen = (np.abs(height) > ABOVE * wavelength) & (~faces.closed | (height > 0.0)) & (own[:, None] != body)
-    p, f = np.nonzero(seen)
-    if p.size > max(most, 1):
-        angle = faces.half[f].prod(axis=1) * np.abs(height[p, f]) / np.linalg.norm(off[p, f], axis=1) ** 3
-        kept = np.sort(np.argpartition(-angle, max(most, 1))[: max(most, 1)])
-        p, f = p[kept], f[kept]
-    up = np.sign(height[p, f])[:, None] * faces.axes[f, 2]
-    beside = np.einsum("pi,pai->pa", off[p, f], faces.axes[f, :2])
-    return _Pairs(p, f, np.abs(height[p, f]), beside, up)
+    p, f = near
+    off = place[p] - faces.center[f]
+    height = np.einsum("pi,pi->p", off, faces.axes[f, 2])
+    seen = (np.abs(height) > ABOVE * wavelength) & (~faces.closed[f] | (height > 0.0)) & (own[p] != body[f])
+    kept, most = np.flatnonzero(seen), max(most, 1)
+    if kept.size > most:
+        angle = faces.half[f[kept]].prod(axis=1) * np.abs(height[kept])
+        angle /= np.linalg.norm(off[kept], axis=1) ** 3
+        kept = np.sort(kept[np.argpartition(-angle, most)[:most]])
+    p, f, off, height = p[kept], f[kept], off[kept], height[kept]
+    beside = np.einsum("pi,pai->pa", off, faces.axes[f, :2])
+    return _Pairs(p, f, np.abs(height), beside, np.sign(height)[:, None] * faces.axes[f, 2])
 
 
 def _mirrored(
     lines: MetalLines,
     row: I64,
-    place: F64,
     weight: F64,
     faces: MetalFaces,
     pairs: _Pairs,
@@ -318,10 +336,11 @@ def _mirrored(
     sent_energy = share * np.square(np.minimum(1.0 / half_sine, most)) * weight[pairs.point]
     sent_energy *= coherent_square(lines, i, lean, k)
     hard, soft = np.square(LAWS.mirrored)
-    by_line = np.abs(directions @ lines.along.T)
+    some, back = np.unique(i, return_inverse=True)
+    axis = lines.along[some]
     energy = np.zeros((len(directions), len(channels)))
     for c, channel in enumerate(channels):
-        part = soft_share(directions, channel, lines.along, by_line)[:, i]
+        part = soft_share(directions, channel, axis, np.abs(directions @ axis.T))[:, back.reshape(-1)]
         energy[:, c] = (sent_energy * (hard * (1.0 - part) + soft * part)).sum(axis=1)
     of_pair = sent_energy.sum(axis=0)
     mean = np.log(pairs.height) @ of_pair / max(float(of_pair.sum()), 1e-300)
