@@ -20,7 +20,8 @@ from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.mesh import pieces
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.simulation.turntable import Aspects, rcs_sweep, turntable_scene
+from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from sarmitsuba.simulation.turntable_image import turntable_scene
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.measured import bodies
 from tests.support.unweighted import render

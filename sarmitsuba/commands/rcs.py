@@ -105,7 +105,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.focusing.windows import parse_window
     from sarmitsuba.io.output import output_folder
     from sarmitsuba.radar.polarisation import read_channels
-    from sarmitsuba.simulation.turntable import image_refusal, rcs_sweep
+    from sarmitsuba.simulation.turntable import rcs_sweep
+    from sarmitsuba.simulation.turntable_image import image_refusal
 
     aspects = _aspects(args)
     channels = read_channels(args.pol, "rcs")
@@ -275,13 +276,13 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
     angle, swept, fixed = table["azimuth_deg"], "azimuth", f"elevation {table['elevation_deg'][0]:g} deg"
     if not sweep.aspects.by_azimuth and angle.size > 1:
         angle, swept, fixed = table["elevation_deg"], "elevation", f"azimuth {table['azimuth_deg'][0]:g} deg"
-    curves = []
+    curves, kind = [], "sampling" if sweep.currents is None else "mesh"
     for channel, error in zip(sweep.result.channels, sweep.error_db, strict=True):
         total = sweep.dbsm(channel)
         best = int(np.argmax(total))
         console.say(
             f"{channel}: strongest {total[best]:.2f} dBsm at {swept} {angle[best]:g} deg, mean "
-            f"{10 * np.log10(max(float(np.mean(10 ** (total / 10))), 1e-300)):.2f} dBsm; sampling error {error:.1f} dB"
+            f"{10 * np.log10(max(float(np.mean(10 ** (total / 10))), 1e-300)):.2f} dBsm; {kind} error {error:.1f} dB"
         )
         parts = {f"{n} bounce{'s' if n > 1 else ''}": sweep.dbsm(channel, n) for n in sweep.orders}
         curves.append(AspectCurves(channel, total, parts if len(parts) > 1 else {}))
@@ -304,7 +305,7 @@ def table_of(sweep: "RcsSweep") -> dict[str, "F64"]:
     }
     for i, channel in enumerate(result.channels):
         columns[f"{channel}_dbsm"] = sweep.dbsm(channel)
-        columns[f"{channel}_phase_deg"] = np.degrees(np.angle(result.amplitude[:, :, i].sum(axis=1)))
+        columns[f"{channel}_phase_deg"] = np.degrees(np.angle(sweep.total[:, i]))
     for channel in result.channels:
         columns |= {f"{channel}_order_{n}_dbsm": sweep.dbsm(channel, n) for n in sweep.orders}
     return columns
@@ -331,7 +332,7 @@ def _image(
     from sarmitsuba.io import write_image
     from sarmitsuba.simulation.render import render
     from sarmitsuba.simulation.run import Run
-    from sarmitsuba.simulation.turntable import turntable_scene
+    from sarmitsuba.simulation.turntable_image import turntable_scene
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import quicklook
 

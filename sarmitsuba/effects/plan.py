@@ -257,6 +257,12 @@ def plan_effects(
     )
 
 
+def without_switch(scene: Scene, name: str) -> Scene:
+    """Scene whose file leaves the switch of an effect automatic."""
+    kept = {effect: switch for effect, switch in scene.settings.effects.items() if effect != name}
+    return replace(scene, settings=replace(scene.settings, effects=kept))
+
+
 def _echo_bounces(context: SceneContext, chosen: Mapping[str, FlagValue], depth: int) -> int:
     """Most bounces of an echo of rays with ``depth`` bounces, those back along their chain included."""
     if not chosen.get("diffuse_double") or depth < 2:

@@ -38,7 +38,7 @@ def double_faces(corners: F64, shape: I64, distance: float = 0.0) -> NDArray[np.
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     twice = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
     normal /= twice[:, None]
-    trees = _Trees(middle, radius)
+    trees = TriangleBalls(middle, radius)
 
     # triangles whose middle lies on one of a lower shape, then all that overlap these
     found = []
@@ -70,7 +70,7 @@ def double_faces(corners: F64, shape: I64, distance: float = 0.0) -> NDArray[np.
     return out
 
 
-class _Trees:
+class TriangleBalls:
     """Balls around triangles, in a tree for each power of two of their radius."""
 
     def __init__(self, middle: F64, radius: F64) -> None:

@@ -58,7 +58,7 @@ def _channel(sweep: RcsSweep, name: str) -> dict[str, Value]:
         "name": name,
         "error": error if np.isfinite(error) else None,
         "total": sweep.dbsm(name),
-        "phase": np.degrees(np.angle(sweep.result.amplitude[:, :, i].sum(axis=1))),
+        "phase": np.degrees(np.angle(sweep.total[:, i])),
         "orders": [{"order": order, "dbsm": sweep.dbsm(name, order)} for order in sweep.orders],
     }
 

@@ -53,12 +53,16 @@ class ErrorStatement:
     sampling, bounces : (n_channels,) float64, m^2, energy of the sampling error and of the bounces left out in a
         direction; NaN: not measured
     theory : waves that are not simulated, and its causes
+    remedy : of the theory's error
+    currents : how surface currents were solved, whose error by the mesh ``sampling`` then is; empty: by ray optics
     """
 
     power: F64
     sampling: F64
     bounces: F64
     theory: TheoryError
+    remedy: str = _FULL_WAVE
+    currents: str = ""
 
     @staticmethod
     def of(
@@ -94,6 +98,32 @@ class ErrorStatement:
         left = 0.0 if math.isnan(left_db) else 10.0 ** (0.1 * left_db)
         mean = power.mean(axis=0)
         return ErrorStatement(power, level * mean, left * mean, theory)
+
+    def without_currents(self, why: str) -> "ErrorStatement":
+        """The statement with the reason why currents are not solved as the remedy."""
+        return replace(self, remedy=f"{_FULL_WAVE} ({why})")
+
+    def of_currents(self, amplitude: C128, error: F64, text: str) -> "ErrorStatement":
+        """Statement on solved currents in place of ray optics.
+
+        Parameters
+        ----------
+        amplitude : (n, n_channels) complex128, m
+        error : (n_channels,) float64, m^2, energy of the error by the mesh in a direction
+        text : how they were solved
+        """
+        power = np.square(np.abs(amplitude))
+        none = TheoryError(np.zeros_like(power), np.zeros(power.shape[1]), (), self.theory.counted)
+        before = f"ray optics alone: {self._total_text}"
+        return replace(
+            self,
+            power=power,
+            sampling=error,
+            bounces=np.zeros_like(error),
+            theory=none,
+            remedy="take a solver with a finer mesh",
+            currents=f"{text}; {before}",
+        )
 
     @cached_property
     def sampling_db(self) -> F64:
@@ -146,29 +176,35 @@ class ErrorStatement:
             f"bounces left out {_level(self.bounces_db[counted])}",
             self.theory.text,
         ]
+        if self.currents:
+            parts = [f"mesh {_level(self.sampling_db[counted])}", self.currents]
+        return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {self._total_text}: {', '.join(parts)}"
+
+    @property
+    def _total_text(self) -> str:
         if self.theory.unknown:
-            total = "not known"
-        else:
-            total = f"within {_level(self.total_db[counted])}"
-            if self.worst_db > DOUBTFUL_DB:
-                total = stated(self.worst_db)
-        return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {total}: {', '.join(parts)}"
+            return "not known"
+        if self.worst_db > DOUBTFUL_DB:
+            return stated(self.worst_db)
+        return f"within {_level(self.total_db[self.theory.counted])}"
 
     @property
     def warning(self) -> str:
         """Warning with a remedy; empty where the total is low, or nothing is known that speaks against it."""
         if self.theory.unknown:
-            return f"{self.theory.text}; {_FULL_WAVE}" if self.theory.doubtful else ""
+            return f"{self.theory.text}; {self.remedy}" if self.theory.doubtful else ""
         if self.worst_db <= DOUBTFUL_DB:
             return ""
         sampled = float(
             np.nan_to_num(np.fmax(self.sampling_db, self.bounces_db))[self.theory.counted].max(initial=0.0)
         )
+        if self.currents:
+            return f"levels are {stated(self.worst_db)} by the mesh ({self.currents}); {self.remedy}"
         if sampled > self.theory.worst_db:
             remedy = "set a smaller ray_spacing, or a higher max_depth"
         else:
             first = self.theory.causes[0].text if self.theory.causes else ""
-            remedy = next((r for key, r in _REMEDIES.items() if key in first), _FULL_WAVE)
+            remedy = next((r for key, r in _REMEDIES.items() if key in first), self.remedy)
         return f"levels are {stated(self.worst_db)} ({self.theory.text}); {remedy}"
 
     def as_dict(self, channels: tuple[str, ...]) -> dict[str, object]:
@@ -185,6 +221,7 @@ class ErrorStatement:
                 )
             },
             "causes": [{"cause": c.text, "rms_db": _finite(c.rms_db)} for c in self.theory.causes],
+            "currents": self.currents,
             "text": self.text,
         }
 

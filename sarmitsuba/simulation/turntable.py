@@ -1,4 +1,4 @@
-"""Radar cross section of a target over aspect angles, and its inverse-SAR (turntable) image.
+"""Radar cross section of a target over aspect angles.
 
 Azimuth is counted from +x (east) towards +y (north) and elevation from the horizontal upwards, both of the direction
 from the target to the radar. Phase is referred to the centre of all visible objects.
@@ -15,23 +15,20 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.backend import ensure_backend
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.effects.catalog.full_wave import FULL_WAVE
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.effects.plan import plan_effects, without_switch
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.loader.assemble import seen_by
-from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.radar.description import RadarDescription, RadarInput
-from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.error_statement import ErrorStatement, say_sampling_error
-from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
+from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, target_middle
+from sarmitsuba.simulation.full_wave import WORTH_DB, FullWaveTarget, SolvedCurrents, solve_currents
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
@@ -55,22 +52,6 @@ CHECKED = 24
 OTHER_SPACING, ERROR_SHARE = 2.0**-0.5, 2.0
 # relative error energy of phases: sums of rays in float32, and wavefront curvature
 ROUNDING = 10.0**-9.5
-# resolution cells over the target's diameter, and bandwidth over frequency, where no bandwidth is given
-CELLS_ACROSS, WIDEST_BAND = 48.0, 0.4
-# aspects of an image relative to the number needed for the target's width, and the largest number
-ASPECT_MARGIN, MOST_ASPECTS = 1.25, 4096
-# pixel spacing over the Nyquist spacing
-PIXEL_FILL = 0.5
-# arbitrary speed along the arc
-PULSES_PER_SECOND = 100.0
-# rad; elevations for which images are made: not from below, nor from straight above, where the target only rotates
-LOWEST, HIGHEST = 0.0, float(np.radians(80.0))
-# rad; an antenna in the plane of the image is raised by this much
-RAISED = 1e-4
-# rad; least range of azimuth for an image
-LEAST_TURN = float(np.radians(1.0))
-# widest step of a turn: aspects farther apart are single ones, whose image takes hundreds of times their own rays
-WIDEST_STEP = float(np.radians(5.001))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +65,10 @@ class RcsSweep:
     result : scattering amplitudes, bounce orders apart
     max_depth : bounces that were traced
     error_db : of every channel, energy of the sampling error relative to the echoes, dB; NaN where nothing is traced
-    statement : of the error in dB by sampling, bounces left out and theory
+    statement : of the error in dB by sampling, bounces left out and theory, or of the solved currents
     notes : one line each: assumptions
+    currents : scattering amplitudes of solved surface currents, which the totals are then; None where they are the
+        sums of the bounce orders, by ray optics
     """
 
     aspects: Aspects
@@ -95,6 +78,12 @@ class RcsSweep:
     error_db: tuple[float, ...]
     statement: ErrorStatement
     notes: tuple[str, ...] = ()
+    currents: SolvedCurrents | None = None
+
+    @cached_property
+    def total(self) -> C128:
+        """Scattering amplitudes (n_directions, n_channels), m."""
+        return self.result.amplitude.sum(axis=1) if self.currents is None else self.currents.amplitude
 
     @property
     def orders(self) -> tuple[int, ...]:
@@ -103,9 +92,9 @@ class RcsSweep:
         return tuple(int(i) + 1 for i in np.flatnonzero(power > 0.0))
 
     def dbsm(self, channel: str, order: int | None = None) -> F64:
-        """RCS (n,) of one bounce order, or of all summed coherently, dB above 1 m^2; -inf without an echo."""
-        amplitude = self.result.amplitude[:, :, self.result.channels.index(channel)]
-        picked = amplitude.sum(axis=1) if order is None else amplitude[:, order - 1]
+        """RCS (n,), or that of one bounce order by ray optics, dB above 1 m^2; -inf without an echo."""
+        i = self.result.channels.index(channel)
+        picked = self.total[:, i] if order is None else self.result.amplitude[:, order - 1, i]
         with np.errstate(divide="ignore"):
             return np.asarray(20.0 * np.log10(np.abs(picked)))
 
@@ -140,8 +129,10 @@ def rcs_sweep(
 
     Notes
     -----
-    Limitations are those of the kernel (no creeping waves, no waves between edges but those along sheets). Ground is
-    part of the target, up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB,
+    Small perfect conductors whose error by ray optics is above 0.5 dB have their surface currents solved
+    (:mod:`sarmitsuba.simulation.full_wave`; effect ``full_wave``), where directions are checked. Others have the
+    limitations of the kernel (no creeping waves, no waves between edges but those along sheets). Ground is part of the
+    target, up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB,
     or until the rays of a direction (``most_rays``) or of the sweep (1e8) are spent; a larger error is noted, and
     warned of above -15 dB. Where directions are checked, a total error above 3 dB, with the theory's, is warned of.
     """
@@ -156,43 +147,51 @@ def rcs_sweep(
     ensure_backend()
     channels = channels or scene.radar.channels
     frequency = scene.radar.waveform.center_frequency
-    scene, flags, depth = _effects(scene, aspects, channels)
+    switch = scene.settings.effects.get(FULL_WAVE, "auto")
+    scene, flags, depth = _effects(without_switch(scene, FULL_WAVE), aspects, channels)
     tracing = _AspectTracing(scene, flags, depth, most_rays, progress, FarSite(scene, flags, aspects))
-    shape = (aspects.azimuth.size, depth, len(channels))
-    amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
-    notes: tuple[str, ...] = ()
-    unfinished, left_db = np.zeros(aspects.azimuth.size, dtype=bool), -np.inf
-    if scene.traced:
-        first = tracing.amplitudes(aspects, 0)
-        left = tracing.left(aspects, first.unfinished)
-        if left is not None and not scene.settings.max_depth and left.depth > depth:
-            tracing = dataclasses.replace(tracing, depth=left.depth)
-            depth, first = left.depth, tracing.amplitudes(aspects, 0)
-        if left is not None:
-            notes, left_db = left.notes(scene.name, depth), left.after(depth)
-        if flags.edge_diffraction and tracing.site.edges.joined_text:
-            notes += (f"{scene.name}: {tracing.site.edges.joined_text}",)
-        if checked:
-            first, errors = tracing.refined(aspects, first, checked)
-            notes += say_sampling_error(scene, first.ray_spacing, errors)
-        unfinished = first.unfinished
-        amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
+    traced = tracing.first(aspects)
+    currents: SolvedCurrents | str = "directions are not checked"
+    if switch == "on" or checked:
+        currents = _currents(scene, flags, aspects, switch, traced.result.amplitude, progress)
+    if isinstance(currents, str) and scene.traced:
+        traced = traced.checked(aspects, checked)
+    result, errors, notes = traced.result, traced.errors, traced.notes
     points = _points(scene, flags, channels, aspects)
-    for i in range(len(channels)):
-        amplitude[:, 0, i] += points[:, i]
-    check_traced(amplitude, 0.0, scene.name)
-    statement = ErrorStatement.of(scene, flags, aspects.directions, amplitude, errors, left_db)
+    result.amplitude[:, 0] += points
+    check_traced(result.amplitude, 0.0, scene.name)
+    statement = ErrorStatement.of(scene, flags, aspects.directions, result.amplitude, errors, traced.left_db)
+    if isinstance(currents, str):
+        statement, solved = statement.without_currents(currents), None
+    else:
+        solved = dataclasses.replace(currents, amplitude=currents.amplitude + points)
+        check_traced(solved.amplitude, 0.0, scene.name)
+        statement, errors = (
+            statement.of_currents(solved.amplitude, solved.error, solved.text),
+            solved.error_db,
+        )
     if checked and statement.warning:
         warnings.warn(f"{scene.name}: {statement.warning}", SarmitsubaWarning, stacklevel=2)
-    return RcsSweep(
-        aspects,
-        frequency,
-        RcsResult(amplitude, channels, rays, spacing, depth, unfinished),
-        depth,
-        errors,
-        statement,
-        _notes(scene, spacing) + notes,
-    )
+    return RcsSweep(aspects, frequency, result, result.max_depth, errors, statement, notes, solved)
+
+
+def _currents(
+    scene: Scene, flags: KernelFlags, aspects: Aspects, switch: str, amplitude: C128, progress: Progress
+) -> SolvedCurrents | str:
+    """Amplitudes from solved currents, or the reason why ray optics (``amplitude``, by bounce order) is kept."""
+    target = FullWaveTarget.of(scene, flags, target_middle(scene)[0])
+    why = target.refused(switch)
+    if why:
+        return why
+    if switch != "on":
+        none = (np.nan,) * amplitude.shape[2]
+        theory = ErrorStatement.of(scene, flags, aspects.directions, amplitude, none, -np.inf).theory
+        if not theory.unknown and theory.worst_db <= WORTH_DB:
+            return f"ray optics is good to {WORTH_DB:g} dB"
+    up = np.empty((aspects.azimuth.size, 3))
+    for pick, vector in _uprights(aspects):
+        up[pick] = vector
+    return solve_currents(target, aspects.directions, up, flags.channels, switch == "on", progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,6 +209,26 @@ class _AspectTracing:
     def sources(self) -> tuple[Source, ...]:
         """Sources of the scene at known positions (wires, edges, volumes, pairs)."""
         return sources_of(self.site)
+
+    def first(self, aspects: Aspects) -> "_Traced":
+        """Amplitudes of all aspects by the rays of the plan, with as many bounces as count; zero without surfaces."""
+        if not self.scene.traced:
+            n, channels = aspects.azimuth.size, self.flags.channels
+            none = np.zeros((n, self.depth, len(channels)), dtype=np.complex128)
+            nothing = RcsResult(none, channels, 0, 0.0, self.depth, np.zeros(n, dtype=bool))
+            return _Traced(self, nothing, -np.inf, (np.nan,) * len(channels), ())
+        tracing, result = self, self.amplitudes(aspects, 0)
+        left = tracing.left(aspects, result.unfinished)
+        if left is not None and not self.scene.settings.max_depth and left.depth > self.depth:
+            tracing = dataclasses.replace(self, depth=left.depth)
+            result = tracing.amplitudes(aspects, 0)
+        notes: tuple[str, ...] = ()
+        left_db = -np.inf
+        if left is not None:
+            notes, left_db = left.notes(self.scene.name, tracing.depth), left.after(tracing.depth)
+        if self.flags.edge_diffraction and self.site.edges.joined_text:
+            notes += (f"{self.scene.name}: {self.site.edges.joined_text}",)
+        return _Traced(tracing, result, left_db, (np.nan,) * len(self.flags.channels), notes)
 
     def amplitudes(self, aspects: Aspects, realisation: int) -> RcsResult:
         """Scattering amplitudes (n, depth, n_channels); other realisations have other rays."""
@@ -308,6 +327,27 @@ class _AspectTracing:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Traced:
+    """Traced amplitudes: tracing, result, energy of the bounces left out (dB), sampling errors (dB), and notes."""
+
+    tracing: _AspectTracing
+    result: RcsResult
+    left_db: float
+    errors: tuple[float, ...]
+    notes: tuple[str, ...]
+
+    def checked(self, aspects: Aspects, checked: int) -> "_Traced":
+        """With the sampling error of about ``checked`` directions, and rays refined by it; 0: none."""
+        result, errors = self.result, self.errors
+        said: tuple[str, ...] = ()
+        if checked:
+            result, errors = self.tracing.refined(aspects, result, checked)
+            said = say_sampling_error(self.tracing.scene, result.ray_spacing, errors)
+        notes = _notes(self.tracing.scene, result.ray_spacing) + self.notes + said
+        return dataclasses.replace(self, result=result, errors=errors, notes=notes)
+
+
 def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple[Scene, KernelFlags, int]:
     """Scene, kernel flags and largest number of bounces, from the effects plan of a radar at these aspects."""
     center, radius = target_middle(scene)
@@ -392,109 +432,3 @@ def _notes(scene: Scene, spacing: float) -> tuple[str, ...]:
         f"{scene.name}: rays are {spacing / wavelength:.2g} wavelengths apart, where small and curved parts need "
         f"{1.0 / RAYS_PER_WAVELENGTH:.2g}; the stated sampling error includes this. Set ray_spacing for another value",
     )
-
-
-def image_refusal(aspects: Aspects) -> str:
-    """Reason why the aspects give no image; empty where they do."""
-    if not aspects.by_azimuth:
-        return "only a sweep of azimuth gives an image"
-    if np.ptp(aspects.azimuth) < LEAST_TURN:
-        return f"the azimuth turns by less than {np.degrees(LEAST_TURN):g} deg"
-    step = np.ptp(aspects.azimuth) / (aspects.azimuth.size - 1)
-    if step > WIDEST_STEP:
-        return f"aspects are {np.degrees(step):.3g} deg apart; steps of {np.degrees(WIDEST_STEP):.0f} deg give one"
-    if not LOWEST <= aspects.elevation[0] <= HIGHEST:
-        return f"the elevation is not within 0 to {np.degrees(HIGHEST):g} deg"
-    return ""
-
-
-def turntable_scene(
-    scene: Scene, aspects: Aspects, *, channels: tuple[str, ...] = (), bandwidth: float = 0.0
-) -> Scene:
-    r"""Scene with a radar that flies the arc of an azimuth sweep: rendering it gives the target's inverse-SAR image.
-
-    The arc is sampled without aliasing for a target of radius r, at the highest frequency:
-
-    .. math:: \Delta \phi \le \frac{\lambda}{4 r \cos\epsilon}
-
-    Parameters
-    ----------
-    scene : the target
-    aspects : azimuth sweep, see :func:`image_refusal`
-    channels : polarisations; empty: those of the scene's radar
-    bandwidth : Hz; 0 = 48 cells over the target's diameter, at most 0.4 of the frequency
-
-    Returns
-    -------
-    scene whose image plane is the horizontal plane through the target's middle; where the whole arc would need more
-    than 4096 pulses, the pulses are those about the sweep's middle
-
-    Notes
-    -----
-    The radar is a thousand radii away. If it lies in the image plane it is raised by 1e-4 rad.
-    """
-    center, radius = target_middle(scene)
-    frequency = scene.radar.waveform.center_frequency
-    width = float(np.linalg.norm((outline_of(scene) - center)[:, :2], axis=1).max())
-    radius, width = max(radius, 1e-3), max(width, 1e-3)
-    if not bandwidth:
-        bandwidth = min(CELLS_ACROSS * SPEED_OF_LIGHT / (4.0 * radius), WIDEST_BAND * frequency)
-    elevation = max(float(aspects.elevation[0]), RAISED)
-    shortest = SPEED_OF_LIGHT / (frequency + 0.5 * bandwidth)
-    margin = 1.0 + 32.0 / CELLS_ACROSS  # side lobes beside the target
-    step = shortest / (4.0 * margin * width * np.cos(elevation)) / ASPECT_MARGIN
-    first, last = float(aspects.azimuth.min()), float(aspects.azimuth.max())
-    n = int(min(np.ceil((last - first) / step), MOST_ASPECTS - 1)) + 1
-    middle, half = 0.5 * (first + last), 0.5 * min(last - first, (n - 1) * step)
-    if aspects.whole_circle and n < MOST_ASPECTS:  # seen from the west in the middle, +x is right and +y up
-        middle, half = np.pi, np.pi * (1.0 - 1.0 / n)
-    azimuth = np.linspace(middle + half, middle - half, n)  # clockwise: the target lies to the right
-    arc = Aspects(azimuth, np.full(n, elevation))
-    position = center + scene.offset + FAR * radius * arc.directions
-    track = Track.from_samples(np.arange(n) / PULSES_PER_SECOND, position)
-    extent = 2.0 * margin * width
-    longest = SPEED_OF_LIGHT / (frequency - 0.5 * bandwidth)
-    spacing = _pixel_spacings(half, elevation, shortest, longest)
-    description = RadarInput.of(
-        RadarDescription(
-            mode="spotlight",
-            center_frequency=frequency,
-            bandwidth=bandwidth,
-            polarisation=",".join(channels or scene.radar.channels),
-            aim_x=float(center[0] + scene.offset[0]),
-            aim_y=float(center[1] + scene.offset[1]),
-            aim_z=float(center[2] + scene.offset[2]),
-        ),
-        FilmDescription(
-            image_grid="ground",
-            image_center_x=float(center[0] + scene.offset[0]),
-            image_center_y=float(center[1] + scene.offset[1]),
-            image_height=float(center[2] + scene.offset[2]),
-            image_extent_azimuth=extent,
-            image_extent_range=extent,
-            pixel_spacing_azimuth=spacing[0],
-            pixel_spacing_range=spacing[1],
-        ),
-        track,
-    )
-    used = with_parts([scene.materials[i] for i in np.unique(scene.geometry.face_material)])
-    radar, image, notes = seen_by(scene.name, scene.geometry, scene.places, used, description, scene.offset)
-    return dataclasses.replace(scene, radar=radar, image=image, notes=notes, description=description)
-
-
-def _pixel_spacings(half: float, elevation: float, shortest: float, longest: float) -> tuple[float, float]:
-    r"""Pixel spacings (azimuth, range), m: ``PIXEL_FILL`` of the Nyquist spacing of the image's spectrum.
-
-    Aspects :math:`|\phi| \le \phi_h` about the middle and wavelengths from the shortest to the longest fill
-
-    .. math:: k_a = \pm \frac{4 \pi}{\lambda_s} \cos\epsilon \sin(\min(\phi_h, \pi / 2)), \quad
-              \frac{4 \pi}{\lambda} \cos\epsilon \cos\phi_h \le k_r \le \frac{4 \pi}{\lambda_s} \cos\epsilon
-    """
-    unit = 2.0 * np.cos(elevation)  # cycles per metre times the wavelength
-    along = 2.0 * unit / shortest * np.sin(min(half, 0.5 * np.pi))
-    lowest = np.cos(min(half, np.pi))
-    across = unit / shortest - unit * lowest / (longest if lowest > 0.0 else shortest)
-    return float(PIXEL_FILL / along), float(PIXEL_FILL / across)
-
-
-__all__ = ["Aspects", "RcsSweep", "image_refusal", "rcs_sweep", "turntable_scene"]

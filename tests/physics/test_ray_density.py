@@ -12,7 +12,8 @@ from sarmitsuba.mesh import pieces
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.refined_spacing import MARGIN_DB, finer_spacing, fitting_spacing
-from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep, turntable_scene
+from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.simulation.turntable_image import turntable_scene
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.measured import bodies
 from tests.support.unweighted import render

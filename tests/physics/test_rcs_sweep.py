@@ -14,7 +14,8 @@ from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.turntable import Aspects, RcsSweep, image_refusal, rcs_sweep, turntable_scene
+from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.simulation.turntable_image import image_refusal, turntable_scene
 from sarmitsuba.theory import canonical_rcs as theory
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases.courtyards import RADIUS, bowl

@@ -1,0 +1,1 @@
+"""Surface currents of metal bodies by the method of moments: basis functions, matrix and scattering amplitudes."""

@@ -1,0 +1,65 @@
+"""Places where parts of a surface touch or cross without sharing edges."""
+
+import numpy as np
+
+from sarmitsuba.arrays import F64, I64
+from sarmitsuba.mesh.double_faces import TriangleBalls
+from sarmitsuba.mesh.remesh import distance_to_triangles
+
+
+def contacts(vertices: F64, faces: I64, distance: float) -> F64:
+    """Places (n, 3), m, where corners or edges meet triangles that are not next to them.
+
+    Parameters
+    ----------
+    vertices : (n_v, 3) float64, m
+    faces : (m, 3) int64, of triangles of about one size
+    distance : m, nearer than this a corner touches a triangle
+    """
+    t = vertices[faces]
+    middle = t.mean(axis=1)
+    balls = TriangleBalls(middle, np.linalg.norm(t - middle[:, None], axis=2).max(axis=1))
+    row, triangle = balls.near(vertices, np.full(len(vertices), distance))
+    # next to a corner: triangles that share a corner with one of its own
+    near = _apart(row, triangle, faces, len(vertices))
+    row, triangle = row[near], triangle[near]
+    touching = row[distance_to_triangles(vertices[row], t[triangle]) < distance]
+    ends = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    a, b = vertices[ends[:, 0]], vertices[ends[:, 1]]
+    edge, other = balls.near(0.5 * (a + b), 0.5 * np.linalg.norm(b - a, axis=1))
+    free = ~(faces[other][:, :, None] == ends[edge][:, None, :]).any(axis=(1, 2))
+    edge, other = edge[free], other[free]
+    place, crosses = _crossing(a[edge], b[edge], t[other])
+    return np.concatenate([vertices[touching], place[crosses]])
+
+
+def _apart(row: I64, triangle: I64, faces: I64, n: int) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    """Whether a corner and a triangle have no triangle of the corner between them."""
+    from scipy.sparse import csr_matrix
+
+    m = len(faces)
+    of = csr_matrix(
+        (np.ones(3 * m, dtype=np.int32), (faces.ravel(), np.repeat(np.arange(m), 3))), shape=(n, m)
+    )
+    ring = ((of @ of.T) > 0).tocsr()
+    next_to = np.zeros(row.size, dtype=bool)
+    for i in range(3):
+        next_to |= np.asarray(ring[row, faces[triangle, i]]).ravel().astype(bool)
+    return ~next_to
+
+
+def _crossing(a: F64, b: F64, t: F64) -> tuple[F64, "np.ndarray[tuple[int], np.dtype[np.bool_]]"]:
+    """Crossing of segments with triangles (Moeller and Trumbore, 1997), and whether there is one."""
+    step, u, v = b - a, t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]
+    p = np.cross(step, v)
+    det = np.einsum("nc,nc->n", u, p)
+    scale = np.linalg.norm(step, axis=1) * np.linalg.norm(np.cross(u, v), axis=1)
+    steep = np.abs(det) > 1e-9 * scale
+    inverse = 1.0 / np.where(steep, det, 1.0)
+    off = a - t[:, 0]
+    x = np.einsum("nc,nc->n", off, p) * inverse
+    q = np.cross(off, u)
+    y = np.einsum("nc,nc->n", step, q) * inverse
+    s = np.einsum("nc,nc->n", v, q) * inverse
+    hit = steep & (x > 0.0) & (y > 0.0) & (x + y < 1.0) & (s > 0.0) & (s < 1.0)
+    return a + s[:, None] * step, hit

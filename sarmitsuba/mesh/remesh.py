@@ -1,0 +1,320 @@
+"""Meshes of even triangles of one size, for solvers of surface currents: sharp edges and rims stay where they are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.arrays import F64, I64
+
+# edges longer and shorter than these many of the wanted length are split and collapsed
+LONGEST, SHORTEST = 4.0 / 3.0, 0.8
+# rad: a bend from which on an edge is a sharp one and is not flipped
+SHARP = np.radians(10.0)
+# distance over wanted length by which a surface may leave a corner that is given up, and least cosine of the turn of
+# its facets
+DEVIATION, TURN = 0.03, 0.2
+# rad: bend below which facets are one plane, on which corners may move
+LEVEL = np.radians(0.5)
+ROUNDS, FLIPS, SMOOTHINGS, COLLAPSES = 5, 4, 2, 30
+# share of the corners that may go below which collapsing ends
+FEW = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Edges of a mesh: ends (n, 2), triangles of each side (3 m,) by edge number, count, first two sides, bend."""
+
+    ends: I64
+    of_side: I64
+    count: I64
+    first: I64
+    second: I64
+    bend: F64
+
+    @staticmethod
+    def of(vertices: F64, faces: I64) -> "_Edges":
+        start, end = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()
+        n = int(faces.max(initial=0)) + 1
+        side = np.minimum(start, end) * n + np.maximum(start, end)
+        order = np.argsort(side, kind="stable")
+        begin = np.flatnonzero(np.diff(side[order], prepend=-1))
+        key, count = side[order[begin]], np.diff(begin, append=side.size)
+        of_side = np.empty(side.size, dtype=np.int64)
+        of_side[order] = np.repeat(np.arange(key.size), count)
+        first = order[begin]
+        second = np.where(count == 2, order[np.minimum(begin + 1, order.size - 1)], -1)
+        ends = np.stack([key // n, key % n], axis=1)
+        bend = np.full(key.size, np.pi)
+        two = np.flatnonzero(count == 2)
+        a, b = vertices[ends[two, 0]], vertices[ends[two, 1]]
+        along = _unit(b - a)
+        inward = []
+        for side in (first[two], second[two]):
+            off = vertices[faces.ravel()[side]] - a
+            inward.append(_unit(off - np.einsum("nc,nc->n", off, along)[:, None] * along))
+        bend[two] = np.arccos(np.clip(-np.einsum("nc,nc->n", *inward), -1.0, 1.0))
+        return _Edges(ends, of_side, count, first, second, bend)
+
+    def has(self, low: I64, high: I64) -> NDArray[np.bool_]:
+        """Whether there is an edge between two corners, the smaller number first."""
+        n = int(self.ends.max(initial=0)) + 1
+        key, wanted = self.ends[:, 0] * n + self.ends[:, 1], low * n + high
+        place = np.minimum(np.searchsorted(key, wanted), max(key.size - 1, 0))
+        return np.asarray((high < n) & (key[place] == wanted))
+
+    def lengths(self, vertices: F64) -> F64:
+        """(n,) m."""
+        return np.asarray(np.linalg.norm(vertices[self.ends[:, 1]] - vertices[self.ends[:, 0]], axis=1))
+
+
+def _unit(v: F64) -> F64:
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300))
+
+
+def _normals(vertices: F64, faces: I64) -> F64:
+    t = vertices[faces]
+    return np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+
+
+def remesh(vertices: F64, faces: I64, length: float) -> tuple[F64, I64]:
+    """Mesh of the same surface with edges of about one length.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64, m
+    faces : (m, 3) int64; triangles meet corner to corner (:func:`sarmitsuba.mesh.conforming.conforming`)
+    length : m, wanted; no edge is longer than ``LONGEST`` times it
+
+    Returns
+    -------
+    vertices, faces : of the new mesh. Corners lie on the old surface
+
+    Notes
+    -----
+    Edges that bend by more than 10 degrees, rims and junctions keep their places. Smooth curved surface finer than
+    ``length`` is coarsened to chords; coarser one keeps its facets. Splits, collapses, flips and smoothing after
+    Botsch and Kobbelt, A Remeshing Approach to Multiresolution Modeling (2004), each on independent sets at a time.
+    """
+    vertices, faces = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
+    for _ in range(ROUNDS):
+        vertices, faces = _split(vertices, faces, LONGEST * length)
+        vertices, faces = _collapse(vertices, faces, length)
+        for _ in range(FLIPS):
+            faces, flipped = _flip(vertices, faces)
+            if not flipped:
+                break
+        for _ in range(SMOOTHINGS):
+            vertices = _smooth(vertices, faces)
+    vertices, faces = _split(vertices, faces, LONGEST * length)
+    for _ in range(FLIPS):
+        faces, flipped = _flip(vertices, faces)
+        if not flipped:
+            break
+    return _compact(vertices, faces)
+
+
+def _compact(vertices: F64, faces: I64) -> tuple[F64, I64]:
+    used, number = np.unique(faces, return_inverse=True)
+    return vertices[used], np.asarray(number.reshape(-1, 3), dtype=np.int64)
+
+
+def _split(vertices: F64, faces: I64, longest: float) -> tuple[F64, I64]:
+    """Halve edges that are too long, those first that are the longest of all their triangles."""
+    while True:
+        edges = _Edges.of(vertices, faces)
+        size = edges.lengths(vertices)
+        if size.max(initial=0.0) <= longest:
+            return vertices, faces
+        # rank by length; equal lengths by number
+        rank = np.empty(size.size, dtype=np.int64)
+        rank[np.argsort(size, kind="stable")] = np.arange(size.size)
+        mine = edges.of_side.reshape(-1, 3)
+        top = rank[mine].argmax(axis=1)
+        best = mine[np.arange(len(faces)), top]
+        votes = np.bincount(best, minlength=size.size)
+        chosen = (votes == edges.count) & (size > longest)
+        middle = np.full(size.size, -1)
+        middle[chosen] = len(vertices) + np.arange(int(chosen.sum()))
+        vertices = np.concatenate(
+            [vertices, 0.5 * (vertices[edges.ends[chosen, 0]] + vertices[edges.ends[chosen, 1]])]
+        )
+        cut = np.flatnonzero(chosen[best])
+        place, m = top[cut], middle[best[cut]]
+        apex = faces[cut, place]
+        a, b = faces[cut, (place + 1) % 3], faces[cut, (place + 2) % 3]
+        whole = np.delete(faces, cut, axis=0)
+        faces = np.concatenate([whole, np.stack([apex, a, m], axis=1), np.stack([apex, m, b], axis=1)])
+
+
+def _collapse(vertices: F64, faces: I64, length: float) -> tuple[F64, I64]:
+    """Move corners of short edges into their other end, where the surface stays what it is."""
+    for _ in range(COLLAPSES):
+        edges = _Edges.of(vertices, faces)
+        size = edges.lengths(vertices)
+        short = size < SHORTEST * length
+        if not short.any():
+            break
+        n = len(vertices)
+        # corners of rims move along these only, those of junctions not at all
+        rims = np.bincount(edges.ends[edges.count == 1].ravel(), minlength=n)
+        fixed = np.zeros(n, dtype=bool)
+        fixed[edges.ends[edges.count > 2].ravel()] = True
+        fixed |= rims > 2
+        number = np.flatnonzero(short)
+        move = np.concatenate([edges.ends[number, 0], edges.ends[number, 1]])
+        into = np.concatenate([edges.ends[number, 1], edges.ends[number, 0]])
+        edge = np.concatenate([number, number])
+        allowed = ~fixed[move] & ((rims[move] == 0) | (edges.count[edge] == 1))
+        move, into, edge = move[allowed], into[allowed], edge[allowed]
+        good = _keeps_surface(vertices, faces, edges, move, into, edge, length)
+        move, into, edge = move[good], into[good], edge[good]
+        if not move.size:
+            break
+        # one edge of every corner, then corners whose rings are apart, in an order without pattern
+        order = np.random.default_rng(0).permutation(move.size)
+        rank = np.full(n, np.iinfo(np.int64).max)
+        np.minimum.at(rank, move[order], np.arange(order.size))
+        best = order[rank[rank < np.iinfo(np.int64).max]]
+        both = np.concatenate([edges.ends, edges.ends[:, ::-1]])
+        claim = rank.copy()
+        np.minimum.at(claim, both[:, 1], rank[both[:, 0]])
+        lost = np.zeros(n, dtype=bool)
+        beaten = claim[both[:, 1]] < rank[both[:, 0]]
+        lost[both[beaten, 0]] = True
+        lost |= claim < rank
+        candidates = best.size
+        best = best[~lost[move[best]]]
+        to = np.arange(n)
+        to[move[best]] = into[best]
+        faces = to[faces]
+        flat = (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+        faces = faces[~flat]
+        if best.size < FEW * candidates:
+            break
+    return vertices, faces
+
+
+def _keeps_surface(
+    vertices: F64, faces: I64, edges: _Edges, move: I64, into: I64, edge: I64, length: float
+) -> NDArray[np.bool_]:
+    """Whether the surface about a moved corner stays near it, no facet turns over, and the mesh keeps its topology."""
+    n = len(vertices)
+    # triangles of each corner
+    corner = faces.ravel()
+    order = np.argsort(corner, kind="stable")
+    count = np.bincount(corner, minlength=n)
+    begin = np.cumsum(count) - count
+    each = count[move]
+    row = np.repeat(np.arange(move.size), each)
+    side = order[begin[move][row] + np.arange(row.size) - (np.cumsum(each) - each)[row]]
+    triangle = faces[side // 3]
+    stays = ~(triangle == into[row][:, None]).any(axis=1)
+    new = np.where(triangle == move[row][:, None], into[row][:, None], triangle)
+    before, after = (_cross(vertices[t]) for t in (triangle, new))
+    same = np.einsum("nc,nc->n", _unit(before), _unit(after)) > TURN
+    span = np.linalg.norm(vertices[new] - np.roll(vertices[new], 1, axis=1), axis=2).max(axis=1)
+    fine = (same & (span <= LONGEST * length)) | ~stays
+    good = np.bincount(row, ~fine, minlength=move.size) == 0
+    away = np.full(move.size, np.inf)
+    tested = np.flatnonzero(stays & good[row])
+    off = distance_to_triangles(vertices[move[row[tested]]], vertices[new[tested]])
+    np.minimum.at(away, row[tested], off)
+    good &= away < DEVIATION * length
+    # corners next to both ends are those opposite to the edge
+    near = np.concatenate([triangle[:, 0], triangle[:, 1], triangle[:, 2]])
+    rows = np.concatenate([row, row, row])
+    pair = np.sort(rows * n + near)
+    pair = pair[np.diff(pair, prepend=-1) > 0]
+    rows, near = pair // n, pair % n
+    free = (near != move[rows]) & (near != into[rows])
+    low, high = np.minimum(near, into[rows]), np.maximum(near, into[rows])
+    meets = free & edges.has(low, high)
+    common = np.bincount(rows, meets, minlength=move.size)
+    return np.asarray(good & (common == edges.count[edge]))
+
+
+def _cross(t: F64) -> F64:
+    return np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+
+
+def distance_to_triangles(points: F64, t: F64) -> F64:
+    """Distance (n,) of points (n, 3) from triangles (n, 3, 3)."""
+    normal = _cross(t)
+    unit = _unit(normal)
+    inside, beside = np.ones(len(points), dtype=bool), np.full(len(points), np.inf)
+    for i in range(3):
+        a, step = t[:, i], t[:, (i + 1) % 3] - t[:, i]
+        off = points - a
+        inside &= np.einsum("nc,nc->n", np.cross(normal, step), off) >= 0.0
+        share = np.einsum("nc,nc->n", off, step) / np.maximum(np.einsum("nc,nc->n", step, step), 1e-300)
+        beside = np.minimum(beside, np.linalg.norm(off - np.clip(share, 0.0, 1.0)[:, None] * step, axis=1))
+    above = np.abs(np.einsum("nc,nc->n", points - t[:, 0], unit))
+    return np.asarray(np.where(inside, above, beside))
+
+
+def _flip(vertices: F64, faces: I64) -> tuple[I64, bool]:
+    """Turn edges of smooth surface whose opposite angles sum to more than half a turn (Delaunay)."""
+    edges = _Edges.of(vertices, faces)
+    number = np.flatnonzero((edges.count == 2) & (edges.bend < SHARP))
+    one, two = edges.first[number], edges.second[number]
+    flat = faces.ravel()
+    c, d = flat[one], flat[two]
+    a = faces[one // 3, (one % 3 + 1) % 3]
+    b = faces[one // 3, (one % 3 + 2) % 3]
+    angle = _angle(vertices, c, a, b) + _angle(vertices, d, a, b)
+    n = len(vertices)
+    fresh = ~edges.has(np.minimum(c, d), np.maximum(c, d))
+    old = _unit(_cross(vertices[np.stack([a, b, c], axis=1)]))
+    other = _unit(_cross(vertices[np.stack([b, a, d], axis=1)]))
+    left, right = np.stack([a, d, c], axis=1), np.stack([d, b, c], axis=1)
+    holds = np.ones(number.size, dtype=bool)
+    for t in (left, right):
+        normal = _unit(_cross(vertices[t]))
+        holds &= np.minimum(
+            np.einsum("nc,nc->n", normal, old), np.einsum("nc,nc->n", normal, other)
+        ) > np.cos(SHARP)
+    wanted = np.flatnonzero((angle > np.pi + 1e-6) & fresh & holds)
+    if not wanted.size:
+        return faces, False
+    order = wanted[np.argsort(-angle[wanted], kind="stable")]
+    claim = np.full(len(faces), order.size)
+    rank = np.arange(order.size)
+    for side in (one, two):
+        np.minimum.at(claim, side[order] // 3, rank)
+    # new edges that two flips would both make
+    first = order[(claim[one[order] // 3] == rank) & (claim[two[order] // 3] == rank)]
+    _, pick = np.unique(np.minimum(c, d)[first] * n + np.maximum(c, d)[first], return_index=True)
+    first = first[pick]
+    faces = faces.copy()
+    faces[one[first] // 3], faces[two[first] // 3] = left[first], right[first]
+    return faces, True
+
+
+def _angle(vertices: F64, apex: I64, a: I64, b: I64) -> F64:
+    u, v = _unit(vertices[a] - vertices[apex]), _unit(vertices[b] - vertices[apex])
+    return np.asarray(np.arccos(np.clip(np.einsum("nc,nc->n", u, v), -1.0, 1.0)))
+
+
+def _smooth(vertices: F64, faces: I64) -> F64:
+    """Move corners within a plane halfway to the middle of their neighbours."""
+    edges = _Edges.of(vertices, faces)
+    n = len(vertices)
+    free = np.ones(n, dtype=bool)
+    free[edges.ends[(edges.count != 2) | (edges.bend > LEVEL)].ravel()] = False
+    both = np.concatenate([edges.ends, edges.ends[:, ::-1]])
+    total = np.stack(
+        [np.bincount(both[:, 0], vertices[both[:, 1], i], minlength=n) for i in range(3)], axis=1
+    )
+    middle = total / np.maximum(np.bincount(both[:, 0], minlength=n), 1)[:, None]
+    before = _cross(vertices[faces])
+    for _ in range(5):
+        moved = np.where(free[:, None], 0.5 * (vertices + middle), vertices)
+        after = _cross(moved[faces])
+        same = np.einsum("nc,nc->n", before, after)
+        sizes = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
+        bad = (same < 0.1 * sizes[0] ** 2) & (same < 0.5 * sizes[0] * sizes[1])
+        if not bad.any():
+            return moved
+        free[faces[bad].ravel()] = False
+    return vertices

@@ -1,0 +1,226 @@
+"""Radar cross section of small metal bodies from their solved surface currents, and whether it is worth its time."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sarmitsuba.arrays import C128, F64
+from sarmitsuba.currents.solution import BodyMesh, scattering_matrices
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.errors import RadarError
+from sarmitsuba.memory import check_fits
+from sarmitsuba.mesh.contacts import contacts
+from sarmitsuba.mesh.double_faces import double_faces
+from sarmitsuba.progress import Progress
+from sarmitsuba.radar.polarisation import linear_parts
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.visible_faces import VisibleFaces
+
+# wanted lengths of edges, wavelengths: the finest; the coarsest by itself, and where the solution is asked for
+FINEST, COARSEST, ASKED = 1.0 / 16.0, 1.0 / 7.0, 1.0 / 5.5
+# functions on a surface of one square length of edges
+FUNCTIONS = 4.6
+# processor seconds of a pair of functions and of an unknown cubed on one core, and how many a sweep may take by itself
+PAIR_SECONDS, CUBE_SECONDS, MOST_SECONDS = 2.7e-8, 2.3e-11, 8.0
+# error of ray optics from which on currents are solved, dB
+WORTH_DB = 0.5
+# edges of the mesh to compare with over those of the solution
+COARSER = 1.4
+# wavelengths: narrowest edges that are distinguished, and parts that touch
+TOUCHING = 0.02
+# surface, square wavelengths, beyond which nothing is meshed without being asked
+LARGEST_AREA = 250.0
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedCurrents:
+    """Scattering amplitudes from solved currents.
+
+    Parameters
+    ----------
+    amplitude : (n_directions, n_channels) complex128, m, phase about the reference point
+    error : (n_channels,) float64, m^2, energy of the error by the mesh, in a direction
+    unknowns : of the linear equations
+    length : rms length of the mesh's edges, wavelengths
+    """
+
+    amplitude: C128
+    error: F64
+    unknowns: int
+    length: float
+
+    @property
+    def error_db(self) -> tuple[float, ...]:
+        """Energy of the error relative to the echoes, dB, of every channel."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            level = 10.0 * np.log10(self.error / np.square(np.abs(self.amplitude)).mean(axis=0))
+        return tuple(float(v) for v in level)
+
+    @property
+    def text(self) -> str:
+        """What was solved, in words."""
+        return (
+            f"currents solved by the method of moments, {self.unknowns} unknowns, edges of "
+            f"{self.length:.2g} wavelengths"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FullWaveTarget:
+    """Metal body whose currents may be solved.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float64, m, visible triangles, each once
+    wavelength : m
+    reference : (3,) float64, m, of the phase
+    refusal : reason why its currents cannot be solved; empty where they can
+    """
+
+    corners: F64
+    wavelength: float
+    reference: F64
+    refusal: str = ""
+
+    @staticmethod
+    def of(scene: Scene, flags: KernelFlags, reference: F64) -> "FullWaveTarget":
+        """Target of a scene with the effects that are simulated."""
+        faces = VisibleFaces.of(scene.geometry, scene.materials)
+        wavelength = scene.radar.waveform.wavelength
+        why = ""
+        if not len(faces.corners):
+            why = "no surface"
+        elif not faces.metal.all():
+            other = scene.geometry.face_material[faces.face[~faces.metal][0]]
+            why = f"{scene.materials[other].name} is not a perfect conductor"
+        elif flags.roughness or flags.diffuse:
+            why = "surfaces are rough"
+        elif scene.wires or scene.volumes or scene.scatterers:
+            why = "wires, volumes and scatterers of extensions are no part of the equations"
+        corners = faces.corners
+        if not why and len(corners):
+            corners = corners[~double_faces(corners, faces.shape)]
+        return FullWaveTarget(corners, wavelength, reference, why)
+
+    @property
+    def area(self) -> float:
+        """Surface, square wavelengths."""
+        t = self.corners
+        twice = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
+        return float(0.5 * twice.sum()) / self.wavelength**2
+
+    def refused(self, switch: str) -> str:
+        """Reason why the currents are not solved, whatever they are worth; empty where they may be.
+
+        Parameters
+        ----------
+        switch : of the effect ``full_wave``
+
+        Raises
+        ------
+        RadarError
+            The solution is asked for, and impossible.
+        """
+        if switch == "off":
+            return "full_wave is off"
+        if self.refusal and switch == "on":
+            raise RadarError(f"rcs: full_wave = on, but {self.refusal}; leave it out")
+        if not self.refusal and switch != "on" and self.area > LARGEST_AREA:
+            return f"a surface of {self.area:.3g} square wavelengths is too large"
+        return self.refusal
+
+
+def processor_seconds(unknowns: int, copies: int) -> float:
+    """Processor seconds of a solution, about: pairs of functions, and equations of each symmetry."""
+    return PAIR_SECONDS * float(unknowns) ** 2 / copies + CUBE_SECONDS * copies * (unknowns / copies) ** 3
+
+
+def edge_length(area: float, copies: int) -> float:
+    """Finest length of edges, wavelengths, for which a surface (square wavelengths) takes ``MOST_SECONDS``."""
+    low, high = FINEST, 10.0
+    while high / low > 1.001:
+        middle = math.sqrt(low * high)
+        fits = processor_seconds(int(FUNCTIONS * area / middle**2), copies) <= MOST_SECONDS
+        low, high = (low, middle) if fits else (middle, high)
+    return high if processor_seconds(int(FUNCTIONS * area / FINEST**2), copies) > MOST_SECONDS else FINEST
+
+
+def solve_currents(
+    target: FullWaveTarget,
+    directions: F64,
+    up: F64,
+    channels: tuple[str, ...],
+    asked: bool,
+    progress: Progress,
+) -> SolvedCurrents | str:
+    """Amplitudes from solved currents, or the reason why they are not solved by themselves.
+
+    Parameters
+    ----------
+    target : that can be solved
+    directions : (n, 3) float64, unit vectors to the radar
+    up : (n, 3) float64, vertical reference of the polarisation in each
+    channels : such as HH
+    asked : whether the solution is asked for, whatever it takes
+    progress : called while equations are solved
+
+    Raises
+    ------
+    RadarError
+        It is asked for, and parts of the surface touch without sharing edges.
+    ResourceError
+        The equations do not fit into memory.
+    """
+    wave = target.wavelength
+    mesh = BodyMesh.of(target.corners, COARSEST * wave)
+    copies = 2 ** len(mesh.normals)
+    wanted = edge_length(target.area, copies)
+    if wanted > COARSEST and not asked:
+        seconds = processor_seconds(int(FUNCTIONS * target.area / COARSEST**2), copies)
+        return f"its currents would take about {seconds:.2g} processor seconds; full_wave = on solves them"
+    length = min(wanted, ASKED)
+    check_fits(
+        "rcs with full_wave = on",
+        int(10.0 * (FUNCTIONS * target.area / length**2 / copies) ** 2),
+        f"about {FUNCTIONS * target.area / length**2:.2g} unknowns in {copies} symmetric parts are too many; switch "
+        "full_wave off",
+    )
+    fine = BodyMesh.of(target.corners, length * wave)
+    at = contacts(fine.vertices, fine.faces, TOUCHING * wave)
+    if len(at):
+        place = ", ".join(f"{v:.3g}" for v in at[0] + fine.center)
+        why = f"parts of the surface touch or cross without common edges, at ({place}) m"
+        if asked:
+            raise RadarError(f"rcs: full_wave = on, but {why}; join them in one mesh, or leave it out")
+        return why
+    factor = COARSER
+    rough = BodyMesh.of(target.corners, factor * length * wave)
+    while rough.rms_edge < 1.15 * fine.rms_edge and factor < 4.0:
+        factor *= COARSER
+        rough = BodyMesh.of(target.corners, factor * length * wave)
+    horizontal = np.cross(up, directions)
+    horizontal /= np.linalg.norm(horizontal, axis=1, keepdims=True)
+    fields = np.stack([horizontal, np.cross(directions, horizontal)], axis=1)
+    found = []
+    for mesh in (rough, fine):
+
+        def solved(done: int, total: int, mesh: BodyMesh = mesh) -> None:
+            progress("currents" if mesh is fine else "currents, coarser", done, total, {})
+
+        matrices = scattering_matrices(mesh, wave, directions, fields, solved)
+        matrices *= np.exp(-4j * np.pi / wave * (directions @ target.reference))[:, None, None]
+        found.append(np.stack([_channel(matrices, c) for c in channels], axis=1))
+    coarse, amplitude = found
+    # currents at edges make the error fall as the length
+    share = 1.0 / (rough.rms_edge / fine.rms_edge - 1.0)
+    error = np.square(share) * np.square(np.abs(amplitude - coarse)).mean(axis=0)
+    return SolvedCurrents(amplitude, error, fine.unknowns * copies, fine.rms_edge / wave)
+
+
+def _channel(matrices: C128, channel: str) -> C128:
+    """Amplitude (n,) of a channel from [direction, received, sent], H first."""
+    total = np.zeros(len(matrices), dtype=np.complex128)
+    for factor, part in linear_parts(channel):
+        total += factor * matrices[:, "HV".index(part[1]), "HV".index(part[0])]
+    return total
