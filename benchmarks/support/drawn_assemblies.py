@@ -2,8 +2,8 @@
 
 Long profiles (pairs of sheets, boxes and cylinders at gaps of 0.1 to 5 wavelengths, louvres, channels, bent sheets) are
 solved in two dimensions by :func:`sarmitsuba.theory.strips_by_moments`, short ones (pairs of plates and boxes, a box
-before a plate, bent plates) by :mod:`dense_moments`. ``python benchmarks/support/drawn_assemblies.py FILE --seed 1
---each 10`` draws, solves and stores them as JSON. Lengths are in wavelengths.
+before a plate, bent plates) by :mod:`dense_moments`. ``python benchmarks/support/drawn_assemblies.py FILE --seed 3``
+draws, solves and stores them as JSON. Lengths are in wavelengths.
 """
 
 import argparse
@@ -34,6 +34,8 @@ SEGMENTS, OF_GAP = 14.0, 0.5
 # triangles up to which a short body is solved
 MOST_TRIANGLES = 2600
 GAPS = (0.1, 5.0)
+# bodies of a family; seeds of those that constants are fitted to, and of those that are held out
+EACH, FITTED, HELD_OUT = 12, (1, 2), 3
 # sides of a circle for the solution, at least, and longest side of it for the simulator
 SIDES, FINE_SIDE = 40, 0.03
 # step at which distances of outlines are taken
@@ -288,11 +290,11 @@ def body_mesh(entry: dict[str, Any], step: float = 1e9) -> moments.Mesh:
 
 
 def drawn(seed: int, each: int, families: tuple[str, ...] = FAMILIES) -> list[dict[str, Any]]:
-    """Bodies, families in turn; every family has numbers of its own."""
+    """Bodies, families in turn, half as many round ones; every family has random numbers of its own."""
     found = []
     for name in families:
         rng = np.random.default_rng([seed, FAMILIES.index(name)])
-        for number in range(each):
+        for number in range(each // 2 if name.startswith("round") else each):
             while True:
                 if name in PROFILES:
                     entry = {"family": name, "turn": round(float(rng.uniform(0.0, 2.0 * np.pi)), 4)}
@@ -327,7 +329,7 @@ def solve(entry: dict[str, Any]) -> dict[str, Any]:
     else:
         looks = np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=1)
         fields = moments.amplitudes(body_mesh(entry, STEP), looks).T
-    level = np.round(20.0 * np.log10(np.maximum(np.abs(fields), 1e-6)), 2)
+    level = np.round(20.0 * np.log10(np.maximum(np.abs(fields), 1e-6)), 1)
     return entry | {"HH": level[0].tolist(), "VV": level[1].tolist()}
 
 
@@ -337,7 +339,7 @@ def main() -> int:
     )
     parser.add_argument("file", type=Path)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--each", type=int, default=10)
+    parser.add_argument("--each", type=int, default=EACH)
     parser.add_argument("--family", action="append", default=[], choices=FAMILIES)
     args = parser.parse_args()
     bodies = []
@@ -345,7 +347,8 @@ def main() -> int:
         start = time.process_time()
         bodies.append(solve(entry))
         print(entry["family"], entry["sizes"], f"{time.process_time() - start:.0f} CPU s", flush=True)
-        args.file.write_text("[\n" + ",\n".join(json.dumps(b) for b in bodies) + "\n]\n", encoding="utf-8")
+        rows = ",\n".join(json.dumps(b, separators=(",", ":")) for b in bodies)
+        args.file.write_text(f"[\n{rows}\n]\n", encoding="utf-8")
     return 0
 
 
