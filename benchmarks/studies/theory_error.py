@@ -1,10 +1,10 @@
 """Stated error of the theory against the true one, for drawn metal bodies solved by the method of moments.
 
-``python benchmarks/studies/theory_error.py`` sweeps every body with ``rcs_sweep`` by ray optics and prints its rms error
-in HH and VV, true and stated, then for each family and for all bodies how often the true error is above the stated one
-by 2 dB, and the stated error over the true one. Bodies are those to which the laws were fitted, and those drawn anew
-afterwards (held out). ``--set bodies`` takes single bodies, ``--set assemblies`` those of several parts and bent sheets,
-of which the fitted ones are solved again; ``--only held_out`` and ``--family plate`` take some.
+``python benchmarks/studies/theory_error.py`` sweeps every body with ``rcs_sweep`` by ray optics and prints its rms
+error in HH and VV, true and stated, then for each family and for all bodies how often the true error is above the
+stated one by 2 dB, and the stated error over the true one. Bodies are those to which the laws were fitted, and those
+drawn anew afterwards (held out). ``--set bodies`` takes single bodies, ``--set assemblies`` those of several parts and
+bent sheets, of which the fitted ones are solved again; ``--only held_out`` and ``--family plate`` take some.
 ``benchmarks/support/drawn_bodies.py`` and ``drawn_assemblies.py`` draw and solve others.
 """
 

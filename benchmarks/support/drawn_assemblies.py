@@ -70,7 +70,7 @@ def _circle(radius: float, side: float) -> F64:
 def _beside(first: F64, second: F64, gap: float, offset: float) -> Profile:
     """Two outlines a gap apart along x, the second shifted along y by a share of the first one's width."""
     x = first[:, 0].max() + gap - second[:, 0].min()
-    return [first, second + [x, offset * np.ptp(first[:, 1])]]
+    return [first, second + np.array([x, offset * np.ptp(first[:, 1])])]
 
 
 def _bends(sizes: F64, bends: F64) -> F64:
@@ -86,7 +86,7 @@ Make = Callable[[list[float], float], Profile]
 
 
 def _louvre(s: list[float], side: float) -> Profile:
-    return [_turn(_strip(s[1]), s[3]) + [0.0, i * s[2]] for i in range(int(s[0]))]
+    return [_turn(_strip(s[1]), s[3]) + np.array([0.0, i * s[2]]) for i in range(int(s[0]))]
 
 
 def _channel(s: list[float], side: float) -> Profile:
@@ -97,7 +97,12 @@ def _channel(s: list[float], side: float) -> Profile:
 def _louvre_numbers(rng: np.random.Generator) -> list[float]:
     width = _log(rng, 0.6, 4.0)
     # blades that are turned by a right angle lie in one line: their distance is then that of their middles
-    return [float(rng.integers(3, 6)), width, width * 0.05 + _log(rng, 0.15, 2.5), float(rng.uniform(0.9, 2.2))]
+    return [
+        float(rng.integers(3, 6)),
+        width,
+        width * 0.05 + _log(rng, 0.15, 2.5),
+        float(rng.uniform(0.9, 2.2)),
+    ]
 
 
 PROFILES: dict[str, tuple[Draw, Make]] = {
@@ -119,7 +124,7 @@ PROFILES: dict[str, tuple[Draw, Make]] = {
         lambda r: [_log(r, 0.8, 7), _log(r, 0.8, 7), _log(r, *GAPS), float(r.uniform(-0.5, 0.5))],
         lambda s, _: [
             _strip(s[0]) - [0.0, 0.5 * s[0]],
-            _turn(_strip(s[1]) + [0.0, 0.5 * s[1]], s[3]) + [0.0, s[2]],
+            _turn(_strip(s[1]) + np.array([0.0, 0.5 * s[1]]), s[3]) + np.array([0.0, s[2]]),
         ],
     ),
     "louvre": (_louvre_numbers, _louvre),
@@ -216,7 +221,9 @@ SOLIDS: dict[str, tuple[Draw, Callable[[list[float]], list[Patch]]]] = {
         ],
         lambda s: [
             _plate(s[0], s[1], X, 0.0 * X),
-            _plate(s[2], s[3], _leaning(s[6]), X * (s[4] + 0.5 * s[2] * abs(np.sin(s[6]))) + [0, s[5] * s[0], 0]),
+            _plate(
+                s[2], s[3], _leaning(s[6]), X * (s[4] + 0.5 * s[2] * abs(np.sin(s[6]))) + [0, s[5] * s[0], 0]
+            ),
         ],
     ),
     "solids": (
@@ -266,9 +273,7 @@ def least_gap(lines: Profile) -> float:
         for line in lines
     ]
     return min(
-        (
-            float(cKDTree(a).query(b)[0].min()) for i, a in enumerate(fine) for b in fine[:i]
-        ),
+        (float(cKDTree(a).query(b)[0].min()) for i, a in enumerate(fine) for b in fine[:i]),
         default=float("inf"),
     )
 

@@ -181,9 +181,7 @@ def _onward(corners: F64, vertex: I64, piece: I64, pairs: tuple[I64, I64]) -> F6
     return share
 
 
-def _of_edges(
-    edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onward: F64
-) -> MetalLines:
+def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onward: F64) -> MetalLines:
     """Sharp edges, their collinear pieces joined; ``onward``: of :func:`_onward`."""
     if not edges.n:
         return _none()
@@ -318,7 +316,19 @@ def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavele
 
 def _none() -> MetalLines:
     e = np.zeros(0)
-    return MetalLines(np.zeros((0, 3)), np.zeros((0, 3)), e, e, np.zeros((0, 2, 3)), np.zeros((0, 3)), np.zeros((0, 2)), e > 0.0, e, e, e)
+    return MetalLines(
+        np.zeros((0, 3)),
+        np.zeros((0, 3)),
+        e,
+        e,
+        np.zeros((0, 2, 3)),
+        np.zeros((0, 3)),
+        np.zeros((0, 2)),
+        e > 0.0,
+        e,
+        e,
+        e,
+    )
 
 
 def omitted_energy(

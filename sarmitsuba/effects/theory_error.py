@@ -193,7 +193,9 @@ def theory_error(
     missing[BODIES] = between.energy
     total = np.sum(list(missing.values()), axis=0)
     causes = [
-        TheoryCause(cause_text(name, lines, wavelength, between.gap), float(rms_db(part, power[some])[counted].max()))
+        TheoryCause(
+            cause_text(name, lines, wavelength, between.gap), float(rms_db(part, power[some])[counted].max())
+        )
         for name, part in missing.items()
         if part.any()
     ]

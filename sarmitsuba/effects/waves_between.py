@@ -1,4 +1,4 @@
-"""Expected level of the waves that pass from the edges of one metal body to another one, and from there to the radar."""
+"""Expected level of the waves from the edges of one metal body that reach the radar by way of another one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -119,7 +119,11 @@ def metal_faces(corners: F64) -> MetalFaces:
     up = normal[lead] * np.where(outward == 0.0, 1.0, outward)[lead][:, None]
     sides = (np.roll(corners, -1, axis=1) - corners)[lead]
     sides = sides / np.maximum(np.linalg.norm(sides, axis=2, keepdims=True), 1e-300)
-    half, center, axes = np.full((lead.size, 2), np.inf), np.zeros((lead.size, 3)), np.zeros((lead.size, 3, 3))
+    half, center, axes = (
+        np.full((lead.size, 2), np.inf),
+        np.zeros((lead.size, 3)),
+        np.zeros((lead.size, 3, 3)),
+    )
     for i in range(3):  # the smallest rectangle along a side of the first triangle
         frame = np.stack([sides[:, i], np.cross(up, sides[:, i]), up], axis=1)
         place = np.einsum("tci,tai->tca", corners[order], frame[part[order]])
@@ -229,7 +233,7 @@ def waves_between(
 
 
 def _points(lines: MetalLines) -> tuple[I64, F64, F64]:
-    """Points on the lines: the line (n,), place (n, 3), and share of the line's energy, three a line where affordable."""
+    """Points on the lines, three a line if few: line (n,), place (n, 3), and share of the line's energy."""
     if 3 * lines.n <= MOST_POINTS:
         row = np.repeat(np.arange(lines.n), 3)
         along = np.tile([-1.0 / 3.0, 0.0, 1.0 / 3.0], lines.n)

@@ -278,7 +278,8 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     between = waves_between(lines, faces, look, channels, wavelength)
     omitted = omitted_energy(lines, look, channels, wavelength, waves) | {BODIES: between.energy}
     by_cause = {
-        cause_text(name, lines, wavelength, between.gap): energy.mean(axis=0) for name, energy in omitted.items()
+        cause_text(name, lines, wavelength, between.gap): energy.mean(axis=0)
+        for name, energy in omitted.items()
     }
     total = np.sum(list(by_cause.values()), axis=0)
     largest = max(by_cause, key=lambda text: float(by_cause[text].max()))

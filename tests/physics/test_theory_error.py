@@ -38,7 +38,9 @@ def swept(mesh: targets.Mesh, azimuth: np.ndarray, elevation: float = 0.0, **set
         radar=RadarDescription(center_frequency=SPEED_OF_LIGHT),
     )
     return rcs_sweep(
-        scene.replace(**{"full_wave": "off"} | settings), Aspects(azimuth, np.full(azimuth.size, elevation)), channels=CHANNELS
+        scene.replace(**{"full_wave": "off"} | settings),
+        Aspects(azimuth, np.full(azimuth.size, elevation)),
+        channels=CHANNELS,
     )
 
 
@@ -122,7 +124,10 @@ def test_bodies_side_by_side_and_bent_sheets_against_moments_in_two_dimensions(
     for entry in map(drawn.solve, drawn.drawn(429, 2, (family,))):
         sweep = study.sweep_of(entry)
         for i, channel in enumerate(CHANNELS):
-            true, stated = true_rms(sweep.dbsm(channel), np.array(entry[channel])), sweep.statement.total_db[i]
+            true, stated = (
+                true_rms(sweep.dbsm(channel), np.array(entry[channel])),
+                sweep.statement.total_db[i],
+            )
             print(f"{family} {channel}: true {true:.2f} dB, stated {stated:.2f} dB")
             over.append(true - stated)
             factor.append(stated / true)

@@ -1,5 +1,7 @@
 """Waves between metal bodies: which bodies have them, how they fall off, and gaps between faces."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import trimesh
@@ -18,13 +20,13 @@ def sheet(*places: tuple[float, float]) -> F64:
     """Triangles of an outline in x and y, drawn out along z."""
     quads = [
         np.array([[*p, z] for p, z in ((a, -1), (b, -1), (b, 1), (a, 1))], dtype=float)
-        for a, b in zip(places[:-1], places[1:], strict=True)
+        for a, b in pairwise(places)
     ]
     return np.array([q[i] * [1.0, 1.0, 0.5 * LONG] for q in quads for i in ([0, 1, 2], [0, 2, 3])])
 
 
-def box(x: float, size: float = 2.0) -> F64:
-    return np.asarray(trimesh.creation.box((size, size, size)).triangles) + [x, 0.0, 0.0]
+def box(x: float, size: float = 2.0, y: float = 0.0) -> F64:
+    return np.asarray(trimesh.creation.box((size, size, size)).triangles + np.array([x, y, 0.0]))
 
 
 def around(n: int = 36) -> F64:
@@ -88,7 +90,7 @@ def test_the_gap_is_said() -> None:
 
 
 def test_work_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    corners = np.concatenate([box(4.0 * i, 1.0) + [0.0, 4.0 * j, 0.0] for i in range(12) for j in range(12)])
+    corners = np.concatenate([box(4.0 * i, 1.0, 4.0 * j) for i in range(12) for j in range(12)])
     faces = metal_faces(corners)
     assert faces.n == 864 and faces.body.max() == 143 and faces.closed.all()
     lines = metal_lines(corners, np.ones(len(corners)), 1.0)
