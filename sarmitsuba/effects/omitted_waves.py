@@ -213,8 +213,8 @@ def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onwa
     widths = (
         np.stack([np.bincount(line, width[:, i] * edges.length) for i in range(2)], axis=1) / whole[:, None]
     )
-    middle = np.stack([np.bincount(line, edges.middle[:, i] * edges.length) for i in range(3)], axis=1)
-    middle /= whole[:, None]
+    sums = [np.bincount(line, edges.middle[:, i] * edges.length) for i in range(3)]
+    middle = np.asarray(np.stack(sums, axis=1) / whole[:, None], dtype=np.float64)
     return MetalLines(
         middle,
         along[pick],

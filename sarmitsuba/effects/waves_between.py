@@ -166,11 +166,11 @@ def _outward(corners: F64, area: F64, body: I64, shared: I64) -> F64:
     """(n,) 1 where the normal of a closed body's triangle points outwards, -1 where inwards, 0 for open bodies."""
     alone = np.ones(3 * len(corners))
     alone[shared] = 0.0
-    middle, total = (
+    sums, total = (
         np.stack([np.bincount(body, values[:, i]) for i in range(3)], axis=1)
         for values in (corners.mean(axis=1), area)
     )
-    middle /= np.bincount(body)[:, None]
+    middle = sums / np.bincount(body)[:, None]
     size = np.bincount(body, np.linalg.norm(area, axis=1))
     open_sides = np.bincount(body, alone.reshape(-1, 3).sum(axis=1))
     closed = (open_sides == 0.0) & (np.abs(total).max(axis=1) <= 1e-6 * size)
