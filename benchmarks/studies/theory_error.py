@@ -53,8 +53,9 @@ def sweep_of(entry: dict[str, object]) -> RcsSweep:
         name=str(entry["family"]),
     )
     azimuth = np.radians(drawn_bodies.AZIMUTH)
-    scene = scene.replace(full_wave="off")
-    return rcs_sweep(scene, Aspects(azimuth, np.zeros_like(azimuth)), channels=CHANNELS)
+    return rcs_sweep(
+        scene.replace(full_wave="off"), Aspects(azimuth, np.zeros_like(azimuth)), channels=CHANNELS
+    )
 
 
 def entries(which: str, of: str = "bodies") -> Iterator[dict[str, object]]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.arrays import C64, C128, F64, I64
-from sarmitsuba.backend import dr, mi
+from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.currents.basis import CurrentBasis, Symmetry
 from sarmitsuba.currents.quadrature import inverse_distance_integrals, triangle_rule
 
@@ -36,6 +36,8 @@ class NearPairs:
             test, source = _near_pairs(basis.corners, there)
             sides = basis.corners[test], there[source]
             values = _near(*sides) - _coarse(*sides)
+            own = test == source  # and its mirror image: symmetric but for the rules
+            values[own] = 0.5 * (values[own] + values[own].transpose(0, 2, 1))
             if resistance and not found:  # the identity is the first
                 same = basis.triangle[test] == basis.triangle[source]
                 values[same] -= 1j * resistance * _products(basis.corners[test[same]])
@@ -90,7 +92,7 @@ class MomentMatrices:
 
 
 def _matrix(basis: CurrentBasis, near: NearPairs, function: I64, n: int, signs: F64) -> C64:
-    """Matrix (n, n) with a sign for each copy, 0 for none; ``function`` (n_rows, 3): row and column of each function."""
+    """Matrix (n, n) with a sign for each copy, 0 for none; ``function`` (n_rows, 3): rows of the functions."""
     out = _far(basis, function, n, signs)
     for (test, source, values), sign in zip(near.of_copy, signs, strict=True):
         if not sign:
@@ -110,7 +112,7 @@ def _matrix(basis: CurrentBasis, near: NearPairs, function: I64, n: int, signs: 
 def _far(basis: CurrentBasis, function: I64, n: int, signs: F64) -> C64:
     """All pairs with three points each; the same point of one triangle counts nothing."""
     rows = len(basis.corners)
-    number = mi.Int32(np.ascontiguousarray(function, dtype=np.int32).ravel())
+    number = device_array(mi.Int32, function.astype(np.int32))
     here = _table(basis.corners, basis.weight)
     out = dr.zeros(mi.Float, 2 * n * n)
     count, width = dr.opaque(mi.UInt32, rows), dr.opaque(mi.UInt32, n)
@@ -134,7 +136,7 @@ def _table(corners: F64, weight: F64) -> mi.Float:
     middle = corners.mean(axis=1)
     offset = (corners - middle[:, None]).reshape(len(corners), 9)
     rows = np.concatenate([middle, offset, weight], axis=1)
-    return mi.Float(np.ascontiguousarray(rows, dtype=np.float32).ravel())
+    return device_array(mi.Float, rows.astype(np.float32))
 
 
 def _add_pairs(
@@ -156,8 +158,8 @@ def _add_pairs(
     d, v, b = row(tables[1], source)
     apart = c - d
     g = mi.Complex2f(0.0)
-    gt = [mi.Complex2f(0.0)] * 3
-    gs = [mi.Complex2f(0.0)] * 3
+    # arrays of their own: += works in place
+    gt, gs = ([mi.Complex2f(0.0) for _ in range(3)] for _ in range(2))
     gg = mi.Complex2f(0.0)
     for p in range(3):
         for q in range(3):

@@ -34,7 +34,7 @@ _REMEDIES = {
     "edges that are not simulated": "switch edge_diffraction on",
     "act as one": "describe the plate as a sheet without thickness",
 }
-_FULL_WAVE = "take a full-wave solver for single levels"
+_FULL_WAVE = "take solved currents for single levels"
 
 
 def simulated_waves(flags: KernelFlags) -> SimulatedWaves:

@@ -28,7 +28,6 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.error_statement import ErrorStatement, say_sampling_error
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, target_middle
-from sarmitsuba.simulation.full_wave import WORTH_DB, FullWaveTarget, SolvedCurrents, solve_currents
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
@@ -38,6 +37,7 @@ from sarmitsuba.simulation.sampling.refined_spacing import (
     finer_spacing,
     worst,
 )
+from sarmitsuba.simulation.solved_currents import WORTH_DB, FullWaveTarget, SolvedCurrents, solve_currents
 from sarmitsuba.simulation.sources.kind import passages_of, sources_of
 from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.trace.source import Source
@@ -130,7 +130,7 @@ def rcs_sweep(
     Notes
     -----
     Small perfect conductors whose error by ray optics is above 0.5 dB have their surface currents solved
-    (:mod:`sarmitsuba.simulation.full_wave`; effect ``full_wave``), where directions are checked. Others have the
+    (:mod:`sarmitsuba.simulation.solved_currents`; effect ``full_wave``), where directions are checked. Others have the
     limitations of the kernel (no creeping waves, no waves between edges but those along sheets). Ground is part of the
     target, up to its edges. The automatic ray spacing is refined until the sampling error is below -30 dB,
     or until the rays of a direction (``most_rays``) or of the sweep (1e8) are spent; a larger error is noted, and
@@ -210,13 +210,13 @@ class _AspectTracing:
         """Sources of the scene at known positions (wires, edges, volumes, pairs)."""
         return sources_of(self.site)
 
-    def first(self, aspects: Aspects) -> "_Traced":
+    def first(self, aspects: Aspects) -> "_TracedAspects":
         """Amplitudes of all aspects by the rays of the plan, with as many bounces as count; zero without surfaces."""
         if not self.scene.traced:
             n, channels = aspects.azimuth.size, self.flags.channels
             none = np.zeros((n, self.depth, len(channels)), dtype=np.complex128)
             nothing = RcsResult(none, channels, 0, 0.0, self.depth, np.zeros(n, dtype=bool))
-            return _Traced(self, nothing, -np.inf, (np.nan,) * len(channels), ())
+            return _TracedAspects(self, nothing, -np.inf, (np.nan,) * len(channels), ())
         tracing, result = self, self.amplitudes(aspects, 0)
         left = tracing.left(aspects, result.unfinished)
         if left is not None and not self.scene.settings.max_depth and left.depth > self.depth:
@@ -228,7 +228,7 @@ class _AspectTracing:
             notes, left_db = left.notes(self.scene.name, tracing.depth), left.after(tracing.depth)
         if self.flags.edge_diffraction and self.site.edges.joined_text:
             notes += (f"{self.scene.name}: {self.site.edges.joined_text}",)
-        return _Traced(tracing, result, left_db, (np.nan,) * len(self.flags.channels), notes)
+        return _TracedAspects(tracing, result, left_db, (np.nan,) * len(self.flags.channels), notes)
 
     def amplitudes(self, aspects: Aspects, realisation: int) -> RcsResult:
         """Scattering amplitudes (n, depth, n_channels); other realisations have other rays."""
@@ -328,7 +328,7 @@ class _AspectTracing:
 
 
 @dataclass(frozen=True, eq=False)
-class _Traced:
+class _TracedAspects:
     """Traced amplitudes: tracing, result, energy of the bounces left out (dB), sampling errors (dB), and notes."""
 
     tracing: _AspectTracing
@@ -337,7 +337,7 @@ class _Traced:
     errors: tuple[float, ...]
     notes: tuple[str, ...]
 
-    def checked(self, aspects: Aspects, checked: int) -> "_Traced":
+    def checked(self, aspects: Aspects, checked: int) -> "_TracedAspects":
         """With the sampling error of about ``checked`` directions, and rays refined by it; 0: none."""
         result, errors = self.result, self.errors
         said: tuple[str, ...] = ()

@@ -12,7 +12,7 @@ FULL_WAVE = "full_wave"
 
 
 class FullWave(Effect):
-    """Full wave; decided by ``rcs`` alone (:mod:`sarmitsuba.simulation.full_wave`): images follow rays.
+    """Full wave; decided by ``rcs`` alone (:mod:`sarmitsuba.simulation.solved_currents`): images follow rays.
 
     The radar cross section of perfect conductors of up to some 50 square wavelengths of surface is solved where ray
     optics is expected to err by more than 0.5 dB; ``on`` solves larger ones, as memory allows.
