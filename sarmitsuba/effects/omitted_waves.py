@@ -71,7 +71,7 @@ class WaveLaws:
     fringe: float = 0.5
     dark: float = 0.5
     curved: tuple[float, float] = (0.75, 1.37)
-    bent: float = 0.73
+    bent: float = 0.9
     doubly: float = 6.0
     mixed: float = 0.65
 

@@ -272,7 +272,7 @@ def _bodies(place: F64, faces: MetalFaces, near: tuple[I64, I64], touching: floa
 
 
 @dataclass(frozen=True, eq=False)
-class _Pairs:
+class _PointsOverFaces:
     """Points over the faces of other bodies: numbers, height, m, place along the face's sides, m, and its normal."""
 
     point: I64
@@ -284,7 +284,7 @@ class _Pairs:
 
 def _pairs(
     place: F64, own: I64, faces: MetalFaces, body: I64, near: tuple[I64, I64], wavelength: float, most: int
-) -> _Pairs:
+) -> _PointsOverFaces:
     """Pairs of points and faces that see each other, those with the largest solid angles."""
     p, f = near
     off = place[p] - faces.center[f]
@@ -297,7 +297,7 @@ def _pairs(
         kept = np.sort(kept[np.argpartition(-angle, most)[:most]])
     p, f, off, height = p[kept], f[kept], off[kept], height[kept]
     beside = np.einsum("pi,pai->pa", off, faces.axes[f, :2])
-    return _Pairs(p, f, np.abs(height), beside, np.sign(height)[:, None] * faces.axes[f, 2])
+    return _PointsOverFaces(p, f, np.abs(height), beside, np.sign(height)[:, None] * faces.axes[f, 2])
 
 
 def _mirrored(
@@ -305,7 +305,7 @@ def _mirrored(
     row: I64,
     weight: F64,
     faces: MetalFaces,
-    pairs: _Pairs,
+    pairs: _PointsOverFaces,
     directions: F64,
     channels: Sequence[str],
     wavelength: float,

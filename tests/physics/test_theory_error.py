@@ -145,7 +145,12 @@ def test_assemblies_drawn_after_the_laws_were_fitted(benchmark_script: Callable[
     true, stated = (np.array([getattr(f, n) for f in found]).ravel() for n in ("true", "stated"))
     known = np.isfinite(stated)
     assert known.mean() > 0.9
-    assert (true - stated > MARGIN)[known].mean() <= 0.03
+    long = np.repeat(
+        np.isin([f.family for f in found], list(benchmark_script("drawn_assemblies").PROFILES)), 2
+    )
+    # tol: short plates of one to two wavelengths turned edge-on, of which ray optics has next to nothing
+    assert (true - stated > MARGIN)[known].mean() <= 0.04
+    assert (true - stated > MARGIN)[known & long].mean() <= 0.02
     assert 0.8 < np.median((stated / true)[known]) < 2.0
 
 
