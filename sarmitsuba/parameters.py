@@ -20,6 +20,8 @@ T = TypeVar("T")
 D = TypeVar("D", bound="DataclassInstance")
 # most names listed by an error; longer lists are on the page
 MOST_NAMED, PAGE = 40, "docs/scene_format.md"
+# least magnitude of a number other than 0, whose fourth power is still a normal one
+TINY = 1e-60
 _PARAM = "param"  # key in the metadata of a field
 
 # accepted spellings of true and false
@@ -115,6 +117,10 @@ class Param:
             raise self._wrong_type(value, where, error)
         if not math.isfinite(value):
             raise error(f"{where}: {self.name} = {value} is not a finite number; {self._remedy()}")
+        if 0.0 < abs(value) < TINY:  # powers of it underflow
+            raise error(
+                f"{where}: {self.name} = {_text(value, self.unit)} is nearer to 0 than {TINY:g}; {self._remedy()}"
+            )
         low = value <= self.minimum if self.positive else value < self.minimum
         if low or value > self.maximum:
             side = "above" if value > self.maximum else "not above" if self.positive else "below"
@@ -128,6 +134,10 @@ class Param:
     def _string(self, value: object, where: str, error: type[SarmitsubaError]) -> str:
         if not isinstance(value, str):
             raise self._wrong_type(value, where, error)
+        if "\0" in value:
+            raise error(
+                f'{where}: {self.name} = "{printable(one_line(value))}" holds the character NUL; leave it out'
+            )
         if self.choices and value not in self.allowed:
             meant = self.synonym(value) if self.synonym else ""
             if meant:

@@ -1,6 +1,7 @@
 """What physics a learner needs: accuracy on hybrid images of a classifier and a detector trained on simpler ones.
 
-Usage: python benchmarks/studies/learner_physics.py [--train N] [--test N] [--seeds N] [--keep FOLDER]
+Usage: python benchmarks/studies/learner_physics.py [--train N] [--test N] [--seeds N] [--first SEED]
+       [--rows TEXT ...] [--keep FOLDER]
 
 Data sets of the ten shipped vehicle-like and boat-like bodies are drawn by ``sarmitsuba dataset``: any aspect, three
 grounds, two looks, up to three boxes beside the body, 128 x 128 pixels. All tests are on chips of method hybrid with
@@ -9,6 +10,8 @@ number of bounces, aspects (headings every so many degrees), resolution (of both
 
 - **Classifier**: which of ten bodies. Means of power over 1 m x 1 m of the middle 24 m x 24 m, in dB less their mean,
   then linear discriminant analysis on the strongest 60 principal components, with pooled covariance shrunk by a tenth.
+- **Neighbours**: a second learner of another kind, the most frequent body of the nearest chips for training, by the
+  distance in the same components.
 - **Detector**: where the body is. Areas of 1 m cells above a threshold over the chip's median; the threshold is the
   one of the best F1 on the training chips. A detection counts where its strongest cell lies within 2 m of the body's
   box; more than one on a body, and those elsewhere (boxes!), are false.
@@ -65,6 +68,7 @@ max_depth = {depth}
 """
 CELL, KEPT, SHRINK, NEAR = 1.0, 24, 0.1, 2.0
 COMPONENTS = 60
+NEIGHBOURS = 5
 THRESHOLDS = 10.0 ** np.arange(0.3, 3.0, 0.1)
 
 
@@ -146,13 +150,29 @@ def features(chips: Chips) -> F64:
     return np.asarray(level - level.mean(axis=1, keepdims=True))
 
 
-def classifier_accuracy(train: Chips, test: Chips) -> float:
-    """Share of test chips whose body linear discriminant analysis names."""
+def components(train: Chips, test: Chips) -> tuple[F64, F64]:
+    """Strongest principal components of the levels of the training chips, of both sets."""
     x, y = features(train), features(test)
     mean = x.mean(axis=0)
     _, _, axes = np.linalg.svd(x - mean, full_matrices=False)
     axes = axes[:COMPONENTS]
-    x, y = (x - mean) @ axes.T, (y - mean) @ axes.T
+    return (x - mean) @ axes.T, (y - mean) @ axes.T
+
+
+def neighbour_accuracy(train: Chips, test: Chips) -> float:
+    """Share of test chips whose body is the most frequent one of the nearest training chips, the nearest of equals."""
+    x, y = components(train, test)
+    nearest = scipy.spatial.cKDTree(x).query(y, k=NEIGHBOURS)[1]
+    right = 0
+    for of, truth in zip(train.body[nearest], test.body, strict=True):
+        names, first, count = np.unique(of, return_index=True, return_counts=True)
+        right += names[np.lexsort((first, -count))[0]] == truth
+    return right / len(test.body)
+
+
+def classifier_accuracy(train: Chips, test: Chips) -> float:
+    """Share of test chips whose body linear discriminant analysis names."""
+    x, y = components(train, test)
     names = np.unique(train.body)
     centres = np.stack([x[train.body == name].mean(axis=0) for name in names])
     within = x - centres[np.searchsorted(names, train.body)]
@@ -195,6 +215,12 @@ def main() -> None:
     parser.add_argument("--train", type=int, default=500, help="chips for training")
     parser.add_argument("--test", type=int, default=400, help="chips for tests")
     parser.add_argument("--seeds", type=int, default=1, help="draws of the training chips")
+    parser.add_argument(
+        "--first", type=int, default=2000, help="seed of the first draw of the training chips"
+    )
+    parser.add_argument(
+        "--rows", nargs="+", default=[""], help="rows whose names hold one of these texts alone"
+    )
     parser.add_argument("--keep", type=Path, help="folder for the data sets, read again where they are there")
     args = parser.parse_args()
     rows: Mapping[str, tuple[Drawn, Drawn]] = {
@@ -213,18 +239,28 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        print(f"train {args.train}, test {args.test} chips, {args.seeds} draw(s) of the training chips")
         print(
-            "| training chips | classifier, % right | detector, F1 | recall | false a chip |\n|---|---|---|---|---|"
+            f"train {args.train}, test {args.test} chips, {args.seeds} draw(s) of the training chips from seed "
+            f"{args.first}"
+        )
+        print(
+            "| training chips | classifier, % right | neighbours, % right | detector, F1 | recall | false a chip |\n"
+            "|---|---|---|---|---|---|"
         )
         for name, (drawn, tested) in rows.items():
+            if not any(text in name for text in args.rows):
+                continue
             test = make(folder, tested, args.test, 1000)
             found = []
             for seed in range(args.seeds):
-                train = make(folder, drawn, args.train, 2000 + seed)
-                found.append((100.0 * classifier_accuracy(train, test), *detector_f1(train, test)))
-            right, f1, recall, false = np.mean(found, axis=0)
-            print(f"| {name} | {right:.1f} | {f1:.2f} | {recall:.2f} | {false:.2f} |", flush=True)
+                train = make(folder, drawn, args.train, args.first + seed)
+                right = [100.0 * one(train, test) for one in (classifier_accuracy, neighbour_accuracy)]
+                found.append((*right, *detector_f1(train, test)))
+            linear, nearest, f1, recall, false = np.mean(found, axis=0)
+            print(
+                f"| {name} | {linear:.1f} | {nearest:.1f} | {f1:.2f} | {recall:.2f} | {false:.2f} |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.image_arguments import PictureStyle, add_axes_argument, add_scene_picture_arguments
+from sarmitsuba.commands.image_arguments import (
+    PictureStyle,
+    add_axes_argument,
+    add_label_arguments,
+    add_scene_picture_arguments,
+)
 from sarmitsuba.commands.scene_arguments import pixels, scene_of_data
 from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import DataError
@@ -149,12 +154,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-chart", action="store_true", help="do not draw accuracy.png: error by cause and time by stage"
     )
     add_axes_argument(parser)
-    parser.add_argument(
-        "--labels",
-        action="store_true",
-        help="also write labels of the image's pixels: layover and shadow, positions, shapes, mechanisms, materials "
-        "(docs/labels.md)",
-    )
+    add_label_arguments(parser)
     parser.add_argument(
         "--focuser",
         action=_Listing,
@@ -326,6 +326,8 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     grid = default_grid(radar, request)
     if args.labels:
         check_labelled(radar)
+    elif args.classes is not None:
+        raise DataError("--classes gives shapes their classes in labels, and there are none; add --labels")
     ShownAxes.of(grid, args.axes)
     for entry in results.Formats.parse(args.format).image:
         against = entry.objection(radar, request.grid) if entry.objection else ""

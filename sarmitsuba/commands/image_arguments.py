@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,6 +34,38 @@ def add_axes_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_label_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add labels of the image's pixels."""
+    parser.add_argument(
+        "--labels",
+        action="store_true",
+        help="also write labels of the image's pixels: layover and shadow, positions, shapes, mechanisms, materials "
+        "(docs/labels.md)",
+    )
+    parser.add_argument(
+        "--classes",
+        metavar="FILE",
+        help='table (TOML or JSON) of the semantic class of shapes, for --labels: "building*" = "building"',
+    )
+
+
+def class_argument(args: argparse.Namespace, scene: "Scene") -> dict[str, str] | None:
+    """Table of classes of the command line, checked against a scene; None without.
+
+    Raises
+    ------
+    DataError
+        One line: the table cannot be read, or names no shape of the scene.
+    """
+    if args.classes is None:
+        return None
+    from sarmitsuba.labelling.classes import checked_classes, read_classes
+
+    table = read_classes(args.classes)
+    checked_classes(scene, table)
+    return table
+
+
 def add_scene_picture_arguments(parser: argparse.ArgumentParser, *, loads: bool = True) -> None:
     """Add what a picture shows of the scene; ``loads``: the command loads the scene for this alone."""
     parser.add_argument(
@@ -62,6 +94,7 @@ class PictureStyle:
     scene : of the image; needed only for what follows
     outlined, with_plan : draw outlines of bodies, and the scene from above beside the image
     labelled : also write labels of the image's pixels
+    classes : of shapes, by name or pattern; None: there are none
     """
 
     axes: str | None = None
@@ -69,14 +102,23 @@ class PictureStyle:
     outlined: bool = False
     with_plan: bool = False
     labelled: bool = False
+    classes: Mapping[str, str] | None = None
 
     @staticmethod
     def of(
         args: argparse.Namespace, scene: "Callable[[], Scene]", *, labelled: bool = False
     ) -> "PictureStyle":
-        """Style of the command line; ``scene`` is called where a picture or labels show something of it."""
+        """Style of the command line; ``scene`` is called where a picture or labels show something of it.
+
+        Raises
+        ------
+        DataError
+            The table of classes cannot be read, or names no shape of the scene.
+        """
         needed = args.outlines or args.with_view or labelled
-        return PictureStyle(args.axes, scene() if needed else None, args.outlines, args.with_view, labelled)
+        shown = scene() if needed else None
+        classes = class_argument(args, shown) if labelled and shown is not None else None
+        return PictureStyle(args.axes, shown, args.outlines, args.with_view, labelled, classes)
 
     def options(self, options: "PictureOptions") -> "PictureOptions":
         """Options of a picture with these axes."""

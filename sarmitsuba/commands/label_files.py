@@ -1,5 +1,6 @@
 """Files with the labels of an image, which ``render`` and ``focus`` write."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
@@ -16,7 +17,7 @@ PICTURES = {"labels.png": "layover_shadow", "labels_echoes.png": "mechanism"}
 # layers of codes; of a scene without labels of echoes the first three
 _MASKS = (
     *("layover_shadow", "shape", "shadow_of"),
-    *("mechanism", "instance", "second_instance", "instance_here", "material"),
+    *("mechanism", "instance", "second_instance", "instance_here", "material", "class"),
 )
 # layers that name the shape of each pixel, for COCO; the first that there is
 _SHAPES = ("instance", "shape")
@@ -30,7 +31,13 @@ def label_names(*, geotiff: bool) -> tuple[str, ...]:
 
 
 def save_labels(
-    folder: OutputFolder, image: "SarImage", scene: "Scene", console: Console, *, geotiff: bool
+    folder: OutputFolder,
+    image: "SarImage",
+    scene: "Scene",
+    console: Console,
+    *,
+    classes: Mapping[str, str] | None,
+    geotiff: bool,
 ) -> "Labels":
     """Label the pixels of an image and write the labels: HDF5, COCO, masks as PNG, and on a map as GeoTIFF."""
     from sarmitsuba.io.catalog.geotiff import write_layer
@@ -39,7 +46,7 @@ def save_labels(
     from sarmitsuba.labelling import labels
     from sarmitsuba.view.labels_picture import write_mask, write_pixels
 
-    found = labels(scene, image=image)
+    found = labels(scene, image=image, classes=classes)
     for note in found.notes:
         console.note(f"labels: {note}")
     with folder.writing(LABELS) as path:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.commands.cluster_arguments import add_cluster_argument, check_cluster_argument, open_workers
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
-from sarmitsuba.commands.image_arguments import PictureStyle, add_scene_picture_arguments
+from sarmitsuba.commands.image_arguments import PictureStyle, add_scene_picture_arguments, class_argument
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, pixels, scene_of, scene_record
 from sarmitsuba.commands.view import PAGE, view_folder
 from sarmitsuba.errors import DataError, RadarError
@@ -193,12 +193,14 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
         )
     if args.page and args.no_focus:
         raise DataError("--page shows the image, and --no-focus makes none; leave one of them out")
-    if args.no_focus and (args.axes or args.outlines or args.with_view or args.labels):
+    if args.no_focus and (args.axes or args.outlines or args.with_view or args.labels or args.classes):
         raise DataError(
-            "--axes, --outlines, --with-view and --labels are of the image, and --no-focus makes none; leave them out"
+            "--axes, --outlines, --with-view, --labels and --classes are of the image, and --no-focus makes none; "
+            "leave them out"
         )
     if not args.no_focus:
         check_focusing(scene.radar, scene.image, args)
+        class_argument(args, scene)
     formats = results.Formats.parse(args.format)
     run_hash = fingerprint(scene, getattr(args, "extension", ()))
     if _many_passes(scene):  # several passes are not replaced by one without --force

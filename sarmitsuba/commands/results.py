@@ -278,7 +278,9 @@ def store_image(
         from sarmitsuba.view.labels_picture import labels_figure
 
         with watch.stage("labels"):
-            labels = save_labels(folder, image, style.scene, console, geotiff=formats.on_a_map)
+            labels = save_labels(
+                folder, image, style.scene, console, classes=style.classes, geotiff=formats.on_a_map
+            )
             options = style.options(PictureOptions())
             for name, layer in PICTURES.items():
                 if layer in labels.layers:

@@ -47,8 +47,7 @@ class BodyMesh:
         corners : (n, 3, 3) float64, m, of triangles that need not meet corner to corner
         length : m, wanted length of edges
         """
-        vertices, faces = conforming(corners, JOINED * length)
-        center, normals = mirror_planes(vertices, faces, DEVIATION * length)
+        vertices, faces, center, normals = whole_body(corners, length)
         if normals.size:
             vertices, faces = part_of(vertices, faces, center, normals, JOINED * length)
         vertices, faces = remesh(vertices - center, faces, length)
@@ -73,6 +72,18 @@ class BodyMesh:
         rim = self.vertices[edge[count == 1]]
         on = np.abs(rim @ self.normals.T).max(axis=1, initial=0.0) < 1e-3 * self.length
         return bool(on.any(axis=1).all())
+
+
+def whole_body(corners: F64, length: float) -> tuple[F64, I64, F64, F64]:
+    """Vertices, faces, centre and normals of the mirror planes of a surface, before it is meshed.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float64, m, of triangles that need not meet corner to corner
+    length : m, of edges for which it is to be meshed
+    """
+    vertices, faces = conforming(corners, JOINED * length)
+    return vertices, faces, *mirror_planes(vertices, faces, DEVIATION * length)
 
 
 def scattering_matrices(

@@ -10,6 +10,7 @@ from sarmitsuba.datasets.recipe import PART_NAMES, Recipe
 from sarmitsuba.datasets.record import JsonTable, SampleRecord
 from sarmitsuba.datasets.sample_labels import SHAPES
 from sarmitsuba.io.coco import run_lengths
+from sarmitsuba.labelling.ground_shapes import GROUND_CLASSES
 from sarmitsuba.version import __version__
 
 
@@ -29,7 +30,8 @@ class DetectionDocuments:
     Notes
     -----
     Shapes are annotated by their pixels in the layer ``shape``, or else ``instance``, where the recipe asks for it;
-    without, by the bounds of their vertices within the image. ``iscrowd`` is 0: each annotation is one shape, also
+    without, by the bounds of their vertices within the image. Shapes of scene files are annotated where [classes] gives
+    them a class that is no ground. ``iscrowd`` is 0: each annotation is one shape, also
     those whose masks are run lengths, which pycocotools reads either way and detectors drop where it is 1.
     """
 
@@ -66,12 +68,18 @@ class DetectionDocuments:
             )
             shown = next((record.layers[name] for name in SHAPES if name in record.layers), None)
             window = None if shown is None else shown[top : top + rows, left : left + columns]
-            for one in record.objects:
+            drawn = {one["name"] for one in record.objects}
+            others = [
+                {"name": name, "semantic_class": kind, "code": code}
+                for code, name, kind in record.label["named_shapes"]
+                if kind and kind not in GROUND_CLASSES and name not in drawn
+            ]
+            for one in (*record.objects, *others):
                 found = (
                     _by_box(one["box"], (top, left), (rows, columns))
-                    if window is None
+                    if window is None and "box" in one
                     else _by_mask(window == one["code"])
-                    if one["code"]
+                    if window is not None and one["code"]
                     else None
                 )
                 if found is not None:
@@ -82,7 +90,7 @@ class DetectionDocuments:
                             "category_id": self._category[one["semantic_class"]],
                             "iscrowd": 0,
                             "name": one["name"],
-                            "aspect_deg": one["aspect_deg"],
+                            **({"aspect_deg": one["aspect_deg"]} if "aspect_deg" in one else {}),
                             **found,
                         }
                     )

@@ -2,10 +2,10 @@
 
 import hashlib
 import os
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,9 +21,12 @@ from sarmitsuba.datasets.drawn_shapes import (
     relief,
 )
 from sarmitsuba.datasets.layout import ShapeLayout
-from sarmitsuba.datasets.recipe import Recipe, RecipeSection, read_recipe
+from sarmitsuba.datasets.recipe import CLASSES, Recipe, RecipeSection, read_recipe
+from sarmitsuba.datasets.scene_files import SceneFile
 from sarmitsuba.datasets.splits import SCENE_DRAW, VIEW_DRAW, DatasetParts
-from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
+from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.labelling.classes import check_used
+from sarmitsuba.labelling.owners import NO_SURFACE_MATERIALS
 from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.parameters import Value, float_value, string_value
@@ -33,7 +36,6 @@ from sarmitsuba.radar.mode import mode_parameters
 from sarmitsuba.regular_files import read_bytes
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.fingerprint import fingerprint
 
 Values = Mapping[str, Value | None]
 # margin by which the feet of walls and boxes are sunk into ground with relief, m
@@ -144,16 +146,23 @@ class Drawer:
             )
         )
 
+    @cached_property
+    def scene_files(self) -> dict[str, SceneFile]:
+        """What the scene files of the recipe hold, by name."""
+        if not self.recipe.from_file:
+            return {}
+        return {name: SceneFile.of(self._file(name)) for name in self.recipe.drawn("scene", "file").texts}
+
+    def _file(self, name: str) -> Path | str:
+        """A scene file beside the recipe, or the name of a shipped scene."""
+        own = self.recipe.file_beside(name)
+        return own if os.path.isfile(own) else name
+
     def file_hash(self, name: str) -> str:
         """Hash of a file of :attr:`files`; of a scene that of all that belongs to it. "" where it cannot be read."""
         path = self.recipe.file_beside(name)
-        if self.recipe.from_file and name in self.recipe.drawn("scene", "file").texts:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", SarmitsubaWarning)
-                try:
-                    return fingerprint(load_scene(path if os.path.isfile(path) else name))
-                except SarmitsubaError:  # its draws fail, and say why
-                    return ""
+        if name in self.scene_files:
+            return self.scene_files[name].digest
         return hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest() if os.path.isfile(path) else ""
 
     @cached_property
@@ -163,10 +172,32 @@ class Drawer:
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """Semantic classes of the recipe's shapes."""
-        kinds = {mesh.semantic_class for mesh in self.meshes}
+        """Semantic classes of the recipe's shapes, in the order of their codes."""
+        kinds = {mesh.semantic_class for mesh in self.meshes} | set(self.recipe.class_table.values())
         kinds |= {kind for name, kind in _KINDS.items() if name in self.recipe.given}
         return tuple(sorted(kinds))
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """Names of all materials that echoes may come from, in the order of their codes."""
+        if self.recipe.from_file:
+            found = {name for file in self.scene_files.values() for name in file.materials}
+        else:
+            sections = (self.recipe.sections[name] for name in (GROUND, *PLACED))
+            found = {text for s in sections if "material" in s.drawn for text in s.drawn["material"].texts}
+        return (*sorted(found - set(NO_SURFACE_MATERIALS)), *NO_SURFACE_MATERIALS)
+
+    def check_classes(self) -> None:
+        """Raise a DataError where [classes] names a shape that no scene of the recipe has."""
+        if self.recipe.from_file:
+            names = {name for file in self.scene_files.values() for name in file.shapes}
+            if not names:
+                return  # no file can be read: the draws fail, and say why
+        else:
+            names = {GROUND}
+        check_used(
+            self.recipe.class_table, sorted(names), f"{self.recipe.path.name}: [{CLASSES}]: the scenes have"
+        )
 
     def draw(self, number: int, attempt: int) -> DrawnSample:
         """Sample of a number; other attempts draw its radar, and a scene of its own, anew.
@@ -215,7 +246,7 @@ class Drawer:
         recipe, out, layout = self.recipe, DrawnShapes(), ShapeLayout()
         generator = np.random.default_rng(np.random.SeedSequence((recipe.seed, SCENE_DRAW, scene, attempt)))
         ground = self._ground(out, generator, levels)
-        for name in ("objects", "walls", "clutter", "trees"):
+        for name in PLACED:
             if name not in recipe.given:
                 continue
             section = recipe.sections[name]
@@ -230,8 +261,8 @@ class Drawer:
         self, out: DrawnShapes, generator: np.random.Generator, levels: Mapping[str, int]
     ) -> F64 | None:
         """Add ground; its points where it has relief."""
-        values = self.recipe.sections["ground"].draw(generator, levels)
-        out.facts |= {f"ground.{name}": value for name, value in values.items()}
+        values = self.recipe.sections[GROUND].draw(generator, levels)
+        out.facts |= {f"{GROUND}.{name}": value for name, value in values.items()}
         if values["material"] == "none":
             return None
         material = _material(values)
@@ -240,7 +271,7 @@ class Drawer:
             return None
         extent, rms, length = (float_value(values, name) for name in ("extent", "relief", "relief_length"))
         vertices, faces = relief(extent, rms, length, generator)
-        out.meshes.append(SceneMesh(vertices, faces, material, "ground"))
+        out.meshes.append(SceneMesh(vertices, faces, material, GROUND))
         return vertices
 
     def _place(
@@ -329,7 +360,6 @@ class Drawer:
         generator = np.random.default_rng(np.random.SeedSequence((recipe.seed, SCENE_DRAW, scene, attempt)))
         file = string_value(recipe.sections["scene"].draw(generator, levels), "file")
         facts["scene.file"] = file
-        own = recipe.file_beside(file)
         plugins = {"sar_antenna": values["radar"], "range_film": self._film(values)}
         plugins["sar_path"] = {**values["tracing"], "seed": seed}
         given = {
@@ -338,9 +368,11 @@ class Drawer:
             for name, value in rows.items()
             if value is not None
         }
-        return load_scene(own if os.path.isfile(own) else file, parameters=given)
+        return load_scene(self._file(file), parameters=given)
 
 
+# section of the ground and name of its mesh, and sections of shapes
+GROUND, PLACED = "ground", ("objects", "walls", "clutter", "trees")
 # sections drawn for every view, and classes of shapes that are no instances
 _VIEW = ("radar", "film", "tracing", "focusing")
 _KINDS = {"walls": "wall", "clutter": "clutter", "trees": "tree"}

@@ -136,7 +136,7 @@ def generate(
     Raises
     ------
     DataError
-        A sample number is not in the recipe; all draws of a sample failed.
+        A sample number is not in the recipe; [classes] names no shape of it; all draws of a sample failed.
     OutputError
         The folder holds other results, or the data do not fit on the disk.
     ResourceError
@@ -151,6 +151,7 @@ def generate(
                 "([dataset]: samples)"
             )
     parts = drawer.parts.of_meshes  # refuses classes with too few meshes
+    drawer.check_classes()
     names = file_names(drawer, wanted)
     which = "all" if numbers is None else f"{wanted}"
     mark = hashlib.sha256(f"{run_mark(drawer, extensions)} {which}".encode()).hexdigest()

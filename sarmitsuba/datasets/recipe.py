@@ -13,6 +13,7 @@ from sarmitsuba.datasets.distributions import Choice, DrawnValue, Fixed, read_dr
 from sarmitsuba.datasets.recipe_tables import DRAWS, FIXED_OF_OBJECTS, NOT_DRAWN, VALUES
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.io.table_file import read_table
+from sarmitsuba.labelling.classes import class_table
 from sarmitsuba.loader.library import scenes_dir
 from sarmitsuba.parameters import ParamTable, Value, did_you_mean, float_value, one_line, string_value
 from sarmitsuba.regular_files import read_bytes
@@ -21,6 +22,8 @@ _MOST_BYTES = 1 << 20
 PART_NAMES = ("train", "validation", "test")
 # most files of one kind in a folder, whose list names them all
 _MOST_FILES = 50_000
+# section of names of shapes and their classes
+CLASSES = "classes"
 
 
 class RecipeError(DataError):
@@ -65,6 +68,7 @@ class Recipe:
     path : of its file
     values : of the sections without distributions, by section and name
     sections : with distributions, by name; absent ones have defaults
+    class_table : class by name of a shape or pattern of names, of [classes]
     given : names of the sections in the file
     digest : SHA-256 of its content
     """
@@ -72,6 +76,7 @@ class Recipe:
     path: Path
     values: Mapping[str, Mapping[str, Value | None]]
     sections: Mapping[str, RecipeSection]
+    class_table: Mapping[str, str]
     given: frozenset[str]
     digest: str
 
@@ -203,7 +208,7 @@ def read_recipe(name_or_path: str | Path) -> Recipe:
     path = resolve_recipe(name_or_path)
     content = read_table(path, "a recipe", _MOST_BYTES)
     where = path.name
-    known = (*VALUES, *DRAWS)
+    known = (*VALUES, *DRAWS, CLASSES)
     for name, section in content.items():
         if name not in known:
             guess = did_you_mean(name, known) or f"; there are {', '.join(known)}"
@@ -217,7 +222,8 @@ def read_recipe(name_or_path: str | Path) -> Recipe:
     sections = {
         name: _read_section(name, table, _section(content, name), where) for name, table in DRAWS.items()
     }
-    recipe = Recipe(path, values, sections, frozenset(content), _digest(path))
+    table = class_table(_section(content, CLASSES), f"{where}: [{CLASSES}]")
+    recipe = Recipe(path, values, sections, table, frozenset(content), _digest(path))
     _check(recipe, where)
     return recipe
 

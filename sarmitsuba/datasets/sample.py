@@ -12,7 +12,7 @@ from sarmitsuba.arrays import C64, F64
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.datasets.draw import Drawer, DrawnSample, aspect_deg
 from sarmitsuba.datasets.recipe import RecipeError
-from sarmitsuba.datasets.sample_labels import corner_boxes, label_layers
+from sarmitsuba.datasets.sample_labels import OF_SHAPES, SampleLabels, corner_boxes, sample_labels
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.echo.threads import one_blas_thread
 from sarmitsuba.errors import (
@@ -21,21 +21,19 @@ from sarmitsuba.errors import (
     ExtensionError,
     OutputError,
     RadarError,
-    ResourceError,
     SarmitsubaError,
     SarmitsubaWarning,
 )
 from sarmitsuba.exclusive import single_threaded
 from sarmitsuba.focusing import focus
-from sarmitsuba.image.labels import LabelledInstance
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.parameters import Value
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.refinement.error_bars import estimate_pass_error
 from sarmitsuba.simulation.render import render
 
-# errors of the machine or the recipe, which another draw would not cure, and which no two runs share
-_FATAL = (RecipeError, BackendError, ExtensionError, OutputError, ResourceError)
+# errors of the machine or the recipe, which another draw would not cure
+_FATAL = (RecipeError, BackendError, ExtensionError, OutputError)
 # the mean of two passes has half the error energy of one of them, dB
 _OF_ONE_DB = 10.0 * float(np.log10(2.0))
 
@@ -82,6 +80,8 @@ class Sample:
     image : (channels, rows, columns) complex64, square root of RCS, m
     channels : of the image
     layers : labels by name, (rows, columns) or with parts
+    layer_facts : unit, description, parts and codes of each layer
+    named_shapes : code, name and class of the shapes in layers whose codes are shapes
     objects : shapes
     facts : drawn values by ``section.parameter``, and of the image
     notes : what the program assumed or warned of
@@ -99,6 +99,8 @@ class Sample:
     image: C64
     channels: tuple[str, ...]
     layers: Mapping[str, NDArray[np.generic]]
+    layer_facts: Mapping[str, Mapping[str, object]]
+    named_shapes: tuple[tuple[int, str, str], ...]
     objects: tuple[SampleObject, ...]
     facts: Mapping[str, Value | None]
     notes: tuple[str, ...]
@@ -116,8 +118,13 @@ def make_sample(drawer: Drawer, number: int) -> Sample:
     ------
     DataError
         All attempts failed, or the recipe asks for what there is not.
-    ResourceError, BackendError, OutputError, ExtensionError
+    BackendError, OutputError, ExtensionError
         Not caused by the draw.
+
+    Notes
+    -----
+    A draw that does not fit into the memory that is free is replaced, too: its reason names the machine's memory, and
+    a machine with more of it keeps that draw.
     """
     ensure_backend()
     failures: list[str] = []
@@ -128,6 +135,9 @@ def make_sample(drawer: Drawer, number: int) -> Sample:
                 sample = _attempted(drawer, number, attempt)
             except _FATAL:
                 raise
+            except MemoryError:  # a check that was too low; what it held is free again
+                failures.append("the draw did not fit into the memory of the machine")
+                continue
             except SarmitsubaError as error:
                 failures.append(str(error))
                 continue
@@ -148,7 +158,7 @@ def _attempted(drawer: Drawer, number: int, attempt: int) -> Sample:
         if image.grid.shape != recipe.shape:
             raise RadarError(f"the image has {image.grid.shape} pixels, not {recipe.shape}")
         error = _sampling_error(recipe.whole("dataset", "error_every"), drawn, image)
-        layers, codes, instances = label_layers(drawn.scene, image.grid, recipe.layers, drawn.shapes)
+        labels = sample_labels(drawer, drawn.scene, image.grid, drawn.shapes)
     said = [str(w.message) for w in caught if issubclass(w.category, SarmitsubaWarning)]
     if not np.isfinite(image.data).all() or not np.any(image.data):
         raise RadarError("the image is empty or holds numbers that are not finite")
@@ -161,8 +171,10 @@ def _attempted(drawer: Drawer, number: int, attempt: int) -> Sample:
         failures=(),
         image=np.stack(planes).astype(np.complex64),
         channels=image.channels,
-        layers=layers,
-        objects=_objects(drawn, image, codes, instances),
+        layers={name: layer.values for name, layer in labels.layers.items()},
+        layer_facts=_layer_facts(labels),
+        named_shapes=labels.shapes,
+        objects=_objects(drawn, image, labels),
         facts={**drawn.facts, **_facts_of(image)},
         notes=tuple(notes),
         physics=dict(image.metadata.get("effects", {})),
@@ -228,12 +240,23 @@ def _facts_of(image: SarImage) -> dict[str, Value | None]:
     }
 
 
-def _objects(
-    drawn: DrawnSample, image: SarImage, codes: Mapping[int, str], instances: Mapping[str, LabelledInstance]
-) -> tuple[SampleObject, ...]:
+def _layer_facts(labels: SampleLabels) -> dict[str, dict[str, object]]:
+    """Unit, description, parts and codes of each layer; without codes where they are the sample's shapes."""
+    return {
+        name: {
+            "unit": layer.unit,
+            "description": layer.description,
+            "parts": layer.parts,
+            "codes": [] if name in OF_SHAPES else sorted(layer.codes.items()),
+        }
+        for name, layer in labels.layers.items()
+    }
+
+
+def _objects(drawn: DrawnSample, image: SarImage, labels: SampleLabels) -> tuple[SampleObject, ...]:
     boxes = corner_boxes(drawn.scene, image.grid, drawn.shapes)
-    code = {name: number for number, name in codes.items()}
-    seen = {name: (one.visible_share, one.energy_share) for name, one in instances.items()}
+    code = {name: number for number, name, _ in labels.shapes}
+    seen = {name: (one.visible_share, one.energy_share) for name, one in labels.instances.items()}
     return tuple(
         SampleObject(
             name=shape.name,

@@ -54,8 +54,10 @@ def write_store(path: Path, recipe: Recipe, classes: Sequence[str], journal: Jou
         file.attrs["parts"] = list(PART_NAMES)
         _make_arrays(file, recipe, first, count * len(recipe.corners))
         table = _Columns(classes)
+        shapes: list[tuple[int, int, str, str]] = []
         row = 0
         for record in records(journal):
+            shapes += [(record.label["number"], *shape) for shape in record.label["named_shapes"]]
             for tile, (top, left) in enumerate(recipe.corners):
                 window = (slice(top, top + recipe.tile[0]), slice(left, left + recipe.tile[1]))
                 file["images"][row] = record.image[:, window[0], window[1]]
@@ -64,6 +66,8 @@ def write_store(path: Path, recipe: Recipe, classes: Sequence[str], journal: Jou
                 table.add(record, row, tile, (top, left))
                 row += 1
         table.write(file)
+        if shapes:
+            _write_shapes(file, shapes)
 
 
 def _make_arrays(file: h5py.File, recipe: Recipe, first: SampleRecord, rows: int) -> None:
@@ -78,23 +82,39 @@ def _make_arrays(file: h5py.File, recipe: Recipe, first: SampleRecord, rows: int
         dtype=np.complex64,
     )
     for name, values in first.layers.items():
-        shape = (*tile, *values.shape[2:])
-        _add(
+        shape, facts = (*tile, *values.shape[2:]), first.label["layer_facts"][name]
+        made = _add(
             file,
             f"labels/{name}",
-            "",
-            "layer of docs/labels.md: row, azimuth, range",
+            facts["unit"],
+            f"{facts['description']} (docs/labels.md): row, azimuth, range",
             shape=(rows, *shape),
             chunks=(1, *shape),
             dtype=values.dtype,
             compression="gzip",
             compression_opts=_ZIP,
         )
+        if facts["parts"]:
+            made.attrs["parts"] = list(facts["parts"])
+        if facts["codes"]:
+            made.attrs["codes"] = np.array([code for code, _ in facts["codes"]], dtype=np.int32)
+            made.attrs["names"] = [text for _, text in facts["codes"]]
 
 
-def _add(group: h5py.Group, name: str, unit: str, description: str, **how: object) -> None:
+def _write_shapes(file: h5py.File, shapes: Sequence[tuple[int, int, str, str]]) -> None:
+    """Names of the codes in layers of shapes, sample by sample."""
+    sample, code, name, kind = zip(*shapes, strict=True)
+    meanings = {"sample": "number of the sample", "code": "in its layers of shapes"}
+    for column, values in (("sample", sample), ("code", code)):
+        _add(file, f"shapes/{column}", "", meanings[column], data=np.array(values, dtype=np.int32))
+    _add(file, "shapes/name", "", "of the shape in the scene", data=_texts(name))
+    _add(file, "shapes/class", "", "semantic class, empty without one", data=_texts(kind))
+
+
+def _add(group: h5py.Group, name: str, unit: str, description: str, **how: object) -> h5py.Dataset:
     made = group.create_dataset(name, **how)
     made.attrs["unit"], made.attrs["description"] = unit, description
+    return made
 
 
 class _Columns:
@@ -172,7 +192,7 @@ class _Columns:
         codes = {
             "row": "place of the image in images",
             "class": "index into the attribute classes",
-            "code": "of the shape in labels/shape, or else labels/instance; 0 without such a layer",
+            "code": "of the shape in layers of shapes; 0 without such a layer",
         }
         for name, meaning in codes.items():
             _add(group, name, "", meaning, data=np.array(rows[name], dtype=np.int32))

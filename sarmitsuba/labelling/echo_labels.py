@@ -23,6 +23,8 @@ from sarmitsuba.trace.path_groups import MECHANISMS
 
 # power of a shape's sums of echoes, over the strongest, down to which they count as its place in the image
 OWN_PLACE = 1e-6
+# last name in the layer of classes: that of shapes without a class
+NO_CLASS = "no class"
 ECHO_LAYERS = (
     "mechanism",
     "mechanism_share",
@@ -154,7 +156,7 @@ class EchoLabels:
 def echo_labels(
     scene: Scene,
     grid: ImageGrid,
-    classes: Mapping[str, str],
+    classes: Mapping[str, str] | None,
     *,
     windows: tuple[str, str] = (DEFAULT_WINDOW, DEFAULT_WINDOW),
     points: Callable[[], SurfacePoints] | None = None,
@@ -165,7 +167,7 @@ def echo_labels(
     ----------
     scene : as loaded
     grid : of the image
-    classes : semantic class of shapes, by name
+    classes : semantic class of shapes, by name; None: without layers of classes
     windows : of range and azimuth
     points : gives the scene's surfaces in the image where they are already known, for shadows of instances
 
@@ -181,7 +183,7 @@ def echo_labels(
     with each other, so that their powers do not add up to the pixel's.
     """
     try:
-        echoes = EchoLabels(scene, grid, classes, windows=windows)
+        echoes = EchoLabels(scene, grid, classes or {}, windows=windows)
         look = echoes.imager.look
     except (RadarError, DataError) as error:
         return {}, (), (f"echoes are left out: {error}",)
@@ -213,7 +215,7 @@ def echo_labels(
         "1 where echoes of the shape of most of the power lie within a resolution cell, 0 in side lobes",
         {0: "no", 1: "yes"},
     )
-    layers |= _material_and_class(echoes)
+    layers |= _material_and_class(echoes, with_classes=classes is not None)
     layers |= _expected(echoes, energy)
     return layers, instances, _notes(echoes)
 
@@ -285,12 +287,12 @@ def _materials_of(echoes: EchoLabels) -> list[str]:
     return out
 
 
-def _material_and_class(echoes: EchoLabels) -> dict[str, LabelLayer]:
-    """Layers of the dominating material, and of the dominating class where there are classes."""
+def _material_and_class(echoes: EchoLabels, *, with_classes: bool) -> dict[str, LabelLayer]:
+    """Layers of the dominating material, and of the dominating class where there is a table of classes."""
     materials = echoes.owners.materials
     found = echoes.shares(echoes.owners.material[echoes.owner])
     layers = _of_parts("material", "material of most of the power", found, materials)
-    if echoes.classes:
+    if with_classes:
         names = tuple(dict.fromkeys(echoes.classes.values()))
         of_shape = [
             names.index(echoes.classes[name]) if name in echoes.classes else -1
@@ -299,7 +301,7 @@ def _material_and_class(echoes: EchoLabels) -> dict[str, LabelLayer]:
         of_group = np.array([*of_shape, -1])[echoes.shape]
         # shapes without a class take part in the sum of powers
         found = echoes.shares(np.where(of_group < 0, len(names), of_group))
-        layers |= _of_parts("class", "semantic class of most of the power", found, (*names, "no class"))
+        layers |= _of_parts("class", "semantic class of most of the power", found, (*names, NO_CLASS))
     return layers
 
 

@@ -11,6 +11,7 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.image.labels import LabelLayer, LabelledInstance, Labels
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.labelling.classes import checked_classes
 from sarmitsuba.labelling.echo_labels import ECHO_LAYERS, echo_labels
 from sarmitsuba.labelling.geometric_layers import (
     GEOMETRIC_LAYERS,
@@ -31,13 +32,13 @@ class LabelledImage:
     Parameters
     ----------
     scene, grid : of the image, in the frame of the scene
-    classes : semantic class of shapes, by name
+    classes : semantic class of shapes, by name; None: there are no classes
     windows : of range and azimuth, of the image
     """
 
     scene: Scene
     grid: ImageGrid
-    classes: Mapping[str, str]
+    classes: Mapping[str, str] | None
     windows: tuple[str, str]
 
     @cached_property
@@ -111,7 +112,8 @@ def labels(
     scene : of the image; a scene file or the name of a shipped scene is loaded
     grid : of the image, in any frame; None: that of ``image``, else the scene's own
     image : whose pixels are labelled, for its grid and windows
-    classes : semantic class of each shape, by its name
+    classes : semantic class of each shape, by its name or by a pattern of names such as ``"building*"``; None: the
+        scene has no classes
     layers : names of those wanted; None: all. Without one of echoes (docs/labels.md) nothing is traced, and there are
         no instances
 
@@ -123,7 +125,7 @@ def labels(
     Raises
     ------
     DataError
-        Both a grid and an image are given; classes name a shape that the scene does not have; there is no layer of that
+        Both a grid and an image are given; a class is that of no shape of the scene; there is no layer of that
         name, or this scene cannot have it; the track goes round the scene, so that an image has no one direction of
         range.
     SceneError
@@ -147,7 +149,8 @@ def labels(
         sum(maker.pixel_bytes for maker in makers) * rows * columns,
         "label an image of fewer pixels, or ask for fewer layers",
     )
-    of = LabelledImage(scene, grid, checked_classes(scene, classes or {}), _windows(image))
+    table = None if classes is None else checked_classes(scene, classes)
+    of = LabelledImage(scene, grid, table, _windows(image))
     made = [maker.make(of) for maker in makers]
     found = {name: layer for one in made for name, layer in one.layers.items() if name in wanted}
     notes = tuple(note for one in made for note in one.notes)
@@ -174,17 +177,3 @@ def checked_layers(layers: Sequence[str]) -> tuple[str, ...]:
             guess = did_you_mean(name, LAYERS) or f"; there are {', '.join(LAYERS)}"
             raise DataError(f'labels: no layer "{name}"{guess}')
     return tuple(layers)
-
-
-def checked_classes(scene: Scene, classes: Mapping[str, str]) -> dict[str, str]:
-    """Classes by shape, after a check of the shapes' names."""
-    known = [
-        *scene.geometry.mesh_names,
-        *(thing.name for many in (scene.points, scene.wires, scene.volumes) for thing in many),
-    ]
-    for name in classes:
-        if name not in known:
-            raise DataError(
-                f'labels: classes: the scene has no shape "{name}"{did_you_mean(name, known)}; name shapes by their id'
-            )
-    return dict(classes)

@@ -12,6 +12,7 @@ from sarmitsuba.arrays import F64, I64, U32
 from sarmitsuba.errors import ResourceError
 from sarmitsuba.labelling.ground_shapes import ground_shapes
 from sarmitsuba.materials.map_materials import with_parts
+from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.endless_ground import level_rim
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scatterers import ScattererTarget
@@ -27,6 +28,9 @@ from sarmitsuba.trace.source import Launch
 # places along the sides of triangles by which the mesh of an edge is found, at most
 _SIDES = 200_000
 _CONTINUED = " (continued)"
+# material of echoes whose place has none, and all that stand for one where there is no surface
+OTHER = "other"
+NO_SURFACE_MATERIALS = ("wire", "volume", "scatterer", "point", OTHER)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +103,7 @@ class SceneOwners:
             number = [self._owner(shapes.number(kind, thing.name), kind) for thing in things]
             self._of_kind[kind] = np.array(number, dtype=np.int64)
         self.point = self._of_kind["point"]
-        self._other = self._owner(shapes.n, "none")
+        self._other = self._owner(shapes.n, OTHER)
         by_mesh: dict[int, int] = {}
         for (shape, _), owner in self._number.items():
             by_mesh.setdefault(shape, owner)
@@ -121,7 +125,7 @@ class SceneOwners:
     def _rows(self, faces: NDArray[np.intp]) -> tuple[U32, int]:
         """Owners by row of the tables and material, and the number of materials that are told apart in a row."""
         geometry, materials = self.run.scene.geometry, self.run.scene.materials
-        names = [material.name.removesuffix(_CONTINUED) for material in with_parts(materials)]
+        names = material_names(materials)
         mapped = any(m.maps is not None and m.maps.classes is not None for m in materials)
         mesh, own = self._mesh[faces], geometry.face_material[faces].astype(np.int64)
         n = len(names) if mapped else 1
@@ -185,6 +189,11 @@ class SceneOwners:
         along = (np.arange(row.size) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[row]
         points = corners.reshape(-1, 3)[row] + along[:, None] * side.reshape(-1, 3)[row]
         return scipy.spatial.cKDTree(points), row // 3
+
+
+def material_names(materials: Sequence[Material]) -> list[str]:
+    """Names of materials and of the parts of mapped ones, in the order of their numbers in the kernel."""
+    return [material.name.removesuffix(_CONTINUED) for material in with_parts(materials)]
 
 
 def _beside_mesh(scene: Scene) -> "dict[str, Sequence[WireTarget | Volume | ScattererTarget | PointTarget]]":

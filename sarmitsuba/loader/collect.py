@@ -127,7 +127,8 @@ class Collector:
     def add_ground_of(self, material: str | Mapping[str, Value], level: float | None = None) -> None:
         """Add level ground of a material, by default at the lowest level of the scene."""
         label = printable(self.path.name if self.path else self.name)
-        self.add_ground("ground", f"{label}: ground", ground_element(material, label), level)
+        taken = {known.name for known in self.book.materials}
+        self.add_ground("ground", f"{label}: ground", ground_element(material, label, taken), level)
 
     def add_parts(
         self,

@@ -1,6 +1,6 @@
 """Level ground that a scene asks for: shape ``radar_ground``, option ``--ground``."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -83,10 +83,15 @@ class LevelGround:
         return center + 0.5 * side * vertices, faces, note
 
 
-def ground_element(material: str | Mapping[str, Value], label: str) -> Element:
-    """BSDF element of ground: the name of a material, or parameters of ``radar_material`` by name."""
+def ground_element(material: str | Mapping[str, Value], label: str, taken: Collection[str] = ()) -> Element:
+    """BSDF element of ground: the name of a material, or parameters of ``radar_material`` by name.
+
+    It is named as its material, or ``ground`` where it has none or another one has that name (``taken``).
+    """
     values = {MATERIAL: material} if isinstance(material, str) else dict(material)
-    return Element("bsdf", RADAR_MATERIAL.plugin, "ground", f"{label}: ground", Path(), values)
+    name = str(values.get(MATERIAL, ""))
+    name = "ground" if not name or name in taken else name
+    return Element("bsdf", RADAR_MATERIAL.plugin, name, f"{label}: ground", Path(), values)
 
 
 def read_ground(placed: Placed, bsdf: Element | None) -> tuple[Element, float | None, float | None]:

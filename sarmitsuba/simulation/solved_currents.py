@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.arrays import C128, F64
-from sarmitsuba.currents.solution import BodyMesh, scattering_matrices
+from sarmitsuba.currents.solution import BodyMesh, scattering_matrices, whole_body
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
 from sarmitsuba.memory import check_fits
@@ -19,16 +19,20 @@ from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # wanted lengths of edges, wavelengths: the finest; the coarsest by itself, and where the solution is asked for
 FINEST, COARSEST, ASKED = 1.0 / 16.0, 1.0 / 7.0, 1.0 / 5.5
-# functions on a surface of one square length of edges
-FUNCTIONS = 4.6
+# functions on a surface of one square length of edges, and least number of them on a body
+FUNCTIONS, LEAST = 4.6, 600
+# wavelengths: extent of a body below which single precision does not solve its charges
+SMALLEST = 0.03
 # processor seconds of a pair of functions and of an unknown cubed on one core, and how many a sweep may take by itself
 PAIR_SECONDS, CUBE_SECONDS, MOST_SECONDS = 2.7e-8, 2.3e-11, 8.0
 # error of ray optics from which on currents are solved, dB
 WORTH_DB = 0.5
 # edges of the mesh to compare with over those of the solution
 COARSER = 1.4
-# wavelengths: narrowest edges that are distinguished, and parts that touch
-TOUCHING = 0.02
+# least ratio of both
+APART = 1.15
+# distance, over the length of edges, of parts that touch
+TOUCHING = 0.1
 # surface, square wavelengths, beyond which nothing is meshed without being asked
 LARGEST_AREA = 250.0
 
@@ -98,6 +102,8 @@ class FullWaveTarget:
             why = "surfaces are rough"
         elif scene.wires or scene.volumes or scene.scatterers:
             why = "wires, volumes and scatterers of extensions are no part of the equations"
+        elif np.ptp(faces.corners.reshape(-1, 3), axis=0).max() < SMALLEST * wavelength:
+            why = f"the body is smaller than {SMALLEST:g} wavelengths"
         corners = faces.corners
         if not why and len(corners):
             corners = corners[~double_faces(corners, faces.shape)]
@@ -173,13 +179,12 @@ def solve_currents(
         The equations do not fit into memory.
     """
     wave = target.wavelength
-    mesh = BodyMesh.of(target.corners, COARSEST * wave)
-    copies = 2 ** len(mesh.normals)
+    copies = 2 ** len(whole_body(target.corners, COARSEST * wave)[3])
     wanted = edge_length(target.area, copies)
     if wanted > COARSEST and not asked:
         seconds = processor_seconds(int(FUNCTIONS * target.area / COARSEST**2), copies)
         return f"its currents would take about {seconds:.2g} processor seconds; full_wave = on solves them"
-    length = min(wanted, ASKED)
+    length = min(wanted, ASKED, math.sqrt(FUNCTIONS * target.area / LEAST))
     check_fits(
         "rcs with full_wave = on",
         int(10.0 * (FUNCTIONS * target.area / length**2 / copies) ** 2),
@@ -187,23 +192,20 @@ def solve_currents(
         "full_wave off",
     )
     fine = BodyMesh.of(target.corners, length * wave)
-    at = contacts(fine.vertices, fine.faces, TOUCHING * wave)
+    at = contacts(fine.vertices, fine.faces, TOUCHING * fine.length)
     if len(at):
         place = ", ".join(f"{v:.3g}" for v in at[0] + fine.center)
         why = f"parts of the surface touch or cross without common edges, at ({place}) m"
         if asked:
             raise RadarError(f"rcs: full_wave = on, but {why}; join them in one mesh, or leave it out")
         return why
-    factor = COARSER
-    rough = BodyMesh.of(target.corners, factor * length * wave)
-    while rough.rms_edge < 1.15 * fine.rms_edge and factor < 4.0:
-        factor *= COARSER
-        rough = BodyMesh.of(target.corners, factor * length * wave)
     horizontal = np.cross(up, directions)
     horizontal /= np.linalg.norm(horizontal, axis=1, keepdims=True)
     fields = np.stack([horizontal, np.cross(directions, horizontal)], axis=1)
+    meshes = sorted((fine, _coarser(target, fine)), key=lambda mesh: -mesh.rms_edge)
+    rough, fine = meshes
     found = []
-    for mesh in (rough, fine):
+    for mesh in meshes:
 
         def solved(done: int, total: int, mesh: BodyMesh = mesh) -> None:
             progress("currents" if mesh is fine else "currents, coarser", done, total, {})
@@ -213,9 +215,18 @@ def solve_currents(
         found.append(np.stack([_channel(matrices, c) for c in channels], axis=1))
     coarse, amplitude = found
     # currents at edges make the error fall as the length
-    share = 1.0 / (rough.rms_edge / fine.rms_edge - 1.0)
+    share = 1.0 / max(rough.rms_edge / fine.rms_edge - 1.0, 1e-3)
     error = np.square(share) * np.square(np.abs(amplitude - coarse)).mean(axis=0)
     return SolvedCurrents(amplitude, error, fine.unknowns * copies, fine.rms_edge / wave)
+
+
+def _coarser(target: FullWaveTarget, fine: BodyMesh) -> BodyMesh:
+    """Mesh with longer edges to compare with; where details of the body set their length, with shorter ones."""
+    for factor in (COARSER, COARSER**2, COARSER**3, 1.0 / COARSER, 1.0 / COARSER**2):
+        mesh = BodyMesh.of(target.corners, factor * fine.length)
+        if not 1.0 / APART < mesh.rms_edge / fine.rms_edge < APART:
+            return mesh
+    return mesh
 
 
 def _channel(matrices: C128, channel: str) -> C128:

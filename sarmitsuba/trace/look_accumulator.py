@@ -41,10 +41,14 @@ class ImageAccumulator(GridAccumulator):
         inside = self.spread(contribution, offset, cells, (self.look.kernel, self.look.kernel))
         return self.counted(state, contribution, contribution.active & ~inside)
 
+    def look_weight(self, share: mi.Float) -> mi.Float:
+        """Factor on the amplitude of an echo that has a share of a look; those of two neighbours add up to one."""
+        return share
+
     def placed(
         self, contribution: Contribution
     ) -> tuple[Contribution, mi.Float64, tuple[mi.Float64, mi.Float64]]:
-        """Echo with the look's share of its amplitude, its range coordinate (m), and its place on the grid (cells)."""
+        """Echo with the look's weight on its amplitude, its range coordinate (m), and its place on the grid (cells)."""
         look, f64 = self.look, mi.Float64
         r, s = contribution.slant_range, contribution.range_rate
         if look.fan is not None:
@@ -59,7 +63,7 @@ class ImageAccumulator(GridAccumulator):
                 off = dr.abs(dr.clip(s, *ends) - antenna) * dr.opaque(f64, 1.0 / look.spacing)
                 share = mi.Float(1.0 - off)
                 active &= share > 0.0
-                part *= share
+                part *= self.look_weight(share)
             amplitudes = tuple(amplitude * part for amplitude in contribution.amplitudes)
             contribution = replace(contribution, amplitudes=amplitudes, active=active)
         offset = r - dr.opaque(f64, look.reference_range)

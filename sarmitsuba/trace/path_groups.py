@@ -234,6 +234,10 @@ class MarkingPowers(GroupAccumulator):
         """Arrays to which a launch writes."""
         return [self.memory, self.marks]
 
+    def look_weight(self, share: mi.Float) -> mi.Float:
+        """Two neighbouring looks see the same scatterer: their powers, not their amplitudes, add up to its own."""
+        return dr.sqrt(share)
+
     def add(self, state: GroupState, contribution: Contribution) -> GroupState:  # type: ignore[override]
         """Mark the tile of an echo, and spread its power if it is random."""
         group = self.group(contribution, state[3])

@@ -19,7 +19,7 @@ import pytest
 from sarmitsuba import cli
 from sarmitsuba.datasets import generate, sample
 from sarmitsuba.datasets.draw import Drawer, DrawnSample
-from sarmitsuba.errors import RadarError, ResourceError
+from sarmitsuba.errors import OutputError, RadarError, ResourceError
 from sarmitsuba.loader.library import scenes_dir
 
 RECIPE = """
@@ -269,14 +269,28 @@ def test_an_image_of_nan_is_a_failing_draw(recipe: Path, monkeypatch: pytest.Mon
     assert made_one.attempt == 1 and "not finite" in made_one.failures[0]
 
 
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ResourceError("needs 9 TB of memory, and 1 GB are free"), "needs 9 TB"),
+        (MemoryError(), "memory of the"),
+    ],
+)
+def test_a_draw_too_large_for_the_memory_is_replaced(
+    failing: dict[tuple[int, int], Exception], recipe: Path, error: Exception, said: str
+) -> None:
+    failing[2, 0] = error
+    made_one = sample.make_sample(Drawer.of(str(recipe)), 2)
+    assert made_one.attempt == 1 and len(made_one.failures) == 1 and said in made_one.failures[0]
+
+
 def test_errors_of_the_machine_end_the_run(
     failing: dict[tuple[int, int], Exception],
     recipe: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Another draw in their place would depend on the machine."""
-    failing[0, 0] = ResourceError("no memory")
+    failing[0, 0] = OutputError("the disk is full")
     assert cli.main(["dataset", str(recipe), "-o", str(tmp_path / "out"), "--jobs", "1"]) == 2
     assert capsys.readouterr().err.count("error:") == 1
 
@@ -348,6 +362,38 @@ def test_scene_files_are_seen_under_drawn_radars(tmp_path: Path) -> None:
             32,
         )
         assert file["rows/channels"].asstr()[()].tolist() == ["HH,VV"] * 2
+
+
+def test_shapes_of_scene_files_are_named_and_annotated_by_class(tmp_path: Path) -> None:
+    path, out = tmp_path / "places.toml", tmp_path / "out"
+    path.write_text(
+        "[dataset]\nsamples = 4\nseed = 1\n[images]\npixels_azimuth = 40\npixels_range = 40\n[scene]\n"
+        "file = { choice = ['trihedral', 'buildings16'] }\n[film]\npixel_spacing_azimuth = 2.0\n"
+        "pixel_spacing_range = 2.0\n[labels]\nlayers = 'shape, layover_shadow'\n[classes]\n"
+        "'build*' = 'building'\nground = 'soil'\n[radar]\npolarisation = 'VV'\n[tracing]\nmethod = 'raster'\n"
+    )
+    made(path, out, "--jobs", "1")
+    with h5py.File(out / "dataset.h5") as file:
+        files = file["drawn/scene.file"].asstr()[()]
+        assert set(files) == {"trihedral", "buildings16"}
+        assert list(file.attrs["classes"]) == ["building", "soil"]
+        masks, rows = file["labels/shape"][()], file["rows/sample"][()]
+        columns = [file["shapes/sample"][()], file["shapes/code"][()]]
+        texts = [file[f"shapes/{name}"].asstr()[()] for name in ("name", "class")]
+        table = {(s, n): (c, kind) for s, c, n, kind in zip(*columns, *texts, strict=True)}
+        assert list(file["labels/layover_shadow"].attrs["names"])[:2] == ["valid", "shadow"]
+    found = 0
+    for part in ("train", "validation", "test"):
+        document = json.loads((out / f"annotations_{part}.json").read_text())
+        kinds = {one["id"]: one["name"] for one in document["categories"]}
+        for one in document["annotations"]:
+            row = one["image_id"]
+            assert one["name"] == "buildings" and kinds[one["category_id"]] == "building"
+            code, kind = table[rows[row], "buildings"]
+            assert kind == "building" and one["area"] == (masks[row] == code).sum() > 0
+            found += 1
+    assert found == np.count_nonzero(files == "buildings16")
+    assert table[0, "ground"][1] == "soil" if files[0] == "buildings16" else (0, "ground") not in table
 
 
 def test_a_changed_scene_file_is_another_data_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -43,7 +43,7 @@ def test_render_and_focus_write_the_same_labels(tmp_path: Path, capsys: Any) -> 
 @pytest.mark.parametrize(
     "arguments, text",
     [
-        (["--no-focus"], "--labels are of the image"),
+        (["--no-focus"], "are of the image, and --no-focus"),
         (
             [
                 "-D",
@@ -80,3 +80,22 @@ def test_the_scene_of_other_data_is_refused(tmp_path: Path, capsys: Any) -> None
     ]
     assert cli.main(arguments) != 0
     assert "its radar has another track" in capsys.readouterr().err
+
+
+def test_classes_of_a_table_are_a_layer_and_the_categories(tmp_path: Path, capsys: Any) -> None:
+    table = tmp_path / "classes.toml"
+    table.write_text('"wa*" = "corner"\n', encoding="utf-8")
+    out = tmp_path / "out"
+    arguments = ["render", "dihedral", "-o", str(out), "--labels", *SMALL, "--method", "image"]
+    assert cli.main([*arguments, "--classes", str(table)]) == 0
+    labels = sarmitsuba.Labels.load(out / "labels.h5")
+    assert set(labels.layers["class"].codes.values()) == {"none", "corner", "no class"}
+    assert (out / "labels_class.png").stat().st_size > 0
+    assert {one.name: one.semantic_class for one in labels.instances}["wall"] == "corner"
+    categories = json.loads((out / "labels.json").read_text())["categories"]
+    assert [one["name"] for one in categories] == ["corner"]
+    table.write_text('"building" = "building"\n', encoding="utf-8")
+    assert cli.main([*arguments, "--classes", str(table), "--force"]) == 2
+    assert 'the scene has no shape "building"' in capsys.readouterr().err
+    assert cli.main([one for one in arguments if one != "--labels"] + ["--classes", str(table)]) == 2
+    assert "add --labels" in capsys.readouterr().err

@@ -245,15 +245,29 @@ def boxes_alone(seed: int) -> tuple[Scene, Scene, Scene]:
     return made[0], made[1], made[2]
 
 
-@pytest.mark.parametrize("mode", ["spotlight", "stripmap"])
-@pytest.mark.parametrize("look", [25.0, 40.0, 60.0])
-def test_mean_level_of_ground_is_that_of_its_law(look: float, mode: str) -> None:
-    """Level ground of a Lambert law: sigma0 = level cos^2 of the incidence angle, and a tenth of it in HV."""
-    radar = RadarDescription(mode=mode, look_angle_deg=look, polarisation="HH,HV,VV", **SMALL)
+BEAM = {"pattern": "rectangular", "antenna_length": 2.0, "antenna_height": 0.05}
+
+
+@pytest.mark.parametrize(
+    "look, mode, beam, looks",
+    [
+        *((look, mode, {}, 1) for look in (25.0, 40.0, 60.0) for mode in ("spotlight", "stripmap")),
+        *((40.0, mode, BEAM, 2) for mode in ("stripmap", "sliding_spotlight")),
+    ],
+)
+def test_mean_level_of_ground_is_that_of_its_law(
+    look: float, mode: str, beam: dict[str, object], looks: int
+) -> None:
+    """Level ground of a Lambert law: sigma0 = level cos^2 of the incidence angle, and a tenth of it in HV.
+
+    Where the beam moves over the image, several looks share every scatterer.
+    """
+    radar = RadarDescription(mode=mode, look_angle_deg=look, polarisation="HH,HV,VV", **SMALL, **beam)
     film = FilmDescription(image_extent_azimuth=30.0, image_extent_range=30.0)
     material = {**CLUTTER, "rms_height": 0.1, "cross_polar_ratio_db": -10.0}
     settings = TraceSettings(endless_ground="off")
     scene = build_scene([ground(120.0, material)], radar=radar, film=film, settings=settings)
+    assert EchoLabels(scene, grid_of(scene), {}).imager.look.grid.n_looks >= looks
     layers, _, _ = echo_labels(scene, grid_of(scene), {})
     sigma0 = layers["expected_sigma0"].values
     wanted = 10.0 ** (-0.8) * np.cos(np.radians(look)) ** 2 * np.array([1.0, 0.1, 1.0])
@@ -265,8 +279,7 @@ def test_mean_level_of_ground_is_that_of_its_law(look: float, mode: str) -> None
 @exclusive
 def test_parts_of_a_strip_of_several_looks_add_up() -> None:
     """Boxes along a strip over which the beam moves: several looks, divided between neighbours."""
-    beam = {"pattern": "rectangular", "antenna_length": 2.0, "antenna_height": 0.05}
-    radar = RadarDescription(look_angle_deg=40.0, polarisation="VV", **SMALL, **beam)
+    radar = RadarDescription(look_angle_deg=40.0, polarisation="VV", **SMALL, **BEAM)
     film = FilmDescription(image_extent_azimuth=400.0, image_extent_range=40.0)
     meshes = [box(0.0, y, np.array([4.0, 6.0, 3.0]), CONCRETE, f"box at {y}") for y in (-150.0, 10.0, 140.0)]
     scene = build_scene(meshes, radar=radar, film=film)

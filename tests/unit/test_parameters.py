@@ -131,3 +131,16 @@ def test_what_comes_on_top_takes_no_name_that_is_taken() -> None:
     )
     with pytest.raises(ExtensionError, match="thing already has a parameter 'size'"):
         table.read({}, "here")
+
+
+@pytest.mark.parametrize("value", [1e-300, -1e-61, 5e-324])
+def test_numbers_whose_powers_underflow_are_refused(value: float) -> None:
+    with pytest.raises(SceneError, match=r"nearer to 0 than 1e-60"):
+        Param("shift", "float", 0.0, "a shift", "m").convert(value, WHERE, SceneError)
+    assert Param("shift", "float", 0.0, "a shift", "m").convert(0, WHERE, SceneError) == 0.0
+
+
+def test_texts_hold_no_nul() -> None:
+    with pytest.raises(RadarError, match="holds the character NUL; leave it out") as caught:
+        SENSOR.read({"track_file": "a\0b"}, WHERE)
+    assert "\0" not in str(caught.value)
