@@ -1,10 +1,11 @@
 """Stated error of the theory against the true one, for drawn metal bodies solved by the method of moments.
 
-``python benchmarks/studies/theory_error.py`` sweeps every stored body with ``rcs_sweep`` and prints its rms error in
-HH and VV, true and stated, then for each family and for all bodies how often the true error is above the stated one by
-2 dB, and the stated error over the true one. Bodies are those to which the laws were fitted, and those drawn anew
-afterwards (held out). ``--only held_out`` and ``--family plate`` take some; ``benchmarks/support/drawn_bodies.py``
-draws and solves others.
+``python benchmarks/studies/theory_error.py`` sweeps every body with ``rcs_sweep`` by ray optics and prints its rms
+error in HH and VV, true and stated, then for each family and for all bodies how often the true error is above the
+stated one by 2 dB, and the stated error over the true one. Bodies are those to which the laws were fitted, and those
+drawn anew afterwards (held out). ``--set bodies`` takes single bodies, ``--set assemblies`` those of several parts and
+bent sheets, of which the fitted ones are solved again; ``--only held_out`` and ``--family plate`` take some.
+``benchmarks/support/drawn_bodies.py`` and ``drawn_assemblies.py`` draw and solve others.
 """
 
 import argparse
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import _support
+import drawn_assemblies
 import drawn_bodies
 import numpy as np
 
@@ -25,7 +27,7 @@ from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
 
-STORED = Path(drawn_bodies.__file__).with_suffix(".json")
+SETS = {"bodies": drawn_bodies, "assemblies": drawn_assemblies}
 CHANNELS = ("HH", "VV")
 # dB below the peak of the exact pattern that is compared, and margin of a statement
 STRONG, MARGIN = 20.0, 2.0
@@ -42,8 +44,9 @@ class BodyError:
 
 
 def sweep_of(entry: dict[str, object]) -> RcsSweep:
-    """Sweep of a drawn body at a wavelength of 1 m by ray optics, with default settings otherwise."""
-    vertices, faces = drawn_bodies.body_mesh(entry, 1e9)
+    """Sweep of a drawn body at a wavelength of 1 m by ray optics, else with default settings."""
+    of = drawn_assemblies if entry["family"] in drawn_assemblies.FAMILIES else drawn_bodies
+    vertices, faces = of.body_mesh(entry, 1e9)
     scene = build_scene(
         [SceneMesh(vertices, faces.astype(np.int32), "pec", "body")],
         radar=RadarDescription(center_frequency=SPEED_OF_LIGHT),
@@ -55,9 +58,21 @@ def sweep_of(entry: dict[str, object]) -> RcsSweep:
     )
 
 
-def errors(which: str, families: tuple[str, ...] = ()) -> Iterator[BodyError]:
-    """Errors of the bodies ``fitted`` or ``held_out``, of some families or of all."""
-    for entry in json.loads(STORED.read_text(encoding="utf-8"))[which]:
+def entries(which: str, of: str = "bodies") -> Iterator[dict[str, object]]:
+    """Bodies ``fitted`` or ``held_out`` of a set, with their exact levels."""
+    stored = json.loads(Path(str(SETS[of].__file__)).with_suffix(".json").read_text(encoding="utf-8"))
+    if of == "bodies":
+        yield from stored[which]
+    elif which == "held_out":
+        yield from stored
+    else:
+        for seed in drawn_assemblies.FITTED:
+            yield from map(drawn_assemblies.solve, drawn_assemblies.drawn(seed, drawn_assemblies.EACH))
+
+
+def errors(which: str, families: tuple[str, ...] = (), of: str = "bodies") -> Iterator[BodyError]:
+    """Errors of the bodies ``fitted`` or ``held_out`` of a set, of some families or of all."""
+    for entry in entries(which, of):
         if families and entry["family"] not in families:
             continue
         with warnings.catch_warnings():
@@ -93,20 +108,23 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--set", choices=SETS, action="append", default=[])
     parser.add_argument("--only", choices=("fitted", "held_out"))
     parser.add_argument("--family", action="append", default=[])
     args = parser.parse_args()
-    for which in (args.only,) if args.only else ("fitted", "held_out"):
-        found = []
-        for one in errors(which, tuple(args.family)):
-            found.append(one)
-            print(
-                f"{one.family:9s} true {np.round(one.true, 1)} stated {np.round(one.stated, 1)} {one.text}",
-                flush=True,
-            )
-        for family in dict.fromkeys(f.family for f in found):
-            print(summary(f"{which}, {family}", [f for f in found if f.family == family]))
-        print(summary(which, found))
+    for of in args.set or SETS:
+        for which in (args.only,) if args.only else ("fitted", "held_out"):
+            found = []
+            for one in errors(which, tuple(args.family), of):
+                found.append(one)
+                print(
+                    f"{one.family:9s} true {np.round(one.true, 1)} stated {np.round(one.stated, 1)} {one.text}",
+                    flush=True,
+                )
+            for family in dict.fromkeys(f.family for f in found):
+                print(summary(f"{of}, {which}, {family}", [f for f in found if f.family == family]))
+            if found:
+                print(summary(f"{of}, {which}", found))
     return 0
 
 

@@ -26,8 +26,11 @@ _BLOCK = 400_000
 _PIECE = 1000
 # k times a radius, below which it acts as an edge
 AS_EDGE = 1.26
+# rad, bend up to which two triangles are one plane
+PLANE = 1e-4
 # causes
 EDGES_OFF, BETWEEN, ONE_RIM = "edges left out", "between edges", "two edges as one"
+BENT = "bent sheets"
 ROUNDED, CURVED = "rounded edges", "curved surface"
 
 
@@ -53,6 +56,7 @@ class WaveLaws:
     fringe : of an edge that is not simulated
     dark : energy of edges of which both faces are turned away
     curved : of curved surface, hard and soft
+    bent : of rims of sheets whose waves go on over bends, hard
     doubly : energy of surface curved alike in both directions over that of a cylinder's, less 1: from the Mie series of
         spheres, all of whose shadow boundary returns in phase
     mixed : share of the energy that does not keep the polarisation
@@ -67,6 +71,7 @@ class WaveLaws:
     fringe: float = 0.5
     dark: float = 0.5
     curved: tuple[float, float] = (0.75, 1.37)
+    bent: float = 0.9
     doubly: float = 6.0
     mixed: float = 0.65
 
@@ -96,22 +101,28 @@ class MetalLines:
 
     Parameters
     ----------
+    middle : (n, 3) float64, m
     along : (n, 3) float64, unit vectors
     length : (n,) float64, m, of the straight piece
     coherent : (n,) float64, m, that at most adds in phase
     normal : (n, 2, 3) float64, outward normals of both faces; zero where waves go all ways
     sheet : (n, 3) float64, normal of the sheet whose rim it is; zero for others
     width : (n, 2) float64, m, of both faces across the line; infinite for curved surface
+    lone : (n,) bool, rims of a plane sheet without edges to other faces
+    onward : (n,) float64, of rims, share of the energy of a wave along their sheet that goes on over a bend of it
     radius : (n,) float64, m, of curvature across the line; 0 for sharp edges
     reflection : (n,) float64, amplitude reflected by the surface at normal incidence; 1 for metal
     """
 
+    middle: F64
     along: F64
     length: F64
     coherent: F64
     normal: F64
     sheet: F64
     width: F64
+    lone: NDArray[np.bool_]
+    onward: F64
     radius: F64
     reflection: F64
 
@@ -146,17 +157,32 @@ def metal_lines(corners: F64, reflection: F64, wavelength: float) -> MetalLines:
     """
     corners = np.asarray(corners, dtype=np.float64)
     vertex = weld(corners.reshape(-1, 3))
-    piece = piece_of(corners, vertex, edge_pairs(vertex))
+    pairs = edge_pairs(vertex)
+    piece = piece_of(corners, vertex, pairs)
     edges = sharp_edges(corners, np.ones(len(corners), dtype=bool), WIDEST_GAP * wavelength)
     parts = (
-        _of_edges(edges, corners, piece, reflection),
+        _of_edges(edges, corners, piece, reflection, _onward(corners, vertex, piece, pairs)),
         _of_curvature(corners, vertex, piece, reflection, wavelength),
     )
     return MetalLines(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(MetalLines)))
 
 
-def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64) -> MetalLines:
-    """Sharp edges, their collinear pieces joined."""
+def _onward(corners: F64, vertex: I64, piece: I64, pairs: tuple[I64, I64]) -> F64:
+    """Square of the cosine of the least bend in each piece of surface and at its edges to others; -1 without any."""
+    a, b = pairs
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)
+    level = alike * np.einsum("ei,ei->e", normal[a // 3], normal[b // 3])
+    bent = np.abs(level) < 1.0 - 0.5 * PLANE**2
+    share = np.full(int(piece.max(initial=-1)) + 1, -1.0)
+    for side in pairs:
+        np.maximum.at(share, piece[side[bent] // 3], np.square(np.maximum(level[bent], 0.0)))
+    return share
+
+
+def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64, onward: F64) -> MetalLines:
+    """Sharp edges, their collinear pieces joined; ``onward``: of :func:`_onward`."""
     if not edges.n:
         return _none()
     along = edges.along
@@ -183,10 +209,25 @@ def _of_edges(edges: SharpEdges, corners: F64, piece: I64, reflection: F64) -> M
     normal[rim] = 0.0
     faces, width = _widths(edges, corners, piece)
     own = (np.bincount(piece, reflection) / np.bincount(piece))[faces].max(axis=1)
+    beyond = onward[faces[pick]].max(axis=1)
     widths = (
         np.stack([np.bincount(line, width[:, i] * edges.length) for i in range(2)], axis=1) / whole[:, None]
     )
-    return MetalLines(along[pick], whole, coherent, normal, sheet, widths, np.zeros(pick.size), own[pick])
+    sums = [np.bincount(line, edges.middle[:, i] * edges.length) for i in range(3)]
+    middle = np.asarray(np.stack(sums, axis=1) / whole[:, None], dtype=np.float64)
+    return MetalLines(
+        middle,
+        along[pick],
+        whole,
+        coherent,
+        normal,
+        sheet,
+        widths,
+        rim & (beyond < 0.0),
+        np.where(rim, np.maximum(beyond, 0.0), 0.0),
+        np.zeros(pick.size),
+        own[pick],
+    )
 
 
 def _widths(edges: SharpEdges, corners: F64, piece: I64) -> tuple[I64, F64]:
@@ -259,12 +300,15 @@ def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavele
     extent = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
     other = np.sqrt(wavelength / np.maximum(bend[:, 1], 1e-12))
     return MetalLines(
+        corners[rows].mean(axis=1),
         along,
         stride * area * bend[:, 0] / (2.0 * np.pi) * (1.0 + LAWS.doubly * bend[:, 1] * radius),
         np.minimum(other, extent),
         np.zeros((rows.size, 2, 3)),
         np.zeros((rows.size, 3)),
         np.full((rows.size, 2), np.inf),
+        np.zeros(rows.size, dtype=bool),
+        np.zeros(rows.size),
         radius,
         reflection[rows],
     )
@@ -272,7 +316,19 @@ def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavele
 
 def _none() -> MetalLines:
     e = np.zeros(0)
-    return MetalLines(np.zeros((0, 3)), e, e, np.zeros((0, 2, 3)), np.zeros((0, 3)), np.zeros((0, 2)), e, e)
+    return MetalLines(
+        np.zeros((0, 3)),
+        np.zeros((0, 3)),
+        e,
+        e,
+        np.zeros((0, 2, 3)),
+        np.zeros((0, 3)),
+        np.zeros((0, 2)),
+        e > 0.0,
+        e,
+        e,
+        e,
+    )
 
 
 def omitted_energy(
@@ -306,24 +362,31 @@ def omitted_energy(
     for first in range(0, len(directions), step):
         s = directions[first : first + step]
         lean = np.abs(s @ lines.along.T)
-        reach = 1.0 / np.maximum(k * lean, 1e-12)
-        size = np.minimum(lines.length, reach) * np.minimum(np.maximum(lines.coherent, lines.length), reach)
-        size /= np.pi
+        size = coherent_square(lines, np.arange(lines.n), lean, k)
         lit = all_round | (np.einsum("di,nfi->dnf", s, lines.normal) > 1e-3).any(axis=2)
         shown = np.where(lit, 1.0, law.dark)
-        soft = np.stack([_soft(s, c, lines.along, lean) for c in channels], axis=2)
+        straight = np.stack([soft_share(s, c, lines.along, lean) for c in channels], axis=2)
         # a field across a sheet drives no current in it
         driven = np.stack([_in_sheet(s, c, lines.sheet) for c in channels], axis=2)
         # curved edges and ends turn the polarisation
-        soft = (1.0 - law.mixed) * soft + law.mixed * soft.mean(axis=2, keepdims=True)
+        mixed = (1.0 - law.mixed) * straight + law.mixed * straight.mean(axis=2, keepdims=True)
         for name, (hard_d, soft_d, hard_tip, soft_tip) in weights.items():
             if not (hard_d.any() or soft_d.any()):
                 continue
             ends = np.where(tip, 1.0 / (np.pi * k * k), 0.0)
             hard_e, soft_e = size * hard_d + ends * hard_tip, size * soft_d + ends * soft_tip
+            # a wave along a bent sheet ends at a rim in another plane
+            soft, seen = (straight, 1.0) if name == BENT else (mixed, driven)
             total = shown[..., None] * (hard_e[..., None] * (1.0 - soft) + soft_e[..., None] * soft)
-            out[name][first : first + step] += (total * driven).sum(axis=1)
+            out[name][first : first + step] += (total * seen).sum(axis=1)
     return out
+
+
+def coherent_square(lines: MetalLines, rows: I64, lean: F64, k: float) -> F64:
+    """Square of the length of lines that adds in phase, over pi, m^2, for components ``lean`` (n, rows) along them."""
+    reach = 1.0 / np.maximum(k * lean, 1e-12)
+    length, coherent = lines.length[rows], lines.coherent[rows]
+    return np.asarray(np.minimum(length, reach) * np.minimum(np.maximum(coherent, length), reach) / np.pi)
 
 
 def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tuple[F64, F64, F64, F64]]:
@@ -343,7 +406,7 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
         p = np.where(kw > 1.0, law.power[of], law.narrow[of])
         d = np.array(start)[rim][:, None] * kw**-p
         if waves.between_rims:  # those that cross the sheet twice are left
-            d = d * np.where(rim.astype(bool)[:, None], np.minimum(1.0, d), 1.0)
+            d = d * np.where(lines.lone[:, None], np.minimum(1.0, d), 1.0)
         return np.asarray(np.where(which & sharp[:, None], np.square(d), 0.0).sum(axis=1) * power)
 
     wide = kw >= 2.0 * np.pi * ONE_EDGE
@@ -356,6 +419,8 @@ def _weights(lines: MetalLines, k: float, waves: SimulatedWaves) -> dict[str, tu
             nothing,
             nothing,
         )
+    onward = law.bent**2 * lines.onward * power
+    found[BENT] = (onward, nothing, nothing, nothing)
     bent = ~sharp / (1.0 + np.square(k * lines.radius)) * power
     for name, which in (
         (ROUNDED, k * lines.radius < AS_EDGE),
@@ -375,7 +440,7 @@ def _in_sheet(directions: F64, channel: str, sheet: F64) -> F64:
     return np.asarray(np.minimum(1.0, GRAZING * np.prod(shares, axis=0)))
 
 
-def _soft(directions: F64, channel: str, along: F64, lean: F64) -> F64:
+def soft_share(directions: F64, channel: str, along: F64, lean: F64) -> F64:
     """(n_directions, n) share of a channel's energy with the electric field along each line."""
     vectors = dict(zip("HV", polarisation_vectors(directions), strict=True))
     across = np.maximum(1.0 - lean * lean, 1e-12)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.omitted_waves import (
     AS_EDGE,
+    BENT,
     BETWEEN,
     CURVED,
     EDGES_OFF,
@@ -21,6 +22,7 @@ from sarmitsuba.effects.omitted_waves import (
     metal_lines,
     omitted_energy,
 )
+from sarmitsuba.effects.waves_between import MetalFaces, gaps, metal_faces, waves_between
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
@@ -38,7 +40,7 @@ _NAMED = 0.15
 _LOG = 20.0 / math.log(10.0)
 # ratio of energies beyond which a level counts as absent
 _ABSENT = 1e4
-REPEATED = "repeated bounces"
+REPEATED, BODIES = "repeated bounces", "between bodies"
 CROSS = ("HV", "VH")
 
 
@@ -184,10 +186,16 @@ def theory_error(
     some = _some(power)
     missing = omitted_energy(lines, directions[some], channels, wavelength, waves)
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    missing[REPEATED] = _repeated(amplitude[some], min(lines.face_width, extent) / wavelength)
+    faces = metal_faces(corners)
+    share = repeated_share(faces, min(lines.face_width, extent) / wavelength, wavelength, amplitude.shape[1])
+    missing[REPEATED] = np.einsum("noc,o->nc", np.square(np.abs(amplitude[some])), share)
+    between = waves_between(lines, faces, directions[some], channels, wavelength)
+    missing[BODIES] = between.energy
     total = np.sum(list(missing.values()), axis=0)
     causes = [
-        TheoryCause(cause_text(name, lines, wavelength), float(rms_db(part, power[some])[counted].max()))
+        TheoryCause(
+            cause_text(name, lines, wavelength, between.gap), float(rms_db(part, power[some])[counted].max())
+        )
         for name, part in missing.items()
         if part.any()
     ]
@@ -228,30 +236,43 @@ def _some(power: F64) -> NDArray[np.intp]:
     return np.unique(np.concatenate([even, power.argmax(axis=0), [n - 1]]))
 
 
-def _repeated(amplitude: C128, width: float) -> F64:
-    r"""(n, n_channels) energy of the error of two and more bounces by ray optics, m^2.
+def repeated_share(faces: MetalFaces, width: float, wavelength: float, n_orders: int) -> F64:
+    r"""(n_orders,) share of the energy of 1, 2, ... bounces by which ray optics is wrong.
 
-    Of n bounces between faces of the width w, in wavelengths, the share
+    Of n bounces on faces of the width w, or the distance w from a face that is opposite, in wavelengths, the share
 
-    .. math:: \min\left(1, \frac{n - 1}{w}\right)
+    .. math:: \min\left(1, \frac{n - 1}{w}\right)^2
 
-    of the amplitude: one over the Fresnel number of a face seen from the one n - 1 widths before. Beyond it waves have
-    spread over all walls, and rays do not give the phase of the modes.
+    by one over the Fresnel number of a face seen from the one n - 1 widths before, in the mean over the area of the
+    faces. Beyond it waves have spread over all walls, and rays do not give the phase of the modes.
+
+    Parameters
+    ----------
+    faces : of the metal
+    width : mean width of the faces, wavelengths
+    wavelength : m
+    n_orders : bounces
     """
-    share = np.minimum(1.0, np.arange(amplitude.shape[1]) / max(width, 1e-9))
-    return np.asarray(np.einsum("noc,o->nc", np.square(np.abs(amplitude)), np.square(share)))
+    across = np.maximum(np.minimum(width, gaps(faces) / wavelength), 1e-9)
+    share = np.square(np.minimum(1.0, np.arange(n_orders)[:, None] / across))
+    area = faces.fill * faces.half.prod(axis=1)
+    return np.asarray(share @ area / max(float(area.sum()), 1e-300))
 
 
-def cause_text(name: str, lines: MetalLines, wavelength: float) -> str:
-    """Text of a cause with the size that matters, wavelengths."""
+def cause_text(name: str, lines: MetalLines, wavelength: float, gap: float = math.inf) -> str:
+    """Text of a cause with the size that matters, wavelengths; ``gap`` between bodies, m."""
     sharp, k = lines.radius == 0.0, 2.0 * np.pi / wavelength
     across = f"{lines.face_width / wavelength:.2g} wavelengths"
     if name == EDGES_OFF:
         return "edges that are not simulated"
     if name == BETWEEN:
         return f"waves between edges {across} apart, and their ends"
+    if name == BODIES:
+        return f"waves between bodies {gap / wavelength:.2g} wavelengths apart"
+    if name == BENT:
+        return f"waves along bent sheets {across} wide"
     if name == REPEATED:
-        return f"several bounces by ray optics{f' between faces {across} wide' if sharp.any() else ''}"
+        return f"several bounces by ray optics{f' on faces {across} wide' if sharp.any() else ''}"
     if name == ONE_RIM:
         values, chosen = lines.width.min(axis=1), sharp & (lines.width < ONE_EDGE * wavelength).any(axis=1)
         text = "edges {} wavelengths apart act as one"

@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.omitted_waves import SimulatedWaves, metal_lines, omitted_energy
-from sarmitsuba.effects.theory_error import STRONG_DB, TheoryError, cause_text, rms_db, stated, theory_error
+from sarmitsuba.effects.theory_error import (
+    BODIES,
+    STRONG_DB,
+    TheoryError,
+    cause_text,
+    repeated_share,
+    rms_db,
+    stated,
+    theory_error,
+)
+from sarmitsuba.effects.waves_between import metal_faces, waves_between
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.refined_spacing import POOR_DB, error_text, worst
@@ -264,9 +274,12 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     look = away / np.linalg.norm(away, axis=1, keepdims=True)
     channels = scene.radar.channels
     waves = simulated_waves(flags)
+    faces = metal_faces(corners)
+    between = waves_between(lines, faces, look, channels, wavelength)
+    omitted = omitted_energy(lines, look, channels, wavelength, waves) | {BODIES: between.energy}
     by_cause = {
-        cause_text(name, lines, wavelength): energy.mean(axis=0)
-        for name, energy in omitted_energy(lines, look, channels, wavelength, waves).items()
+        cause_text(name, lines, wavelength, between.gap): energy.mean(axis=0)
+        for name, energy in omitted.items()
     }
     total = np.sum(list(by_cause.values()), axis=0)
     largest = max(by_cause, key=lambda text: float(by_cause[text].max()))
@@ -277,7 +290,8 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     seen = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
     if flags.multi_bounce and metal[seen].all():
         extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-        found["repeated_share"] = min(1.0, wavelength / max(min(lines.face_width, extent), 1e-9)) ** 2
+        width = min(lines.face_width, extent) / wavelength
+        found["repeated_share"] = float(repeated_share(faces, width, wavelength, 2)[1])
     return found
 
 
