@@ -27,7 +27,9 @@ ASPECTS = Aspects(AZIMUTH, np.full(AZIMUTH.size, 0.2))
 
 
 def scene_of(mesh: targets.Mesh) -> Scene:
-    return build_scene([SceneMesh(*mesh, "pec", "body")], radar=RadarDescription(center_frequency=FREQUENCY))
+    """Scene of a body that rays are traced over: its currents are not solved."""
+    scene = build_scene([SceneMesh(*mesh, "pec", "body")], radar=RadarDescription(center_frequency=FREQUENCY))
+    return scene.replace(full_wave="off")
 
 
 def body(name: str) -> targets.Mesh:

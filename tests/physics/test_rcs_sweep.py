@@ -33,7 +33,9 @@ def scene_of(
 ) -> Scene:
     meshes = [SceneMesh(part.vertices, part.faces, material, f"part_{i}") for i, part in enumerate(parts)]
     scene = build_scene(meshes, points, radar=RadarDescription(center_frequency=FREQUENCY))
-    return scene.replace(edge_diffraction="off")  # the closed forms here are of physical optics
+    return scene.replace(
+        edge_diffraction="off", full_wave="off"
+    )  # the closed forms here are of physical optics
 
 
 def sweep(scene: Scene, azimuth: np.ndarray, elevation: np.ndarray | float, *channels: str) -> RcsSweep:
