@@ -432,3 +432,6 @@ def _notes(scene: Scene, spacing: float) -> tuple[str, ...]:
         f"{scene.name}: rays are {spacing / wavelength:.2g} wavelengths apart, where small and curved parts need "
         f"{1.0 / RAYS_PER_WAVELENGTH:.2g}; the stated sampling error includes this. Set ray_spacing for another value",
     )
+
+
+__all__ = ["Aspects", "RcsSweep", "rcs_sweep"]
