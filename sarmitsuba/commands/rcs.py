@@ -287,7 +287,12 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
             f"{10 * np.log10(max(float(np.mean(10 ** (total / 10))), 1e-300)):.2f} dBsm; {kind} error {error:.1f} dB"
         )
         parts = {f"{n} bounce{'s' if n > 1 else ''}": sweep.dbsm(channel, n) for n in sweep.orders}
-        curves.append(AspectCurves(channel, total, parts if len(parts) > 1 else {}))
+        parts = parts if len(parts) > 1 else {}
+        if sweep.currents is None:
+            curves.append(AspectCurves(channel, total, parts))
+        else:
+            parts = {"ray optics": sweep.ray_optics_dbsm(channel)} | parts
+            curves.append(AspectCurves(channel, total, parts, "solved currents"))
     console.say(sweep.statement.text)
     title = f"{scene.name},  {sweep.frequency / 1e9:.4g} GHz,  {fixed}"
     note = sweep.statement.text
@@ -308,6 +313,8 @@ def table_of(sweep: "RcsSweep") -> dict[str, "F64"]:
     for i, channel in enumerate(result.channels):
         columns[f"{channel}_dbsm"] = sweep.dbsm(channel)
         columns[f"{channel}_phase_deg"] = np.degrees(np.angle(sweep.total[:, i]))
+        if sweep.currents is not None:
+            columns[f"{channel}_ray_optics_dbsm"] = sweep.ray_optics_dbsm(channel)
     for channel in result.channels:
         columns |= {f"{channel}_order_{n}_dbsm": sweep.dbsm(channel, n) for n in sweep.orders}
     return columns

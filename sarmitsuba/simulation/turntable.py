@@ -94,9 +94,11 @@ class RcsSweep:
     def dbsm(self, channel: str, order: int | None = None) -> F64:
         """RCS (n,), or that of one bounce order by ray optics, dB above 1 m^2; -inf without an echo."""
         i = self.result.channels.index(channel)
-        picked = self.total[:, i] if order is None else self.result.amplitude[:, order - 1, i]
-        with np.errstate(divide="ignore"):
-            return np.asarray(20.0 * np.log10(np.abs(picked)))
+        return _level(self.total[:, i] if order is None else self.result.amplitude[:, order - 1, i])
+
+    def ray_optics_dbsm(self, channel: str) -> F64:
+        """RCS (n,) of all bounce orders by ray optics, also where currents are solved, dB above 1 m^2."""
+        return _level(self.result.amplitude[:, :, self.result.channels.index(channel)].sum(axis=1))
 
 
 @exclusive
@@ -173,6 +175,11 @@ def rcs_sweep(
     if checked and statement.warning:
         warnings.warn(f"{scene.name}: {statement.warning}", SarmitsubaWarning, stacklevel=2)
     return RcsSweep(aspects, frequency, result, result.max_depth, errors, statement, notes, solved)
+
+
+def _level(amplitude: C128) -> F64:
+    with np.errstate(divide="ignore"):
+        return np.asarray(20.0 * np.log10(np.abs(amplitude)))
 
 
 def _currents(

@@ -28,11 +28,13 @@ class AspectCurves:
     title : above the panel
     total : (n,) dBsm
     parts : (n,) dBsm by name, such as ``2 bounces``
+    name : of the total
     """
 
     title: str
     total: F64
     parts: Mapping[str, F64]
+    name: str = "sum"
 
 
 def aspect_figure(
@@ -44,7 +46,7 @@ def aspect_figure(
     note: str = "",
     span_db: float = SPAN_DB,
 ) -> Figure:
-    """Draw one panel per channel, its bounce orders in colour below the black sum.
+    """Draw one panel per channel, its bounce orders in colour below the black total.
 
     Parameters
     ----------
@@ -75,9 +77,9 @@ def aspect_figure(
         axes = figure.add_subplot(*place, projection="polar" if polar else None)
         around, *lines = _closed(angle_deg, [one.total, *one.parts.values()], whole=polar)
         x = np.radians(around) if polar else around
-        for name, line in zip(("sum", *one.parts), lines, strict=True):
+        for name, line in zip((one.name, *one.parts), lines, strict=True):
             if np.isfinite(line).any() and line.max() >= top - span_db:
-                style = {"color": "black", "linewidth": 1.3} if name == "sum" else {"linewidth": 0.8}
+                style = {"color": "black", "linewidth": 1.3} if name == one.name else {"linewidth": 0.8}
                 axes.plot(x, np.maximum(line, top - span_db), label=name, **style)
         axes.set_ylim(top - span_db, top)
         axes.set_title(
