@@ -17,7 +17,10 @@ MOST_BYTES = 1_500_000_000
 NEAR = 1.5
 # points in each direction of these, for testing and for the smooth rest
 OUTER, INNER = 3, 2
-# pairs at a time
+# largest element over the longest edge for which there is room
+HEADROOM = 4.0
+# elements that are converted at a time, and pairs at a time
+_CONVERTED = 1 << 24
 _BLOCK = 20_000
 
 
@@ -110,11 +113,17 @@ def _matrix(basis: CurrentBasis, near: NearPairs, function: I64, n: int, signs: 
 
 
 def _far(basis: CurrentBasis, function: I64, n: int, signs: F64) -> C64:
-    """All pairs with three points each; the same point of one triangle counts nothing."""
+    """All pairs with three points each; the same point of one triangle counts nothing.
+
+    Threads add in any order, so that sums are of integers: the same bits each time.
+    """
     rows = len(basis.corners)
+    # an element is a small part of the length of the longest edge
+    unit = HEADROOM * 2.0 * float(np.abs(basis.weight).max()) / 2.0**30
     number = device_array(mi.Int32, function.astype(np.int32))
     here = _table(basis.corners, basis.weight)
-    out = dr.zeros(mi.Float, 2 * n * n)
+    out = dr.zeros(mi.Int32, 2 * n * n)
+    scale = dr.opaque(mi.Float, 1.0 / unit)
     count, width = dr.opaque(mi.UInt32, rows), dr.opaque(mi.UInt32, n)
     step = max(1, MAX_LANES // rows)
     for copy, sign in zip(basis.copies, signs, strict=True):
@@ -125,10 +134,15 @@ def _far(basis: CurrentBasis, function: I64, n: int, signs: F64) -> C64:
             lane = dr.arange(mi.UInt32, min(step, rows - first) * rows)
             test = lane // count
             source = lane - test * count
-            _add_pairs(out, (here, there), number, test + dr.opaque(mi.UInt32, first), source, width)
+            _add_pairs(out, scale, (here, there), number, test + dr.opaque(mi.UInt32, first), source, width)
             dr.eval(out)
     dr.sync_thread()
-    return np.asarray(out).view(np.complex64).reshape(n, n)
+    sums = np.asarray(out)
+    values = sums.view(np.float32)
+    for first in range(0, sums.size, _CONVERTED):  # in place
+        some = slice(first, first + _CONVERTED)
+        values[some] = sums[some] * np.float32(unit)
+    return values.view(np.complex64).reshape(n, n)
 
 
 def _table(corners: F64, weight: F64) -> mi.Float:
@@ -140,7 +154,8 @@ def _table(corners: F64, weight: F64) -> mi.Float:
 
 
 def _add_pairs(
-    out: mi.Float,
+    out: mi.Int32,
+    scale: mi.Float,
     tables: tuple[mi.Float, mi.Float],
     number: mi.Int32,
     test: mi.UInt32,
@@ -183,8 +198,8 @@ def _add_pairs(
             value *= a[i] * b[j]
             active = (rows[i] >= 0) & (columns[j] >= 0)
             at = 2 * (mi.UInt32(rows[i]) * width + mi.UInt32(columns[j]))
-            dr.scatter_add(out, value.real, at, active)
-            dr.scatter_add(out, value.imag, at + 1, active)
+            dr.scatter_add(out, mi.Int32(dr.round(value.real * scale)), at, active)
+            dr.scatter_add(out, mi.Int32(dr.round(value.imag * scale)), at + 1, active)
 
 
 def _near_pairs(corners: F64, there: F64) -> tuple[I64, I64]:
