@@ -1,5 +1,6 @@
 """Scattering of metal bodies by their surface currents, solved by the method of moments."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -83,7 +84,7 @@ def whole_body(corners: F64, length: float) -> tuple[F64, I64, F64, F64]:
     length : m, of edges for which it is to be meshed
     """
     vertices, faces = conforming(corners, JOINED * length)
-    return vertices, faces, *mirror_planes(vertices, faces, DEVIATION * length)
+    return vertices, faces, *mirror_planes(vertices, faces, DEVIATION * length, 0.5 * length)
 
 
 def scattering_matrices(
@@ -110,8 +111,8 @@ def scattering_matrices(
 
     Returns
     -------
-    Amplitudes [direction, received, sent], phase :math:`e^{-j k L}` about the mesh's centre; a plate seen squarely has
-    a positive one
+    Amplitudes [direction, received, sent], phase :math:`e^{-j k L}` about the frame's origin; a plate there that is
+    seen squarely has a positive one. Not numbers where the equations are singular
 
     Notes
     -----
@@ -124,7 +125,7 @@ def scattering_matrices(
     Rao, Wilton, Glisson, IEEE Transactions on Antennas and Propagation 30(3), 1982; Harrington, Field Computation by
     Moment Methods (1968), chapter 3.
     """
-    from scipy.linalg import lu_factor, lu_solve
+    from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
 
     k = 2.0 * np.pi / wavelength
     total = np.zeros((len(directions), 2, 2), dtype=np.complex128)
@@ -137,8 +138,10 @@ def scattering_matrices(
         if not part.kept.size:
             continue
         sent = sum(sign * wave[part.kept] for sign, wave in zip(part.signs, waves, strict=True)) / len(waves)
-        # symmetric: the transpose is in the order of columns, and is overwritten
-        factors = lu_factor(matrices.matrix(part).T, overwrite_a=True, check_finite=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LinAlgWarning)  # the amplitudes are then not numbers
+            # symmetric: the transpose is in the order of columns, and is overwritten
+            factors = lu_factor(matrices.matrix(part).T, overwrite_a=True, check_finite=False)
         right = sent.reshape(part.kept.size, -1).astype(np.complex64)
         current = lu_solve(factors, right, check_finite=False).reshape(sent.shape)
         total += len(waves) * np.einsum("ndp,ndq->dpq", sent, current)

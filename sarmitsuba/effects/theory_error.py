@@ -26,8 +26,10 @@ from sarmitsuba.effects.waves_between import MetalFaces, gaps, metal_faces, wave
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.double_faces import double_faces
 from sarmitsuba.mesh.thin_rims import ONE_EDGE
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.visible_faces import VisibleFaces
 
 # dB below the peak down to which the error is stated
 STRONG_DB = 20.0
@@ -171,17 +173,19 @@ def theory_error(
     shape = (len(directions), len(channels))
     counted = np.array([channel not in CROSS for channel in channels])
     counted |= not counted.any()
-    visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
-    corners = np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64)
+    seen = VisibleFaces.of(geometry, materials)
+    corners = seen.corners
     if not len(corners):
         return TheoryError(np.zeros(shape), np.zeros(shape[1]), (), counted)
-    unknown, doubtful = _outside(
-        corners, [materials[i] for i in np.unique(geometry.face_material[visible])], wavelength
-    )
+    used = [materials[i] for i in np.unique(geometry.face_material[seen.face])]
+    unknown, doubtful = _outside(corners, used, wavelength)
     if unknown:
         return TheoryError(np.full(shape, np.inf), np.full(shape[1], np.inf), (), counted, unknown, doubtful)
+    # faces that another shape gives again count once, as in what is simulated
+    once = ~double_faces(corners, seen.shape)
+    corners, face = corners[once], seen.face[once]
     by_material = np.array([reflection_of(m, wavelength) for m in materials])
-    lines = metal_lines(corners, by_material[geometry.face_material[visible]], wavelength)
+    lines = metal_lines(corners, by_material[geometry.face_material[face]], wavelength)
     power = np.square(np.abs(amplitude.sum(axis=1)))
     some = _some(power)
     missing = omitted_energy(lines, directions[some], channels, wavelength, waves)

@@ -6,6 +6,9 @@ from sarmitsuba.arrays import F64, I64
 from sarmitsuba.mesh.double_faces import TriangleBalls
 from sarmitsuba.mesh.remesh import distance_to_triangles
 
+# rad: two triangles at an edge that are nearer to one another than this lie on one another
+FOLDED = np.radians(2.0)
+
 
 def contacts(vertices: F64, faces: I64, distance: float) -> F64:
     """Places (n, 3), m, where corners or edges meet triangles that are not next to them.
@@ -30,7 +33,26 @@ def contacts(vertices: F64, faces: I64, distance: float) -> F64:
     free = ~(faces[other][:, :, None] == ends[edge][:, None, :]).any(axis=(1, 2))
     edge, other = edge[free], other[free]
     place, crosses = _crossing(a[edge], b[edge], t[other])
-    return np.concatenate([vertices[touching], place[crosses]])
+    return np.concatenate([vertices[touching], place[crosses], _folds(vertices, faces)])
+
+
+def _folds(vertices: F64, faces: I64) -> F64:
+    """Middles (n, 3) of edges at which two triangles lie on one another."""
+    start, end = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    key = low * len(vertices) + high
+    along = vertices[high] - vertices[low]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    inward = vertices[faces.ravel()] - vertices[low]
+    inward = inward - np.einsum("nc,nc->n", inward, along)[:, None] * along
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    order = np.argsort(key, kind="stable")
+    found = []
+    for apart in (1, 2, 3):  # up to four triangles at an edge
+        a, b = order[:-apart], order[apart:]
+        same = (key[a] == key[b]) & (np.einsum("nc,nc->n", inward[a], inward[b]) > np.cos(FOLDED))
+        found.append(0.5 * (vertices[low[a[same]]] + vertices[high[a[same]]]))
+    return np.concatenate(found)
 
 
 def _apart(row: I64, triangle: I64, faces: I64, n: int) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":

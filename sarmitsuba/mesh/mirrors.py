@@ -7,7 +7,7 @@ from sarmitsuba.mesh.double_faces import TriangleBalls
 from sarmitsuba.mesh.remesh import distance_to_triangles
 
 
-def mirror_planes(vertices: F64, faces: I64, tolerance: float) -> tuple[F64, F64]:
+def mirror_planes(vertices: F64, faces: I64, tolerance: float, step: float) -> tuple[F64, F64]:
     """Perpendicular mirror planes of a surface through one point.
 
     Parameters
@@ -15,6 +15,7 @@ def mirror_planes(vertices: F64, faces: I64, tolerance: float) -> tuple[F64, F64
     vertices : (n, 3) float64, m
     faces : (m, 3) int64
     tolerance : m by which the mirrored surface may leave the surface
+    step : m between the points that are mirrored: smaller holes and details are not seen
 
     Returns
     -------
@@ -26,13 +27,15 @@ def mirror_planes(vertices: F64, faces: I64, tolerance: float) -> tuple[F64, F64
     Planes across the axes of the frame and across the principal axes of the surface are tried, those that hold no
     triangle; planes at 45 degrees to both are not found.
     """
+    if not len(faces):
+        return np.zeros(3), np.zeros((0, 3))
     t = vertices[faces]
     area = 0.5 * np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
     middle = t.mean(axis=1)
     centroid = np.average(middle, axis=0, weights=area)
     spread = np.einsum("n,ni,nj->ij", area, middle - centroid, middle - centroid)
     box = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    points = np.concatenate([vertices, middle])
+    points = np.concatenate([vertices, _samples(t, step)])
     balls = TriangleBalls(middle, np.linalg.norm(t - middle[:, None], axis=2).max(axis=1))
     best = (box, np.zeros((0, 3)))
     for center, axes in ((box, np.eye(3)), (centroid, np.linalg.eigh(spread)[1].T)):
@@ -40,6 +43,21 @@ def mirror_planes(vertices: F64, faces: I64, tolerance: float) -> tuple[F64, F64
         if len(found) > len(best[1]):
             best = (center, np.array(found))
     return best
+
+
+def _samples(t: F64, step: float) -> F64:
+    """Points (n, 3) of triangles (m, 3, 3), at most ``step`` apart, the middles of equal parts of each."""
+    longest = np.linalg.norm(t - np.roll(t, 1, axis=1), axis=2).max(axis=1)
+    parts = np.maximum(1, np.ceil(longest / step)).astype(np.int64)
+    out = []
+    for n in np.unique(parts):
+        i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+        up, down = (i + j < n), (i + j < n - 1)
+        a = np.concatenate([(i[up] + 1.0 / 3.0), (i[down] + 2.0 / 3.0)]) / n
+        b = np.concatenate([(j[up] + 1.0 / 3.0), (j[down] + 2.0 / 3.0)]) / n
+        share = np.stack([1.0 - a - b, a, b], axis=1)
+        out.append(np.einsum("qk,mkc->mqc", share, t[parts == n]).reshape(-1, 3))
+    return np.concatenate(out)
 
 
 def _mirrored(points: F64, t: F64, balls: TriangleBalls, center: F64, axis: F64, tolerance: float) -> bool:

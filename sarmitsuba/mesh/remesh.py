@@ -11,6 +11,8 @@ from sarmitsuba.arrays import F64, I64
 LONGEST, SHORTEST = 4.0 / 3.0, 0.8
 # rad: a bend from which on an edge is a sharp one and is not flipped
 SHARP = np.radians(10.0)
+# rad: bend of edges, and turn of rims, whose corners stay, so that nothing narrow is given up
+HARD = np.radians(30.0)
 # distance over wanted length by which a surface may leave a corner that is given up, and least cosine of the turn of
 # its facets
 DEVIATION, TURN = 0.03, 0.2
@@ -156,16 +158,16 @@ def _collapse(vertices: F64, faces: I64, length: float) -> tuple[F64, I64]:
         if not short.any():
             break
         n = len(vertices)
-        # corners of rims move along these only, those of junctions not at all
-        rims = np.bincount(edges.ends[edges.count == 1].ravel(), minlength=n)
-        fixed = np.zeros(n, dtype=bool)
+        # corners of rims and hard edges move along these only; those of junctions and where lines turn not at all
+        line = (edges.count == 1) | (edges.bend > HARD)
+        on_line = np.bincount(edges.ends[line].ravel(), minlength=n) > 0
+        fixed = _turning(vertices, edges.ends[line])
         fixed[edges.ends[edges.count > 2].ravel()] = True
-        fixed |= rims > 2
         number = np.flatnonzero(short)
         move = np.concatenate([edges.ends[number, 0], edges.ends[number, 1]])
         into = np.concatenate([edges.ends[number, 1], edges.ends[number, 0]])
         edge = np.concatenate([number, number])
-        allowed = ~fixed[move] & ((rims[move] == 0) | (edges.count[edge] == 1))
+        allowed = ~fixed[move] & (~on_line[move] | line[edge])
         move, into, edge = move[allowed], into[allowed], edge[allowed]
         good = _keeps_surface(vertices, faces, edges, move, into, edge, length)
         move, into, edge = move[good], into[good], edge[good]
@@ -193,6 +195,19 @@ def _collapse(vertices: F64, faces: I64, length: float) -> tuple[F64, I64]:
         if best.size < FEW * candidates:
             break
     return vertices, faces
+
+
+def _turning(vertices: F64, ends: I64) -> NDArray[np.bool_]:
+    """Corners at which lines of edges (n, 2) end, branch, or turn by more than ``HARD``."""
+    n = len(vertices)
+    along = _unit(vertices[ends[:, 1]] - vertices[ends[:, 0]])
+    total = np.zeros((n, 3))
+    np.add.at(total, ends[:, 0], along)
+    np.add.at(total, ends[:, 1], -along)
+    count = np.bincount(ends.ravel(), minlength=n)
+    # two unit vectors away from a corner sum to nothing on a straight line
+    turns = np.linalg.norm(total, axis=1) > 2.0 * np.sin(0.5 * HARD)
+    return np.asarray((count > 0) & ((count != 2) | turns))
 
 
 def _keeps_surface(

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.arrays import C128, F64
-from sarmitsuba.currents.solution import BodyMesh, scattering_matrices, whole_body
+from sarmitsuba.currents.solution import JOINED, BodyMesh, scattering_matrices, whole_body
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
+from sarmitsuba.finite import all_finite
 from sarmitsuba.memory import check_fits
 from sarmitsuba.mesh.contacts import contacts
 from sarmitsuba.mesh.double_faces import double_faces
@@ -174,12 +175,15 @@ def solve_currents(
     Raises
     ------
     RadarError
-        It is asked for, and parts of the surface touch without sharing edges.
+        It is asked for, and parts of the surface touch without sharing edges, are too narrow, or have no solution.
     ResourceError
         The equations do not fit into memory.
     """
     wave = target.wavelength
-    copies = 2 ** len(whole_body(target.corners, COARSEST * wave)[3])
+    _, faces, _, normals = whole_body(target.corners, COARSEST * wave)
+    if not len(faces):
+        return _left(f"the surface is narrower than {JOINED * COARSEST:.1g} wavelengths", asked)
+    copies = 2 ** len(normals)
     wanted = edge_length(target.area, copies)
     if wanted > COARSEST and not asked:
         seconds = processor_seconds(int(FUNCTIONS * target.area / COARSEST**2), copies)
@@ -195,10 +199,7 @@ def solve_currents(
     at = contacts(fine.vertices, fine.faces, TOUCHING * fine.length)
     if len(at):
         place = ", ".join(f"{v:.3g}" for v in at[0] + fine.center)
-        why = f"parts of the surface touch or cross without common edges, at ({place}) m"
-        if asked:
-            raise RadarError(f"rcs: full_wave = on, but {why}; join them in one mesh, or leave it out")
-        return why
+        return _left(f"parts of the surface touch or cross without common edges, at ({place}) m", asked)
     horizontal = np.cross(up, directions)
     horizontal /= np.linalg.norm(horizontal, axis=1, keepdims=True)
     fields = np.stack([horizontal, np.cross(directions, horizontal)], axis=1)
@@ -214,10 +215,19 @@ def solve_currents(
         matrices *= np.exp(-4j * np.pi / wave * (directions @ target.reference))[:, None, None]
         found.append(np.stack([_channel(matrices, c) for c in channels], axis=1))
     coarse, amplitude = found
+    if not (all_finite(coarse) and all_finite(amplitude)):
+        return _left("its equations have no single solution", asked)
     # currents at edges make the error fall as the length
     share = 1.0 / max(rough.rms_edge / fine.rms_edge - 1.0, 1e-3)
     error = np.square(share) * np.square(np.abs(amplitude - coarse)).mean(axis=0)
     return SolvedCurrents(amplitude, error, fine.unknowns * copies, fine.rms_edge / wave)
+
+
+def _left(why: str, asked: bool) -> str:
+    """The reason why currents are not solved; an error where they are asked for."""
+    if asked:
+        raise RadarError(f"rcs: full_wave = on, but {why}; leave it out, or mend the mesh")
+    return why
 
 
 def _coarser(target: FullWaveTarget, fine: BodyMesh) -> BodyMesh:

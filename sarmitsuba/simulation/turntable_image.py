@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.effects.catalog.full_wave import FULL_WAVE
+from sarmitsuba.effects.plan import without_switch
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.radar.description import RadarDescription, RadarInput
@@ -70,6 +72,7 @@ def turntable_scene(
     -----
     The radar is a thousand radii away. If it lies in the image plane it is raised by 1e-4 rad.
     """
+    scene = without_switch(scene, FULL_WAVE)  # of the sweep alone
     center, radius = target_middle(scene)
     frequency = scene.radar.waveform.center_frequency
     width = float(np.linalg.norm((outline_of(scene) - center)[:, :2], axis=1).max())

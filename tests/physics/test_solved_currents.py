@@ -257,6 +257,30 @@ def test_what_cannot_be_solved_is_refused_in_one_line(material: Material, text: 
     assert "\n" not in str(caught.value)
 
 
+def test_a_body_given_twice_is_solved_as_one() -> None:
+    """Faces of a second shape hid its edges from the statement of ray optics, which seemed exact."""
+    box = trimesh.creation.box((0.5, 0.4, 0.3))
+    mesh = np.asarray(box.vertices), np.asarray(box.faces, dtype=np.int32)
+    radar = RadarDescription(center_frequency=SPEED_OF_LIGHT)
+    twice = build_scene([SceneMesh(*mesh, "pec", "a"), SceneMesh(*mesh, "pec", "b")], radar=radar)
+    azimuth = np.array([0.0, 40.0])
+    one, two = sweep(body(box), azimuth), sweep(twice, azimuth)
+    assert two.currents is not None and np.allclose(one.total, two.total)
+
+
+def test_bodies_far_below_a_wavelength_are_solved_or_said_to_be_unknown() -> None:
+    """Cubes of a tenth of a wavelength against their static polarisabilities; smaller ones are not known."""
+    for edge in (0.06, 0.1):
+        found = sweep(body(trimesh.creation.box((edge, edge, edge))), np.array([0.0]), 0.0)
+        # Sihvola and others: polarisabilities of a metal cube over its volume, 3.644 electric and 1.607 magnetic
+        exact = (2.0 * np.pi) ** 4 / (4.0 * np.pi) * (5.251 * edge**3) ** 2
+        assert found.currents is not None
+        # tol: the next order in the edge, (2 pi edge)^2 / 5 of the amplitude, and edges of the mesh
+        assert found.dbsm("HH")[0] == pytest.approx(10.0 * np.log10(exact), abs=1.0)
+    tiny = sweep(body(trimesh.creation.box((0.004, 0.004, 0.004))), np.array([0.0]), 0.0)
+    assert tiny.currents is None and tiny.statement.theory.unknown
+
+
 def test_crossing_sheets_are_refused_with_their_place() -> None:
     sheet = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
     cross = trimesh.Trimesh(

@@ -91,14 +91,14 @@ def test_mirrors_of_turned_bodies_and_none_of_lopsided_ones() -> None:
     turn = Rotation.random(random_state=1).as_matrix()
     box = trimesh.creation.box((1.0, 0.7, 0.4))
     vertices, faces = np.asarray(box.vertices) @ turn.T + rng.normal(size=3), np.asarray(box.faces)
-    center, normals = mirror_planes(vertices, faces, 1e-3)
+    center, normals = mirror_planes(vertices, faces, 1e-3, 0.05)
     assert len(normals) == 3 and np.allclose(
         np.abs(normals @ turn), np.eye(3)[np.abs(normals @ turn).argmax(axis=1)]
     )
     part, cut = part_of(vertices, faces, center, normals, 1e-3)
     assert 8.0 * areas(part, cut).sum() == pytest.approx(box.area, rel=1e-6)
     lopsided = trimesh.convex.convex_hull(rng.normal(size=(9, 3)))
-    _, none = mirror_planes(np.asarray(lopsided.vertices), np.asarray(lopsided.faces), 1e-3)
+    _, none = mirror_planes(np.asarray(lopsided.vertices), np.asarray(lopsided.faces), 1e-3, 0.05)
     assert len(none) == 0
 
 
@@ -115,3 +115,38 @@ def test_contacts_are_found_where_parts_cross_or_touch_alone() -> None:
     at = contacts(np.concatenate([plate, upright]), both, 1e-6)
     assert len(at) and np.allclose(at[:, 1], 0.51, atol=0.02) and np.abs(at[:, 2]).max() < 1e-6
     assert not len(contacts(plate, faces, 0.02))
+
+
+def test_a_hole_opposite_a_whole_wall_is_no_mirror_image_of_it() -> None:
+    """A wall of two triangles whose corners and middles lie on the other wall, which has a slot elsewhere."""
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    front = np.asarray(box.triangles)[:, :, 0].min(axis=1) > 0.49
+    walls = np.asarray(box.triangles)[~front]
+    y = [-0.5, -0.4, 0.4, 0.5]
+    z = [-0.5, 0.1, 0.3, 0.5]
+    pieces = []
+    for i in range(3):
+        for j in range(3):
+            if (i, j) != (1, 1):
+                a, b = (0.5, y[i], z[j]), (0.5, y[i + 1], z[j])
+                c, d = (0.5, y[i + 1], z[j + 1]), (0.5, y[i], z[j + 1])
+                pieces += [[a, b, c], [a, c, d]]
+    vertices, faces = conforming(np.concatenate([walls, np.array(pieces)]), 1e-6)
+    _, normals = mirror_planes(vertices, faces, 1e-3, 0.05)
+    assert len(normals) == 1 and abs(normals[0, 1]) > 0.99
+
+
+def test_narrow_tapes_and_thin_boxes_keep_their_width() -> None:
+    tape = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0.004, 0], [0, 0.004, 0]])
+    vertices, faces = remesh(tape, np.array([[0, 1, 2], [0, 2, 3]]), 0.2)
+    assert areas(vertices, faces).sum() == pytest.approx(0.004, rel=1e-6)
+    box = trimesh.creation.box((1.0, 0.7, 0.004))
+    vertices, faces = remesh(np.asarray(box.vertices), np.asarray(box.faces), 0.2)
+    made = trimesh.Trimesh(vertices, faces, process=False)
+    assert made.is_watertight and made.volume == pytest.approx(box.volume, rel=1e-6)
+
+
+def test_triangles_on_one_another_are_contacts() -> None:
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    twice = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]])
+    assert len(contacts(square, twice, 0.01)) and not len(contacts(square, twice[:2], 0.01))
