@@ -31,8 +31,8 @@ class NearPairs:
     of_copy: tuple[tuple[I64, I64, C128], ...]
 
     @staticmethod
-    def of(basis: CurrentBasis, resistance: float = 0.0) -> "NearPairs":
-        """Near pairs of a basis; ``resistance``: of its surface, over 120 pi ohm."""
+    def of(basis: CurrentBasis, resistance: F64) -> "NearPairs":
+        """Near pairs of a basis; ``resistance``: of each triangle's surface, over 120 pi ohm."""
         found: list[tuple[I64, I64, C128]] = []
         for copy in basis.copies:
             there = basis.corners @ copy.T
@@ -41,9 +41,10 @@ class NearPairs:
             values = _near(*sides) - _coarse(*sides)
             own = test == source  # and its mirror image: symmetric but for the rules
             values[own] = 0.5 * (values[own] + values[own].transpose(0, 2, 1))
-            if resistance and not found:  # the identity is the first
+            if not found:  # the identity is the first
                 same = basis.triangle[test] == basis.triangle[source]
-                values[same] -= 1j * resistance * _products(basis.corners[test[same]])
+                lossy = resistance[basis.triangle[test[same]], None, None]
+                values[same] -= 1j * lossy * _products(basis.corners[test[same]])
             weight = basis.weight[test][:, :, None] * basis.weight[source][:, None, :]
             found.append((test, source, values * weight))
         return NearPairs(tuple(found))
@@ -75,8 +76,8 @@ class MomentMatrices:
     of_copy: tuple[C64, ...]
 
     @staticmethod
-    def of(basis: CurrentBasis, resistance: float = 0.0) -> "MomentMatrices":
-        """Matrices of a basis; ``resistance``: of its surface, over 120 pi ohm."""
+    def of(basis: CurrentBasis, resistance: F64) -> "MomentMatrices":
+        """Matrices of a basis; ``resistance``: of each triangle's surface, over 120 pi ohm."""
         near, copies = NearPairs.of(basis, resistance), len(basis.copies)
         shares: tuple[C64, ...] = ()
         if 8 * copies * basis.n**2 < MOST_BYTES:

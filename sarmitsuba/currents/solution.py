@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64, I64
 from sarmitsuba.currents.basis import CurrentBasis
@@ -66,13 +67,21 @@ class BodyMesh:
         return float(np.sqrt(np.square(t - np.roll(t, 1, axis=1)).sum(axis=2).mean()))
 
     @cached_property
-    def closed(self) -> bool:
-        """Whether the surface has no rim: edges of one triangle lie on mirror planes."""
+    def closed(self) -> NDArray[np.bool_]:
+        """Whether the connected surface of each triangle has no rim: edges of one triangle lie on mirror planes."""
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import connected_components
+
+        n, m = len(self.vertices), len(self.faces)
+        links = (np.ones(3 * m), (self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()))
+        _, body = connected_components(coo_matrix(links, shape=(n, n)), directed=False)
         ends = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         edge, count = np.unique(ends, axis=0, return_counts=True)
-        rim = self.vertices[edge[count == 1]]
-        on = np.abs(rim @ self.normals.T).max(axis=1, initial=0.0) < 1e-3 * self.length
-        return bool(on.any(axis=1).all())
+        rim = edge[count == 1]
+        off = np.abs(self.vertices[rim] @ self.normals.T).max(axis=1, initial=0.0) > 1e-3 * self.length
+        opened = np.zeros(int(body.max(initial=0)) + 1, dtype=bool)
+        opened[body[rim[off.all(axis=1), 0]]] = True
+        return np.asarray(~opened[body[self.faces[:, 0]]])
 
 
 def whole_body(corners: F64, length: float) -> tuple[F64, I64, F64, F64]:
@@ -130,7 +139,7 @@ def scattering_matrices(
     k = 2.0 * np.pi / wavelength
     total = np.zeros((len(directions), 2, 2), dtype=np.complex128)
     basis = CurrentBasis.of(k * mesh.vertices, mesh.faces, mesh.normals, 1e-3 * k * mesh.length)
-    matrices = MomentMatrices.of(basis, RESISTANCE if mesh.closed else 0.0)
+    matrices = MomentMatrices.of(basis, RESISTANCE * mesh.closed)
     waves = [basis.plane_waves(directions @ copy.T, fields @ copy.T) for copy in basis.copies]
     parts = basis.symmetries()
     for done, part in enumerate(parts):

@@ -17,7 +17,7 @@ SCENE = """<scene version="3.0.0">
   </integrator>
   <sensor type="sar_antenna" id="radar">
     <float name="slant_range" value="1500"/><float name="azimuth_resolution" value="0.5"/>
-    <string name="mode" value="spotlight"/>
+    <string name="mode" value="spotlight"/><float name="aim_x" value="0"/><float name="aim_y" value="0"/>
     <film type="range_film">
       <float name="image_extent_azimuth" value="{extent}"/><float name="image_extent_range" value="{extent}"/>
     </film>

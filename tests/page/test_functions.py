@@ -175,7 +175,8 @@ class Element {
   }
   getContext() {
     const image = (width, height) => ({ data: { buffer: new ArrayBuffer(4 * width * height) } });
-    return new Proxy({}, { get: (_, name) => (name === "createImageData" ? image : () => {}), set: () => true });
+    const known = { createImageData: image, measureText: (text) => ({ width: 6 * text.length }) };
+    return new Proxy({}, { get: (_, name) => known[name] ?? (() => {}), set: () => true });
   }
 }
 const element = (tag) => new Element(tag);

@@ -45,7 +45,7 @@ def test_masks_of_tiles_come_back(tmp_path: Path, seed: int) -> None:
         }
         for k in (1, 2, 3)
     ]
-    label = {"part": "test", "number": 5, "objects": objects}
+    label = {"part": "test", "number": 5, "objects": objects, "named_shapes": []}
     documents = DetectionDocuments(recipe, ("a", "b"))
     documents.add(SampleRecord(label, {"image": np.zeros((1, rows, columns)), "shape": shape}), 7)
     document = documents.documents["test"]
@@ -77,7 +77,7 @@ def test_boxes_are_cut_at_the_tile(tmp_path: Path) -> None:
     objects = [
         {"name": f"o{i}", "semantic_class": "a", "aspect_deg": 0.0, "box": b} for i, b in enumerate(boxes)
     ]
-    label = {"part": "train", "number": 0, "objects": objects}
+    label = {"part": "train", "number": 0, "objects": objects, "named_shapes": []}
     documents.add(SampleRecord(label, {"image": np.zeros((1, 20, 20))}), 0)
     found = {one["name"]: one["bbox"] for one in documents.documents["train"]["annotations"]}
     # x, y, width, height from the corner of the first pixel

@@ -217,8 +217,8 @@ def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
         (
             SMALL,
             {},
-            {"n_pulses": 5, "prf": 1e-200},
-            "make an aperture of 5e.202 m, more than four slant ranges",
+            {"n_pulses": 5, "prf": 1e-50},
+            "make an aperture of 5e.52 m, more than four slant ranges",
         ),
         (SMALL, {"pixel_spacing_range": 1e-9}, {}, "pixels is larger than"),
         (np.add(SMALL, [0, 0, 8000.0]), {"image_center_x": 0.0}, {"aim_z": 0.0}, "below the whole scene"),
