@@ -139,7 +139,7 @@ def scattering_matrices(
     k = 2.0 * np.pi / wavelength
     total = np.zeros((len(directions), 2, 2), dtype=np.complex128)
     basis = CurrentBasis.of(k * mesh.vertices, mesh.faces, mesh.normals, 1e-3 * k * mesh.length)
-    matrices = MomentMatrices.of(basis, RESISTANCE * mesh.closed)
+    matrices = MomentMatrices.of(basis, np.where(mesh.closed, RESISTANCE, 0.0))
     waves = [basis.plane_waves(directions @ copy.T, fields @ copy.T) for copy in basis.copies]
     parts = basis.symmetries()
     for done, part in enumerate(parts):
