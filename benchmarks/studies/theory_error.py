@@ -43,8 +43,8 @@ class BodyError:
     text: str
 
 
-def sweep_of(entry: dict[str, object]) -> RcsSweep:
-    """Sweep of a drawn body at a wavelength of 1 m by ray optics, else with default settings."""
+def sweep_of(entry: dict[str, object], full_wave: str = "off") -> RcsSweep:
+    """Sweep of a drawn body at a wavelength of 1 m with default settings but for the switch of solved currents."""
     of = drawn_assemblies if entry["family"] in drawn_assemblies.FAMILIES else drawn_bodies
     vertices, faces = of.body_mesh(entry, 1e9)
     scene = build_scene(
@@ -54,7 +54,7 @@ def sweep_of(entry: dict[str, object]) -> RcsSweep:
     )
     azimuth = np.radians(drawn_bodies.AZIMUTH)
     return rcs_sweep(
-        scene.replace(full_wave="off"), Aspects(azimuth, np.zeros_like(azimuth)), channels=CHANNELS
+        scene.replace(full_wave=full_wave), Aspects(azimuth, np.zeros_like(azimuth)), channels=CHANNELS
     )
 
 
@@ -70,14 +70,16 @@ def entries(which: str, of: str = "bodies") -> Iterator[dict[str, object]]:
             yield from map(drawn_assemblies.solve, drawn_assemblies.drawn(seed, drawn_assemblies.EACH))
 
 
-def errors(which: str, families: tuple[str, ...] = (), of: str = "bodies") -> Iterator[BodyError]:
+def errors(
+    which: str, families: tuple[str, ...] = (), of: str = "bodies", full_wave: str = "off"
+) -> Iterator[BodyError]:
     """Errors of the bodies ``fitted`` or ``held_out`` of a set, of some families or of all."""
     for entry in entries(which, of):
         if families and entry["family"] not in families:
             continue
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SarmitsubaWarning)  # most bodies are small
-            sweep = sweep_of(entry)
+            sweep = sweep_of(entry, full_wave)
         true = []
         for channel in CHANNELS:
             exact = np.array(entry[channel])
@@ -85,7 +87,10 @@ def errors(which: str, families: tuple[str, ...] = (), of: str = "bodies") -> It
             true.append(float(np.sqrt(np.mean(np.square(sweep.dbsm(channel) - exact)[strong]))))
         stated = tuple(float(v) for v in sweep.statement.total_db)
         yield BodyError(
-            entry["family"], (true[0], true[1]), (stated[0], stated[1]), sweep.statement.theory.text
+            entry["family"],
+            (true[0], true[1]),
+            (stated[0], stated[1]),
+            sweep.statement.currents or sweep.statement.theory.text,
         )
 
 
@@ -111,11 +116,17 @@ def main() -> int:
     parser.add_argument("--set", choices=SETS, action="append", default=[])
     parser.add_argument("--only", choices=("fitted", "held_out"))
     parser.add_argument("--family", action="append", default=[])
+    parser.add_argument(
+        "--full-wave",
+        choices=("off", "auto"),
+        default="off",
+        help="auto: with solved currents, as users run it",
+    )
     args = parser.parse_args()
     for of in args.set or SETS:
         for which in (args.only,) if args.only else ("fitted", "held_out"):
             found = []
-            for one in errors(which, tuple(args.family), of):
+            for one in errors(which, tuple(args.family), of, args.full_wave):
                 found.append(one)
                 print(
                     f"{one.family:9s} true {np.round(one.true, 1)} stated {np.round(one.stated, 1)} {one.text}",

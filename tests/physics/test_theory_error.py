@@ -163,11 +163,22 @@ def test_bodies_drawn_after_the_laws_were_fitted(benchmark_script: Callable[[str
     # nothing is known of bodies below half a wavelength, the family "tiny" and a few others
     assert known.mean() > 0.75
     over = true - stated
-    # tol: a pattern that is the same at all aspects may lie in one null: a cone about its axis, in HH
-    assert (over[known] > MARGIN).sum() <= 2
-    assert (over[known] > MARGIN).mean() < 0.03
+    # tol: three of thin plates, two wedges a thirtieth of a wavelength apart as one rim, and a cone about its axis, whose
+    # pattern is the same at all aspects and lies in one null: docs/rcs.md has them
+    assert (over[known] > MARGIN).sum() <= 4
     factor = stated[known] / true[known]
     assert 1.0 < np.median(factor) < 2.0 and np.quantile(factor, 0.95) < 8.0
+
+
+@pytest.mark.slow
+def test_drawn_bodies_as_users_run_them(benchmark_script: Callable[[str], ModuleType]) -> None:
+    """The same with solved currents where they are automatic: of every body the error is known, and small."""
+    found = list(benchmark_script("theory_error").errors("held_out", full_wave="auto"))
+    true, stated = (np.array([getattr(f, n) for f in found]).ravel() for n in ("true", "stated"))
+    assert np.isfinite(stated).all()
+    # tol: the solver of the references has edges of a tenth of a wavelength, which errs by as much
+    assert (true - stated).max() < 1.0
+    assert np.median(true) < 0.3 and np.median(stated / true) > 0.8
 
 
 def test_the_exact_solver_of_the_drawn_bodies(benchmark_script: Callable[[str], ModuleType]) -> None:
