@@ -163,8 +163,8 @@ def test_bodies_drawn_after_the_laws_were_fitted(benchmark_script: Callable[[str
     # nothing is known of bodies below half a wavelength, the family "tiny" and a few others
     assert known.mean() > 0.75
     over = true - stated
-    # tol: three of thin plates, two wedges a thirtieth of a wavelength apart as one rim, and a cone about its axis, whose
-    # pattern is the same at all aspects and lies in one null: docs/rcs.md has them
+    # tol: three of thin plates, two wedges a thirtieth of a wavelength apart as one rim, and a cone about its axis,
+    # whose pattern is the same at all aspects and lies in one null: docs/rcs.md has them
     assert (over[known] > MARGIN).sum() <= 4
     factor = stated[known] / true[known]
     assert 1.0 < np.median(factor) < 2.0 and np.quantile(factor, 0.95) < 8.0
