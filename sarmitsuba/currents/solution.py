@@ -22,6 +22,46 @@ RESISTANCE = 0.003
 
 
 @dataclass(frozen=True, eq=False)
+class WholeSurface:
+    """Surface of a metal body before it is meshed, with its mirror planes.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64, m
+    faces : (m, 3) int64, that meet corner to corner; none where the surface is too narrow
+    center : (3,) float64, m, on all mirror planes
+    normals : (k, 3) float64, unit vectors of the mirror planes
+    """
+
+    vertices: F64
+    faces: I64
+    center: F64
+    normals: F64
+
+    @staticmethod
+    def of(corners: F64, length: float) -> "WholeSurface":
+        """Surface of triangles.
+
+        Parameters
+        ----------
+        corners : (n, 3, 3) float64, m, of triangles that need not meet corner to corner
+        length : m, of the longest edges with which it is to be meshed
+        """
+        vertices, faces = conforming(corners, JOINED * length)
+        return WholeSurface(
+            vertices, faces, *mirror_planes(vertices, faces, DEVIATION * length, 0.5 * length)
+        )
+
+    def meshed(self, length: float) -> "BodyMesh":
+        """Mesh of the part that mirrors complete, in edges of a length, m."""
+        vertices, faces = self.vertices, self.faces
+        if self.normals.size:
+            vertices, faces = part_of(vertices, faces, self.center, self.normals, JOINED * length)
+        vertices, faces = remesh(vertices - self.center, faces, length)
+        return BodyMesh(vertices, faces, self.center, self.normals, length)
+
+
+@dataclass(frozen=True, eq=False)
 class BodyMesh:
     """Mesh of a metal body for its currents: the part that mirrors complete, in edges of one length.
 
@@ -39,21 +79,6 @@ class BodyMesh:
     center: F64
     normals: F64
     length: float
-
-    @staticmethod
-    def of(corners: F64, length: float) -> "BodyMesh":
-        """Mesh of a surface.
-
-        Parameters
-        ----------
-        corners : (n, 3, 3) float64, m, of triangles that need not meet corner to corner
-        length : m, wanted length of edges
-        """
-        vertices, faces, center, normals = whole_body(corners, length)
-        if normals.size:
-            vertices, faces = part_of(vertices, faces, center, normals, JOINED * length)
-        vertices, faces = remesh(vertices - center, faces, length)
-        return BodyMesh(vertices, faces, center, normals, length)
 
     @property
     def unknowns(self) -> int:
@@ -82,18 +107,6 @@ class BodyMesh:
         opened = np.zeros(int(body.max(initial=0)) + 1, dtype=bool)
         opened[body[rim[off.all(axis=1), 0]]] = True
         return np.asarray(~opened[body[self.faces[:, 0]]])
-
-
-def whole_body(corners: F64, length: float) -> tuple[F64, I64, F64, F64]:
-    """Vertices, faces, centre and normals of the mirror planes of a surface, before it is meshed.
-
-    Parameters
-    ----------
-    corners : (n, 3, 3) float64, m, of triangles that need not meet corner to corner
-    length : m, of edges for which it is to be meshed
-    """
-    vertices, faces = conforming(corners, JOINED * length)
-    return vertices, faces, *mirror_planes(vertices, faces, DEVIATION * length, 0.5 * length)
 
 
 def scattering_matrices(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.arrays import C128, F64
-from sarmitsuba.currents.solution import JOINED, BodyMesh, scattering_matrices, whole_body
+from sarmitsuba.currents.solution import JOINED, BodyMesh, WholeSurface, scattering_matrices
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
 from sarmitsuba.finite import all_finite
@@ -180,10 +180,10 @@ def solve_currents(
         The equations do not fit into memory.
     """
     wave = target.wavelength
-    _, faces, _, normals = whole_body(target.corners, COARSEST * wave)
-    if not len(faces):
+    whole = WholeSurface.of(target.corners, COARSEST * wave)
+    if not len(whole.faces):
         return _left(f"the surface is narrower than {JOINED * COARSEST:.1g} wavelengths", asked)
-    copies = 2 ** len(normals)
+    copies = 2 ** len(whole.normals)
     wanted = edge_length(target.area, copies)
     if wanted > COARSEST and not asked:
         seconds = processor_seconds(int(FUNCTIONS * target.area / COARSEST**2), copies)
@@ -195,7 +195,7 @@ def solve_currents(
         f"about {FUNCTIONS * target.area / length**2:.2g} unknowns in {copies} symmetric parts are too many; switch "
         "full_wave off",
     )
-    fine = BodyMesh.of(target.corners, length * wave)
+    fine = whole.meshed(length * wave)
     at = contacts(fine.vertices, fine.faces, TOUCHING * fine.length)
     if len(at):
         place = ", ".join(f"{v:.3g}" for v in at[0] + fine.center)
@@ -203,7 +203,7 @@ def solve_currents(
     horizontal = np.cross(up, directions)
     horizontal /= np.linalg.norm(horizontal, axis=1, keepdims=True)
     fields = np.stack([horizontal, np.cross(directions, horizontal)], axis=1)
-    meshes = sorted((fine, _coarser(target, fine)), key=lambda mesh: -mesh.rms_edge)
+    meshes = sorted((fine, _coarser(whole, fine)), key=lambda mesh: -mesh.rms_edge)
     rough, fine = meshes
     found = []
     for mesh in meshes:
@@ -230,10 +230,10 @@ def _left(why: str, asked: bool) -> str:
     return why
 
 
-def _coarser(target: FullWaveTarget, fine: BodyMesh) -> BodyMesh:
+def _coarser(whole: WholeSurface, fine: BodyMesh) -> BodyMesh:
     """Mesh with longer edges to compare with; where details of the body set their length, with shorter ones."""
     for factor in (COARSER, COARSER**2, COARSER**3, 1.0 / COARSER, 1.0 / COARSER**2):
-        mesh = BodyMesh.of(target.corners, factor * fine.length)
+        mesh = whole.meshed(factor * fine.length)
         if not 1.0 / APART < mesh.rms_edge / fine.rms_edge < APART:
             return mesh
     return mesh

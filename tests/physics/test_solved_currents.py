@@ -14,7 +14,7 @@ from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.currents.basis import CurrentBasis
 from sarmitsuba.currents.matrix import MomentMatrices, NearPairs
-from sarmitsuba.currents.solution import BodyMesh, scattering_matrices
+from sarmitsuba.currents.solution import BodyMesh, WholeSurface, scattering_matrices
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader.build import SceneMesh, build_scene
@@ -38,7 +38,7 @@ def looks_at(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
 def solved(corners: np.ndarray, length: float, look: np.ndarray, fields: np.ndarray) -> np.ndarray:
     """Amplitudes [direction, received, sent] at a wavelength of 1 m."""
     ensure_backend()
-    return scattering_matrices(BodyMesh.of(corners, length), 1.0, look, fields)
+    return scattering_matrices(WholeSurface.of(corners, length).meshed(length), 1.0, look, fields)
 
 
 def body(mesh: trimesh.Trimesh, material: object = "pec", **settings: object) -> Scene:
@@ -144,12 +144,12 @@ def test_mirrored_parts_are_the_whole_body() -> None:
         [[[0.0, -0.5, -0.4], [0, 0.5, -0.4], [0, 0.5, 0.4]], [[0, -0.5, -0.4], [0, 0.5, 0.4], [0, -0.5, 0.4]]]
     )
     for corners, planes in ((box, 3), (sheet, 2)):
-        part = BodyMesh.of(corners, 0.1)
+        part = WholeSurface.of(corners, 0.1).meshed(0.1)
         assert len(part.normals) == planes
         pieces = [part.vertices[part.faces]]
         for normal in part.normals:
             pieces += [p - 2.0 * (p @ normal)[..., None] * normal for p in pieces]
-        whole = BodyMesh.of(np.concatenate(pieces) + np.array([1e-7, 0.0, 0.0]), 0.1)
+        whole = WholeSurface.of(np.concatenate(pieces) + np.array([1e-7, 0.0, 0.0]), 0.1).meshed(0.1)
         ensure_backend()
         one = scattering_matrices(part, 1.0, look, fields)
         joined, number = np.unique(
@@ -162,7 +162,7 @@ def test_mirrored_parts_are_the_whole_body() -> None:
         # tol: float32 in the far pairs and in the factorisation
         assert np.abs(one - two).max() < 1e-4 * np.abs(two).max()
     bumped = np.concatenate([box, box[:1] * 0.2 + [0.3, 0.1, 0.5]])
-    assert len(BodyMesh.of(bumped, 0.1).normals) < 3
+    assert len(WholeSurface.of(bumped, 0.1).meshed(0.1).normals) < 3
 
 
 def test_t_junctions_slivers_and_gaps_change_nothing() -> None:
@@ -181,7 +181,7 @@ def test_t_junctions_slivers_and_gaps_change_nothing() -> None:
             pieces += [np.array([a, m, c]), np.array([m, b, c])]
         torn += pieces
     corners = np.array(torn) + rng.uniform(-1e-4, 1e-4, (len(torn), 3, 3))
-    mesh = BodyMesh.of(corners, 0.09)
+    mesh = WholeSurface.of(corners, 0.09).meshed(0.09)
     assert mesh.closed.all()
     clean, cut = solved(np.asarray(box.triangles), 0.09, look, fields), solved(corners, 0.09, look, fields)
     # tol: two meshes of edges of an eleventh of a wavelength
