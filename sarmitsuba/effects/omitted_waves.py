@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.mesh.connected import connected
@@ -451,9 +451,9 @@ def soft_share(directions: F64, channel: str, along: F64, lean: F64) -> F64:
     return np.asarray(np.clip(np.mean(shares, axis=0), 0.0, 1.0))
 
 
-def polarisation_vectors(directions: F64) -> tuple[F64, F64]:
-    """Horizontal and vertical unit vectors (n, 3) across directions (n, 3)."""
-    h = np.stack([-directions[:, 1], directions[:, 0], np.zeros(len(directions))], axis=1)
+def polarisation_vectors(directions: F64, up: ArrayLike = (0.0, 0.0, 1.0)) -> tuple[F64, F64]:
+    """Horizontal and vertical unit vectors (n, 3) across directions (n, 3); ``up``: (3,) or (n, 3), the vertical."""
+    h = np.cross(np.asarray(up, dtype=np.float64), directions)
     size = np.linalg.norm(h, axis=1, keepdims=True)
     h = np.where(size > 1e-9, h / np.maximum(size, 1e-9), [0.0, 1.0, 0.0])
     return h, np.cross(directions, h)

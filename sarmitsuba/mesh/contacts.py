@@ -1,6 +1,7 @@
 """Places where parts of a surface touch or cross without sharing edges."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64
 from sarmitsuba.mesh.double_faces import TriangleBalls
@@ -55,7 +56,7 @@ def _folds(vertices: F64, faces: I64) -> F64:
     return np.concatenate(found)
 
 
-def _apart(row: I64, triangle: I64, faces: I64, n: int) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+def _apart(row: I64, triangle: I64, faces: I64, n: int) -> NDArray[np.bool_]:
     """Whether a corner and a triangle have no triangle of the corner between them."""
     from scipy.sparse import csr_matrix
 
@@ -70,7 +71,7 @@ def _apart(row: I64, triangle: I64, faces: I64, n: int) -> "np.ndarray[tuple[int
     return ~next_to
 
 
-def _crossing(a: F64, b: F64, t: F64) -> tuple[F64, "np.ndarray[tuple[int], np.dtype[np.bool_]]"]:
+def _crossing(a: F64, b: F64, t: F64) -> tuple[F64, NDArray[np.bool_]]:
     """Crossing of segments with triangles (Moeller and Trumbore, 1997), and whether there is one."""
     step, u, v = b - a, t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]
     p = np.cross(step, v)

@@ -74,11 +74,6 @@ def _unit(v: F64) -> F64:
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300))
 
 
-def _normals(vertices: F64, faces: I64) -> F64:
-    t = vertices[faces]
-    return np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
-
-
 def remesh(vertices: F64, faces: I64, length: float) -> tuple[F64, I64]:
     """Mesh of the same surface with edges of about one length.
 

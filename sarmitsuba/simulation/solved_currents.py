@@ -8,6 +8,7 @@ import numpy as np
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.currents.solution import JOINED, BodyMesh, WholeSurface, scattering_matrices
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.omitted_waves import polarisation_vectors
 from sarmitsuba.errors import RadarError
 from sarmitsuba.finite import all_finite
 from sarmitsuba.memory import check_fits
@@ -145,12 +146,17 @@ def processor_seconds(unknowns: int, copies: int) -> float:
 
 def edge_length(area: float, copies: int) -> float:
     """Finest length of edges, wavelengths, for which a surface (square wavelengths) takes ``MOST_SECONDS``."""
+
+    def fits(length: float) -> bool:
+        return processor_seconds(int(FUNCTIONS * area / length**2), copies) <= MOST_SECONDS
+
+    if fits(FINEST):
+        return FINEST
     low, high = FINEST, 10.0
     while high / low > 1.001:
         middle = math.sqrt(low * high)
-        fits = processor_seconds(int(FUNCTIONS * area / middle**2), copies) <= MOST_SECONDS
-        low, high = (low, middle) if fits else (middle, high)
-    return high if processor_seconds(int(FUNCTIONS * area / FINEST**2), copies) > MOST_SECONDS else FINEST
+        low, high = (low, middle) if fits(middle) else (middle, high)
+    return high
 
 
 def solve_currents(
@@ -200,9 +206,7 @@ def solve_currents(
     if len(at):
         place = ", ".join(f"{v:.3g}" for v in at[0] + fine.center)
         return _left(f"parts of the surface touch or cross without common edges, at ({place}) m", asked)
-    horizontal = np.cross(up, directions)
-    horizontal /= np.linalg.norm(horizontal, axis=1, keepdims=True)
-    fields = np.stack([horizontal, np.cross(directions, horizontal)], axis=1)
+    fields = np.stack(polarisation_vectors(directions, up), axis=1)
     meshes = sorted((fine, _coarser(whole, fine)), key=lambda mesh: -mesh.rms_edge)
     rough, fine = meshes
     found = []
