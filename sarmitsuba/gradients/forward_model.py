@@ -15,6 +15,7 @@ from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.material_parameters import with_material
+from sarmitsuba.gradients.moving_edges import EdgeBatches
 from sarmitsuba.gradients.parameter import Derivatives, Parameter, Step
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
@@ -315,6 +316,8 @@ class ForwardModel:
             batches = TangentBatches(tracer, self.rays, self.shape[0] * layers, 0)
             planes = list(self._traced(batches, progress).reshape(layers, *self.shape))
             data, farther = planes[:2]
+            for plane, more in zip(planes[2:], self._beside_edges(here, some.displacements), strict=False):
+                plane += more
             first = 2
             for own, number in zip(
                 (found.displaced, found.levelled, found.changed),
@@ -335,6 +338,16 @@ class ForwardModel:
                 out[row] = plane
                 row += 1
         return data, out
+
+    def _beside_edges(self, here: _At, displacements: Sequence[Displacement]) -> Sequence[C64]:
+        """What moving edges add to the derivatives by displacements; nothing where no shape moves."""
+        if not any(d.faces is not None for d in displacements):
+            return ()
+        tracer = self._tracer(here)
+        for one in {tracer, *tracer.by_frequency}:
+            one.tangents = Tangents.of(displacements, (), here.trace_scene.n_faces, 0)
+        n = len(displacements)
+        return self._traced(EdgeBatches(tracer, self.rays, self.shape[0] * n, 0)).reshape(n, *self.shape)
 
     @staticmethod
     def _step_tables(here: _At, tracer: Tracer, step: Step) -> StepTables:

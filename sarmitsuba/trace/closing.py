@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace import field
+from sarmitsuba.trace import edge_tangents, field
 from sarmitsuba.trace.corners import both_chains, corner_share
 from sarmitsuba.trace.leg import Surroundings, antenna_basis
 from sarmitsuba.trace.propagation import mirror
@@ -117,7 +117,7 @@ def tube_return(
     """
     factor = kernel.constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     whole, turned = factor, None
-    if ray.mirror is not None:
+    if ray.mirror is not None and not (kernel.tangents is not None and kernel.tangents.beside_edges):
         share, corner = corner_share(kernel, ray.mirror, hit)
         if ray.virtual_receiver is None:
             factor = factor * share
@@ -157,7 +157,10 @@ def tube_return(
     counts = ~(dr.abs(weight.real) + dr.abs(weight.imag) <= NEGLIGIBLE * dr.abs(whole))
     rates = None
     if kernel.tangents is not None:
-        rates = of_tube(kernel, ray, hit, tube_here, found)
+        if kernel.tangents.beside_edges:
+            rates = edge_tangents.of_tube(kernel.tangents, lane, ray, hit)
+        else:
+            rates = of_tube(kernel, ray, hit, tube_here, found)
     return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace import field
+from sarmitsuba.trace import edge_tangents, field
 from sarmitsuba.trace.closing import Receiver, Receiving, selected
 from sarmitsuba.trace.range_tangents import of_scatterer
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
@@ -160,7 +160,10 @@ class DiffuseReturns:
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
         rates = back_rates = material = None
         if self.kernel.tangents is not None:
-            rates, back_rates = of_scatterer(self.kernel, ray, hit, lane, centre)
+            if self.kernel.tangents.beside_edges:
+                rates = back_rates = edge_tangents.of_scatterer(self.kernel.tangents, lane, ray, hit, centre)
+            else:
+                rates, back_rates = of_scatterer(self.kernel, ray, hit, lane, centre)
             material = hit.material & MATERIAL_MASK
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),

@@ -212,9 +212,9 @@ def _bounce(
     if not flags.multi_bounce:
         last = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
         return there, hit, last, added
-    mirrored = replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count, trail=trail)
+    mirrored = replace(reflect(kernel, lane, ray, hit, tube_here, reflection), contributions=count, trail=trail)
     if kernel.variants:
-        mirrored = replace(mirrored, variants=reflected_variants(kernel, ray, hit, tube_here))
+        mirrored = replace(mirrored, variants=reflected_variants(kernel, lane, ray, hit, tube_here))
     return there, hit, mirrored, added
 
 

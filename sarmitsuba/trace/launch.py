@@ -49,6 +49,7 @@ class LaunchGrid:
     frame : launch plane of this lattice; None: that of the launch window
     pulses : first pulse that these rays serve, and the one after the last; None: all
     n_own : number of the pulses whose rays ``x`` and ``y`` hold in turn, equally many each; 1: all have the same
+    edges : rays on both sides of edges, for derivatives, see :mod:`sarmitsuba.trace.edge_tangents`; None: a lattice
     """
 
     x: F32
@@ -63,6 +64,7 @@ class LaunchGrid:
     levels: tuple[LatticeLevel, ...] = ()
     pulses: tuple[int, int] | None = None
     n_own: int = 1
+    edges: "EdgeSamples | None" = None
 
     def serves(self, pulse: int) -> bool:
         """Whether these rays are launched for a pulse."""
@@ -83,6 +85,27 @@ class LaunchGrid:
         """(n_rays,) number of the level of each ray."""
         first = [level.first for level in self.every_level]
         return np.repeat(np.arange(len(first), dtype=np.uint32), np.diff([*first, self.n_rays]))
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeSamples:
+    """Rays on both sides of the edges of shapes.
+
+    Parameters
+    ----------
+    weight : (n_rays n_own,) float32, length of the edge that the ray stands for over the square of the rays' spacing, 1/m;
+        negative on the outer side
+    normal : (n_rays n_own, 2) float64, unit normals of the edges in the launch plane, outwards
+    speeds : (n_displacements, n_rays n_own) float32, of the edges along their normals in the launch plane, m per unit
+    faces : (n_rays n_own, 2) uint32, facets that meet in the edge
+    leg : (n_rays n_own,) uint32, of the path, from 1, on which the ray passes the edge
+    """
+
+    weight: F32
+    normal: F64
+    speeds: F32
+    faces: U32
+    leg: U32
 
 
 @dataclass(frozen=True, eq=False)

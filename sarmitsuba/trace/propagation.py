@@ -13,6 +13,7 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.antenna_weight import fade
 from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
+from sarmitsuba.trace.edge_tangents import EdgeLane, EdgeState
 from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.leg import Surroundings, beam_patterns
 from sarmitsuba.trace.movement import ShadowBoundary
@@ -91,7 +92,11 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         needs=needs,
         pattern=None if beams is None else beams[1],
         time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),
+        edge=None if grid.edges is None else EdgeLane.of(grid.edges, row, distance),
     )
+    tangents = None if kernel.tangents is None else kernel.tangents.launched()
+    if tangents is not None and grid.edges is not None:
+        tangents.edge = EdgeState.launched(grid.edges, row, d64, axis_x, axis_y)
     state = RayState(
         active=dr.full(mi.Bool, True, grid.n_rays * pulses.n_pulses),
         hits=u32(0),
@@ -112,7 +117,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         contributions=u32(0),
         crossed=u32(0) if kernel.transmits else None,
         mirror=Mirror.none() if kernel.reversible else None,
-        tangents=None if kernel.tangents is None else kernel.tangents.launched(),
+        tangents=tangents,
     )
     return lane, state
 
@@ -416,7 +421,7 @@ def through_passages(kernel: Kernel, ray: RayState, hit: Hit) -> RayState:
 
 
 def reflect(
-    kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint, reflection: Reflection
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, reflection: Reflection
 ) -> RayState:
     """Reflected ray, with its tube and the virtual antenna mirrored in the facet; not active after the last bounce."""
     n64, n, edge_a, edge_b, spread = hit.normal64, hit.normal, ray.edge_a, ray.edge_b, ray.spread
@@ -461,7 +466,7 @@ def reflect(
         mirror=None if ray.mirror is None else mirror_at(kernel, hit),
         tangents=None
         if kernel.tangents is None
-        else mirrored_tangents(kernel.tangents, ray, hit, tube_here, n64),
+        else mirrored_tangents(kernel.tangents, lane, ray, hit, tube_here, n64),
     )
 
 

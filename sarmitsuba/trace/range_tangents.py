@@ -52,7 +52,7 @@ def _stretched(
 
 
 def mirrored_tangents(
-    carried: Carried, ray: RayState, hit: Hit, tube_here: TubeFootprint, n: mi.Vector3d
+    carried: Carried, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, n: mi.Vector3d
 ) -> RayTangents:
     r"""State of the ray reflected at a hit.
 
@@ -80,7 +80,10 @@ def mirrored_tangents(
         if boundary is not None and movement is not None:
             boundary = boundary.at(movement, hit.largest_cell).mirrored(movement, n)
         boundaries.append(boundary)
-    return RayTangents(tuple(virtual), tuple(boundaries), tuple(stretches))
+    edge = ray.tangents.edge
+    if edge is not None:
+        edge = edge.at(carried, lane, ray, hit).mirrored(n)
+    return RayTangents(tuple(virtual), tuple(boundaries), tuple(stretches), edge)
 
 
 def _patch(
@@ -150,7 +153,7 @@ def _surface_rate(carried: Carried, k: int, hit: Hit) -> mi.Float:
 def deformation_rates(kernel: Kernel, ray: RayState, hit: Hit, tube: TubeFootprint) -> list[Rate]:
     """Derivatives of q, u and v of a tube's phase integral by every displacement that stretches or turns a shape."""
     carried = kernel.tangents
-    if carried is None or not any(rows is not None for rows in carried.gradient):
+    if carried is None or carried.beside_edges or not any(rows is not None for rows in carried.gradient):
         return []
     found = []
     d, s = hit.direction64, hit.to_antenna64

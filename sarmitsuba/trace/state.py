@@ -17,6 +17,7 @@ from sarmitsuba.trace.tubes.tube import TubeExtent  # at run time: Dr.Jit reads 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.antenna_weight import BeamPattern
+    from sarmitsuba.trace.edge_tangents import EdgeLane
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
     from sarmitsuba.trace.movement import Movement
     from sarmitsuba.trace.scene_tables import TraceScene
@@ -206,6 +207,7 @@ class Lane:
     needs : m, lower and upper bound of the ray spacing needed by the faces that this ray samples
     pattern : of the receiving antenna, None for an isotropic one
     time : s, float64, of the pulse, where the kernel depends on it; None: everything is as at time zero
+    edge : of a ray beside an edge; None for rays of a lattice
     """
 
     pulse: mi.UInt32
@@ -221,6 +223,7 @@ class Lane:
     needs: tuple[mi.Float, mi.Float]
     pattern: BeamPattern | None
     time: mi.Float64 | None = None
+    edge: EdgeLane | None = None
 
 
 @dataclass

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.device_arrays import device_array
+from sarmitsuba.trace.edge_tangents import EdgeState  # at run time, like the next
 from sarmitsuba.trace.movement import (
     Movement,
     ShadowBoundary,
@@ -78,11 +79,13 @@ class RayTangents:
     virtual : float64, m per unit, of the antenna mirrored through the chain so far
     boundary : of the lit area; None for displacements of the antenna alone
     stretch : m per unit, change of the tube's two edges with the lit area, of the last facet; None for translations
+    edge : of a ray beside an edge; None for rays of a lattice
     """
 
     virtual: tuple[mi.Vector3d, ...]
     boundary: tuple[ShadowBoundary | None, ...]
     stretch: tuple[tuple[mi.Vector3f, mi.Vector3f] | None, ...]
+    edge: EdgeState | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,12 +163,14 @@ class Carried:
     ----------
     plan : tables
     antenna, offset, gradient : of each displacement, see :class:`Displacement`; None where nothing of it moves
+    beside_edges : whether rays are those beside edges, see :mod:`sarmitsuba.trace.edge_tangents`
     """
 
     plan: Tangents
     antenna: tuple[mi.Vector3d, ...]
     offset: tuple[mi.Vector3d | None, ...]
     gradient: tuple[tuple[mi.Vector3d, ...] | None, ...]
+    beside_edges: bool = False
 
     def launched(self) -> RayTangents:
         """State of a ray at launch."""
@@ -188,7 +193,8 @@ class Carried:
 
     def no_rates(self) -> tuple[mi.Float64 | mi.Complex2f, ...]:
         """Derivatives of a slant range that nothing changes."""
-        return tuple(mi.Float64(0.0) if g is None else mi.Complex2f(0.0) for g in self.gradient)
+        real = self.beside_edges
+        return tuple(mi.Float64(0.0) if g is None or real else mi.Complex2f(0.0) for g in self.gradient)
 
     def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
         """Whether displacement k moves a face."""

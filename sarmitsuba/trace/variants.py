@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.scene_tables import TraceScene
-    from sarmitsuba.trace.state import Hit, Kernel, RayState, TubeFootprint
+    from sarmitsuba.trace.state import Hit, Kernel, Lane, RayState, TubeFootprint
     from sarmitsuba.trace.tangents import Tangents
 
 
@@ -34,7 +34,7 @@ def with_tangents(kernel: Kernel, tangents: Tangents | None) -> Kernel:
         return kernel
     return replace(
         kernel,
-        tangents=tangents.carried(),
+        tangents=replace(tangents.carried(), beside_edges=kernel.grid.edges is not None),
         variants=tuple(
             _with_materials(kernel, scene) for p in tangents.properties for scene in (p.below, p.above)
         ),
@@ -77,7 +77,7 @@ def variant_hits(kernel: Kernel, hit: Hit) -> list[Hit]:
 
 
 def reflected_variants(
-    kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint
 ) -> tuple[tuple[ComplexVector, ...], ...]:
     """Fields of the reflected ray of every variant."""
     fields = []
@@ -85,7 +85,7 @@ def reflected_variants(
         kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True
     ):
         reflection = mirror(variant, one, there, there.normal)
-        fields.append(reflect(variant, one, there, tube_here, reflection).fields)
+        fields.append(reflect(variant, lane, one, there, tube_here, reflection).fields)
     return tuple(fields)
 
 
