@@ -42,6 +42,8 @@ UNSUPPORTED = {
 
 # properties of materials that one launch carries at most: each needs two more sets of fields in every ray
 MOST_STEPS = 8
+# texels of level maps in a Jacobian at most: 32 are traced at a time
+MOST_TEXELS = 256
 
 
 class TangentBatches(BatchTracer):
@@ -54,20 +56,24 @@ class TangentBatches(BatchTracer):
     @property
     def amplitudes(self) -> int:
         """Complex numbers of an echo: channels, and those of every derivative."""
-        tangents = self.tracer.tangents
-        return super().amplitudes * (1 if tangents is None else 1 + tangents.count)
+        return super().amplitudes * (1 + self.tangents.count)
+
+    @property
+    def tangents(self) -> Tangents:
+        """Derivatives that are recorded."""
+        assert isinstance(self.tracer.tangents, Tangents)
+        return self.tracer.tangents
 
     def of_grid(self, pulses: Pulses, grid: C64, share: RangeFilter | None) -> C64:
         """See the base class."""
-        tangents = self.tracer.tangents
-        assert tangents is not None
+        tangents = self.tangents
         radar = self.tracer.sampling.scene.radar
         c = len(radar.channels)
         moved = c * (1 + len(tangents.displacements))
         carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-        farther = pulses.profiles(grid[:moved], partial(_per_metre, carrier, share))
+        farther = pulses.profiles(grid[:moved], partial(per_metre, carrier, share))
         parts = [pulses.profiles(grid[:c], share), farther]
-        if tangents.levels or tangents.properties:
+        if tangents.count > len(tangents.displacements):
             parts.append(pulses.profiles(grid[moved:], share))
         found = np.concatenate(parts)
         if isinstance(pulses, KeyPulse):
@@ -75,7 +81,7 @@ class TangentBatches(BatchTracer):
         return found
 
 
-def _per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
+def per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
     """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
     factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
     return np.asarray(factor if share is None else factor * share(cycles_per_metre), dtype=np.complex128)
@@ -99,7 +105,7 @@ def _follow(found: C64, pulses: KeyPulse, displacements: Sequence[Displacement],
 
 
 @dataclass(frozen=True, eq=False)
-class _At:
+class At:
     """The scene at some values of the parameters, and its geometry on the device.
 
     ``displaced`` : whether shapes were displaced with their scatterers, as the tables of the geometry say
@@ -109,34 +115,46 @@ class _At:
     trace_scene: TraceScene
     displaced: bool = False
 
+    def texel(self, material: int, number: int) -> int:
+        """Number in the kernel's tables of a texel of a material's level map."""
+        surfaces = self.trace_scene.surfaces
+        assert surfaces is not None and surfaces.levels is not None
+        return surfaces.levels.first_texel(material) + number
+
 
 @dataclass(frozen=True, eq=False)
 class _Needed:
-    """Derivatives of echoes that parameters need; ``counts``: how many of each of the three sorts, by parameter."""
+    """Derivatives of echoes that parameters need; ``counts``: how many of each of the four sorts, by parameter."""
 
     displacements: tuple[Displacement, ...]
     levels: tuple[frozenset[int], ...]
     steps: tuple[Step, ...]
-    counts: tuple[tuple[int, int, int], ...] = ()
+    texels: tuple[tuple[int, int], ...] = ()
+    counts: tuple[tuple[int, int, int, int], ...] = ()
 
     @staticmethod
-    def of(parameters: Sequence[Parameter], here: _At) -> _Needed:
+    def of(parameters: Sequence[Parameter], here: At) -> _Needed:
         """All that the parameters need, in their order."""
         scene = here.scene
         mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
         moves = [tuple(p.displacements(scene, mesh)) for p in parameters]
         levels = [tuple(p.levels(scene)) for p in parameters]
         steps = [tuple(p.steps(scene)) for p in parameters]
+        texels = [tuple(p.texels(scene)) for p in parameters]
         return _Needed(
             tuple(chain.from_iterable(moves)),
             tuple(chain.from_iterable(levels)),
             tuple(chain.from_iterable(steps)),
-            tuple((len(a), len(b), len(c)) for a, b, c in zip(moves, levels, steps, strict=True)),
+            tuple(chain.from_iterable(texels)),
+            tuple(
+                (len(a), len(b), len(c), len(d))
+                for a, b, c, d in zip(moves, levels, steps, texels, strict=True)
+            ),
         )
 
     def parts(self) -> Iterator[_Needed]:
         """The same in parts that one launch can carry; at least one, which may be empty."""
-        longest = max(len(self.displacements), len(self.levels))
+        longest = max(len(self.displacements), len(self.levels), len(self.texels))
         n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
             these = slice(k * MOST, (k + 1) * MOST)
@@ -144,6 +162,7 @@ class _Needed:
                 self.displacements[these],
                 self.levels[these],
                 self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
+                self.texels[these],
             )
 
 
@@ -154,14 +173,20 @@ class _Found:
     displaced: list[C64]
     levelled: list[C64]
     changed: list[C64]
+    mapped: list[C64]
 
-    def take(self, counts: tuple[int, int, int]) -> tuple[list[C64], list[C64], list[C64]]:
+    @property
+    def sorts(self) -> tuple[list[C64], ...]:
+        """All four."""
+        return self.displaced, self.levelled, self.changed, self.mapped
+
+    def take(self, counts: Sequence[int]) -> list[list[C64]]:
         """Remove the first of each sort and return them."""
         taken = []
-        for own, n in zip((self.displaced, self.levelled, self.changed), counts, strict=True):
+        for own, n in zip(self.sorts, counts, strict=True):
             taken.append(own[:n])
             del own[:n]
-        return taken[0], taken[1], taken[2]
+        return taken
 
 
 class ForwardModel:
@@ -244,7 +269,7 @@ class ForwardModel:
                 scene = parameter.changed(scene, own)
         return scene
 
-    def _at(self, values: F64) -> _At:
+    def _at(self, values: F64) -> At:
         scene = self.at(values)
         assert self.run.trace_scene is not None
         traced = self.run.trace_scene
@@ -256,7 +281,9 @@ class ForwardModel:
             traced = moved.displaced_from(traced, number, matrices, offsets)
         elif scene.materials is not self.scene.materials:
             traced = traced.at_frequency(scene.materials, scene.radar.waveform.wavelength)
-        return _At(scene, traced, displaced)
+            if traced.surfaces is not None:
+                traced = replace(traced, surfaces=traced.surfaces.with_levels(with_parts(scene.materials)))
+        return At(scene, traced, displaced)
 
     def _moved(self, values: F64) -> tuple[F64, F64]:
         """(n_meshes, 3, 3) and (n_meshes, 3) m: where the points of every mesh came to with these values."""
@@ -271,7 +298,7 @@ class ForwardModel:
             scene = parameter.changed(scene, own)
         return matrices, offsets
 
-    def _tracer(self, here: _At) -> Tracer:
+    def _tracer(self, here: At) -> Tracer:
         run, plan = self.run, self.run.plan
         sampling = replace(self.sampling, scene=here.scene)
         flags = replace(sampling.flags, motion=here.displaced)
@@ -287,7 +314,7 @@ class ForwardModel:
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
         wanted = _Needed.of(self.parameters, self._at(self.start))
-        return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps)
+        return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps) + len(wanted.texels)
 
     def derivative(
         self, values: F64 | None = None, progress: Callable[[float], None] | None = None
@@ -297,47 +324,57 @@ class ForwardModel:
         check_fits(
             f"{here.scene.name}: {len(self.names)} derivatives",
             8 * int(np.prod(self.shape)) * (2 * len(self.names) + 4),
-            "take fewer parameters, or fewer pulses",
+            "take fewer parameters, or fewer pulses; sarmitsuba.gradient takes any number",
         )
-        wanted = _Needed.of(self.parameters, here)
-        found = _Found([], [], [])
+        out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
+        data, planes = self.planes(here, self.parameters, progress)
+        for row, plane in enumerate(planes):
+            out[row] = plane
+        return data, out
+
+    def planes(
+        self, here: At, parameters: Sequence[Parameter], progress: Callable[[float], None] | None = None
+    ) -> tuple[C64, Iterator[C64]]:
+        """Raw data and their derivatives by the values of some parameters, one after the other."""
+        wanted = _Needed.of(parameters, here)
+        if len(wanted.texels) > MOST_TEXELS:
+            raise SceneError(
+                f"{here.scene.name}: a Jacobian by {len(wanted.texels)} texels is traced {MOST} at a time; take "
+                f"sarmitsuba.gradient, which traces once, or a map of at most {MOST_TEXELS}"
+            )
+        found = _Found([], [], [], [])
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
             tracer = self._tracer(here)
             for one in {tracer, *tracer.by_frequency}:
                 steps = [self._step_tables(here, one, step) for step in some.steps]
                 n_materials = len(with_parts(here.scene.materials))
+                texels = [here.texel(*texel) for texel in some.texels]
                 one.tangents = Tangents.of(
-                    some.displacements, some.levels, here.trace_scene.n_faces, n_materials, steps
+                    some.displacements, some.levels, here.trace_scene.n_faces, n_materials, steps, texels
                 )
-            assert tracer.tangents is not None
+            assert isinstance(tracer.tangents, Tangents)
             layers = 2 + tracer.tangents.count
             batches = TangentBatches(tracer, self.rays, self.shape[0] * layers, 0)
             planes = list(self._traced(batches, progress).reshape(layers, *self.shape))
             data, farther = planes[:2]
             first = 2
-            for own, number in zip(
-                (found.displaced, found.levelled, found.changed),
-                (len(some.displacements), len(some.levels), len(some.steps)),
-                strict=True,
-            ):
+            numbers = (len(some.displacements), len(some.levels), len(some.steps), len(some.texels))
+            for own, number in zip(found.sorts, numbers, strict=True):
                 own += planes[first : first + number]
                 first += number
-        out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
-        row = 0
-        for parameter, counts in zip(self.parameters, wanted.counts, strict=True):
-            radar = here.scene.radar
-            own_planes = found.take(counts)
-            derivatives = Derivatives(
-                data, farther, *own_planes, radar.waveform.center_frequency, radar.track.time
-            )
-            for plane in parameter.derivative(derivatives):
-                out[row] = plane
-                row += 1
-        return data, out
+        radar = here.scene.radar
+
+        def rows() -> Iterator[C64]:
+            for parameter, counts in zip(parameters, wanted.counts, strict=True):
+                own = found.take(counts)
+                frequency, time = radar.waveform.center_frequency, radar.track.time
+                yield from parameter.derivative(Derivatives(data, farther, *own, frequency, time))
+
+        return data, rows()
 
     @staticmethod
-    def _step_tables(here: _At, tracer: Tracer, step: Step) -> StepTables:
+    def _step_tables(here: At, tracer: Tracer, step: Step) -> StepTables:
         """Geometry with the tables of materials at both ends of a step, at a tracer's frequency."""
         wavelength = tracer.kernel.wavelength
         ends = []

@@ -10,6 +10,7 @@ import numpy as np
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter
+from sarmitsuba.labelling.ground_shapes import ground_shapes
 from sarmitsuba.trace.tangents import Displacement
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ class Shift(Parameter):
     axis : of the scene frame: ``x``, ``y`` or ``z``
     """
 
+    direct = True
     shape: str
     axis: str
 
@@ -76,6 +78,7 @@ class Deformation(Parameter):
     shape : name of the mesh
     """
 
+    direct = True
     kind: str
     shape: str
 
@@ -142,6 +145,25 @@ class Deformation(Parameter):
 
 # kinds of deformation and their units
 DEFORMATIONS = {"height": "m", "scale": "1", "rotation": "rad"}
+
+
+def bodies(scene: Scene, label: str) -> tuple[str, ...]:
+    """Names of all shapes that rise above the ground: every mesh of some height that labels do not call ground.
+
+    Raises
+    ------
+    SceneError : there is none
+    """
+    geometry, found = scene.geometry, []
+    ground = ground_shapes(scene, {})
+    for mesh, name in enumerate(geometry.mesh_names):
+        first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
+        height = np.ptp(geometry.vertices[geometry.faces[first:stop], 2]) if stop > first else 0.0
+        if not ground[mesh] and height > 0.0:
+            found.append(name)
+    if not found:
+        raise SceneError(f"parameter {label}: no shape rises above the ground; name a shape")
+    return tuple(found)
 
 
 def mesh_of(scene: Scene, name: str, label: str) -> int:

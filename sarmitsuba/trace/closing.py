@@ -194,6 +194,7 @@ def close_coherent(
         range_tangents=returned.range_tangents,
         material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
         amplitude_tangents=_derivatives(kernel, ray, hit, receive, returned.weight),
+        slots=() if kernel.tangents is None else kernel.tangents.slots,
     )
 
 

@@ -81,6 +81,7 @@ class DiffuseReturns:
     receive : receiving polarisations and gain of the antenna for the hit
     age : change of the scatterers since the first pass; None where nothing changes
     variants : terms with other materials, of the straight and the reciprocal path; empty without any
+    texels : see :class:`Contribution`
     """
 
     kernel: Kernel
@@ -96,6 +97,7 @@ class DiffuseReturns:
     receive: Receiver
     age: Age | None
     variants: tuple[tuple[Terms, Terms | None], ...] = ()
+    texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
 
     def first(self) -> Slot:
         """The first return of the hit."""
@@ -159,9 +161,10 @@ class DiffuseReturns:
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
         rates = back_rates = material = None
+        slots: tuple[mi.UInt32, ...] = ()
         if self.kernel.tangents is not None:
             rates, back_rates = of_scatterer(self.kernel, ray, hit, lane, centre)
-            material = hit.material & MATERIAL_MASK
+            material, slots = hit.material & MATERIAL_MASK, self.kernel.tangents.slots
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
             order=hit.order,
@@ -176,6 +179,8 @@ class DiffuseReturns:
             amplitude_tangents=self._derivatives(
                 [terms for terms, _ in self.variants], random, self.straight_weight
             ),
+            slots=slots,
+            texels=self.texels,
         )
         if self.reciprocal is None:
             return straight
@@ -220,7 +225,10 @@ class DiffuseReturns:
         assert surfaces is not None
         vertex = hit.vertex0 if hit.movement is None else hit.movement.at_rest(hit.vertex0)
         offset = mi.Vector3f(centre - vertex)
+        own = hit.own_material & MATERIAL_MASK
         out = self
+        if kernel.tangents is not None and kernel.tangents.mapped and surfaces.levels is not None:
+            out = replace(out, texels=surfaces.levels.shares(hit.face, own, offset, active))
         if surfaces.classes is not None:
             bits = scene.material_at(hit.face, hit.own_material, offset, active)
             properties = MaterialRow.of(scene.material_table, bits & MATERIAL_MASK, active)
@@ -232,7 +240,7 @@ class DiffuseReturns:
                 out = replace(out, age=Age.of(kernel, scene.change_table, bits & MATERIAL_MASK))
         factor = surfaces.amplitude(
             hit.face,
-            hit.own_material & MATERIAL_MASK,
+            own,
             hit.material & MATERIAL_MASK,
             offset,
             self.lattice.place(centre),

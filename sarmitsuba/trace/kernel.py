@@ -168,6 +168,8 @@ def _bounce(
     """
     flags = kernel.flags
     hit = arrive(kernel, lane, ray, found)
+    if kernel.tangents is not None:
+        kernel = replace(kernel, tangents=kernel.tangents.at(ray.tangents, hit.face, hit.active))
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
     ray = past_foci(there, hit)
     if kernel.variants:

@@ -80,7 +80,7 @@ def mirrored_tangents(
         if boundary is not None and movement is not None:
             boundary = boundary.at(movement, hit.largest_cell).mirrored(movement, n)
         boundaries.append(boundary)
-    return RayTangents(tuple(virtual), tuple(boundaries), tuple(stretches))
+    return RayTangents(tuple(virtual), tuple(boundaries), tuple(stretches), carried.slots)
 
 
 def _patch(

@@ -456,6 +456,9 @@ class Contribution:
         change too, see :mod:`sarmitsuba.trace.range_tangents`; None without any
     material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
     amplitude_tangents : derivatives of the channels by properties of materials, property by property; None without any
+    slots : numbers of the shapes to which ``range_tangents`` belong; empty where these are the same for all echoes
+    texels : numbers of the texels of a level map that a diffuse scatterer's level comes from, with their shares of
+        it; of no meaning for other returns; empty without parameters of maps
     """
 
     kind: mi.UInt32
@@ -469,6 +472,8 @@ class Contribution:
     range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
     material: mi.UInt32 | None = None
     amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
+    slots: tuple[mi.UInt32, ...] = ()
+    texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
 
     @property
     def placed(self) -> mi.Bool:

@@ -7,8 +7,9 @@ channels of the echo's own cells, so that one traced path serves all parameters.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,11 +79,25 @@ class RayTangents:
     virtual : float64, m per unit, of the antenna mirrored through the chain so far
     boundary : of the lit area; None for displacements of the antenna alone
     stretch : m per unit, change of the tube's two edges with the lit area, of the last facet; None for translations
+    slots : numbers of the shapes met so far that move, see :mod:`sarmitsuba.trace.tangent_slots`; empty for
+        displacements that are the same for all rays
     """
 
     virtual: tuple[mi.Vector3d, ...]
     boundary: tuple[ShadowBoundary | None, ...]
     stretch: tuple[tuple[mi.Vector3f, mi.Vector3f] | None, ...]
+    slots: tuple[mi.UInt32, ...] = ()
+
+
+class TangentPlan(Protocol):
+    """Derivatives that a kernel carries: those of :class:`Tangents`, or of many parameters by their numbers."""
+
+    @property
+    def properties(self) -> tuple[StepTables, ...]:
+        """Properties of materials, each a difference of amplitudes along the path."""
+
+    def carried(self) -> Carried:
+        """Numbers for one kernel, as opaque scalars: other values do not compile another kernel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +112,8 @@ class Tangents:
     moved : (n_faces,) bit k: the face is moved by displacement k
     levelled : (n_materials,) bit k: level k applies to the material
     properties : of materials; each gives the derivative of the channels
+    texels : numbers of texels of level maps, as in :meth:`BitmapLayer.shares`; each gives the derivative of the
+        channels by its level in dB
     """
 
     displacements: tuple[Displacement, ...]
@@ -104,6 +121,7 @@ class Tangents:
     moved: mi.UInt32
     levelled: mi.UInt32
     properties: tuple[StepTables, ...] = ()
+    texels: tuple[int, ...] = ()
 
     @staticmethod
     def of(
@@ -112,9 +130,10 @@ class Tangents:
         n_faces: int,
         n_materials: int,
         properties: Sequence[StepTables] = (),
+        texels: Sequence[int] = (),
     ) -> Tangents:
         """Tables of these parameters on the device."""
-        assert len(displacements) <= MOST and len(levels) <= MOST
+        assert max(len(displacements), len(levels), len(texels)) <= MOST
         moved = np.zeros(max(n_faces, 1), dtype=np.uint32)
         for k, displacement in enumerate(displacements):
             if displacement.faces is not None:
@@ -128,23 +147,26 @@ class Tangents:
             device_array(mi.UInt32, moved),
             device_array(mi.UInt32, levelled),
             tuple(properties),
+            tuple(texels),
         )
 
     @property
     def count(self) -> int:
         """Number of derivatives of each channel."""
-        return len(self.displacements) + len(self.levels) + len(self.properties)
+        return len(self.displacements) + len(self.levels) + len(self.properties) + len(self.texels)
 
-    def carried(self) -> Carried:
-        """Numbers for one kernel, as opaque scalars: other values do not compile another kernel."""
-        return Carried(
-            self,
+    def carried(self) -> CarriedDisplacements:
+        """See :class:`TangentPlan`."""
+        return CarriedDisplacements(
             tuple(_vector(d.antenna) for d in self.displacements),
             tuple(None if d.offset is None else _vector(d.offset) for d in self.displacements),
             tuple(
                 None if d.gradient is None else tuple(_vector(row) for row in d.gradient)
                 for d in self.displacements
             ),
+            bool(self.texels),
+            self,
+            tuple(dr.opaque(mi.UInt32, texel) for texel in self.texels),
         )
 
 
@@ -153,19 +175,28 @@ def _vector(values: F64) -> mi.Vector3d:
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class Carried(ABC):
     """Tangents within a kernel.
 
     Parameters
     ----------
-    plan : tables
     antenna, offset, gradient : of each displacement, see :class:`Displacement`; None where nothing of it moves
+    mapped : whether echoes carry the shares of texels in their level
     """
 
-    plan: Tangents
     antenna: tuple[mi.Vector3d, ...]
     offset: tuple[mi.Vector3d | None, ...]
     gradient: tuple[tuple[mi.Vector3d, ...] | None, ...]
+    mapped: bool
+
+    @property
+    def slots(self) -> tuple[mi.UInt32, ...]:
+        """Numbers of the shapes to which the displacements belong; empty where they are the same for all rays."""
+        return ()
+
+    def at(self, tangents: RayTangents | None, face: mi.UInt32, active: mi.Bool) -> Carried:
+        """The same at a hit of a ray on a face."""
+        return self
 
     def launched(self) -> RayTangents:
         """State of a ray at launch."""
@@ -190,9 +221,9 @@ class Carried:
         """Derivatives of a slant range that nothing changes."""
         return tuple(mi.Float64(0.0) if g is None else mi.Complex2f(0.0) for g in self.gradient)
 
+    @abstractmethod
     def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
         """Whether displacement k moves a face."""
-        return ((dr.gather(mi.UInt32, self.plan.moved, face, active) >> k) & 1) == 1
 
     def turned(self, k: int, vector: mi.Vector3d) -> mi.Vector3d:
         """A times a vector."""
@@ -200,3 +231,15 @@ class Carried:
         if rows is None:
             return mi.Vector3d(0.0)
         return mi.Vector3d(*(dr.dot(row, vector) for row in rows))
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedDisplacements(Carried):
+    """Displacements that are the same for all rays; ``plan``: tables, ``texels``: numbers as there."""
+
+    plan: Tangents
+    texels: tuple[mi.UInt32, ...]
+
+    def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
+        """See the base class."""
+        return ((dr.gather(mi.UInt32, self.plan.moved, face, active) >> k) & 1) == 1

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.state import Hit, Kernel, RayState, TubeFootprint
-    from sarmitsuba.trace.tangents import Tangents
+    from sarmitsuba.trace.tangents import TangentPlan
 
 
-def with_tangents(kernel: Kernel, tangents: Tangents | None) -> Kernel:
+def with_tangents(kernel: Kernel, tangents: TangentPlan | None) -> Kernel:
     """Kernel that carries derivatives; itself without any."""
     if tangents is None:
         return kernel
