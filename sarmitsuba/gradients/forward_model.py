@@ -269,7 +269,9 @@ class ForwardModel:
                 scene = parameter.changed(scene, own)
         return scene
 
-    def _at(self, values: F64) -> At:
+    def placed(self, values: F64 | None = None) -> At:
+        """The scene with these values, and its geometry on the device; None: as it is."""
+        values = self.start if values is None else values
         scene = self.at(values)
         assert self.run.trace_scene is not None
         traced = self.run.trace_scene
@@ -298,7 +300,8 @@ class ForwardModel:
             scene = parameter.changed(scene, own)
         return matrices, offsets
 
-    def _tracer(self, here: At) -> Tracer:
+    def tracer(self, here: At) -> Tracer:
+        """Tracer of the scene at some values, with the rays and effects of the scene as it is."""
         run, plan = self.run, self.run.plan
         sampling = replace(self.sampling, scene=here.scene)
         flags = replace(sampling.flags, motion=here.displaced)
@@ -306,21 +309,21 @@ class ForwardModel:
 
     def data(self, values: F64 | None = None) -> C64:
         """Raw data (channels, pulses, samples) at some values; None: of the scene as it is."""
-        here = self._at(self.start if values is None else values)
+        here = self.placed(values)
         layers = self.run.layers
-        return self._traced(BatchTracer(self._tracer(here), self.rays, layers.per_subset, layers.max_order))
+        return self._traced(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
 
     @property
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
-        wanted = _Needed.of(self.parameters, self._at(self.start))
+        wanted = _Needed.of(self.parameters, self.placed())
         return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps) + len(wanted.texels)
 
     def derivative(
         self, values: F64 | None = None, progress: Callable[[float], None] | None = None
     ) -> tuple[C64, C64]:
         """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples)."""
-        here = self._at(self.start if values is None else values)
+        here = self.placed(values)
         check_fits(
             f"{here.scene.name}: {len(self.names)} derivatives",
             8 * int(np.prod(self.shape)) * (2 * len(self.names) + 4),
@@ -345,7 +348,7 @@ class ForwardModel:
         found = _Found([], [], [], [])
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
-            tracer = self._tracer(here)
+            tracer = self.tracer(here)
             for one in {tracer, *tracer.by_frequency}:
                 steps = [self._step_tables(here, one, step) for step in some.steps]
                 n_materials = len(with_parts(here.scene.materials))
@@ -398,18 +401,22 @@ class ForwardModel:
         """Profiles (layers, pulses, samples) of all batches, subsets weighted by their shares and summed."""
         _, n_pulses, n_samples = self.shape
         out = np.zeros((batches.n_layers, n_pulses, n_samples), dtype=np.complex64)
-        subsets = self.run.layers.subsets
         self.statistics = TraceStatistics()
-        for batch in self.batches:
+        for batch, pulses, share in self.weighted():
             traced = batches.trace(batch)
             self.statistics = self.statistics.plus(traced.statistics)
             if progress is not None:
                 progress(batch.stop / n_pulses)
+            out[:, pulses] += share * traced.profiles[:, : pulses.stop - pulses.start]
+        return out
+
+    def weighted(self) -> Iterator[tuple[Batch, slice, np.float32]]:
+        """Every batch, its pulses, and the weight of its profiles."""
+        subsets = self.run.layers.subsets
+        for batch in self.batches:
             # the pulse beyond a block's end belongs to the next block
             stop = batch.stop if not batch.together else self._end(batch)
-            share = np.float32(SUBSET_SHARES[subsets[batch.subset]])
-            out[:, batch.start : stop] += share * traced.profiles[:, : stop - batch.start]
-        return out
+            yield batch, slice(batch.start, stop), np.float32(SUBSET_SHARES[subsets[batch.subset]])
 
     def _end(self, batch: Batch) -> int:
         later = [b.start for b in self.batches if b.start > batch.start]

@@ -56,40 +56,47 @@ class AdjointGrids:
 
     Parameters
     ----------
-    plain, farther : (n_channels, n_rows, n_columns) complex64; for changes of amplitudes, and of slant ranges in m
+    grids : one or two of (n_channels, n_rows, n_columns) complex64: for changes of amplitudes, and of slant ranges in m
     total : to which echoes add
     """
 
-    def __init__(self, plain: C64, farther: C64, total: GradientSum) -> None:
-        self.n_channels, self.total = len(plain), total
-        both = np.concatenate([plain, farther])
+    def __init__(self, grids: Sequence[C64], total: GradientSum) -> None:
+        self.n_channels, self.n_grids, self.total = len(grids[0]), len(grids), total
+        both = np.concatenate(grids)
         self.memory = device_array(mi.Float, np.moveaxis(both, 0, -1).copy().view(np.float32))
+        self.packet = mi.Vector2f if self.n_grids == 1 else mi.Vector4f
         self.start()
+
+    @property
+    def n_bytes(self) -> int:
+        """Size of the grids."""
+        return 4 * len(self.memory)
 
     def start(self) -> None:
         """Begin with an echo."""
-        self._sums = [mi.Float(0.0)] * (4 * self.n_channels)
+        self._sums = [mi.Float(0.0)] * (2 * self.n_grids * self.n_channels)
         self._values: Sequence[mi.Complex2f] = ()
 
     def read(
         self, cell: mi.UInt32, values: Sequence[mi.Complex2f], weight: mi.Float, active: mi.Bool
     ) -> None:
         """Read one cell of an echo; see :meth:`sarmitsuba.trace.accumulators.GridAccumulator.scatter`."""
-        n = self.n_channels
+        n, size = self.n_channels, 2 * self.n_grids
         for i in range(n):
-            numbers = dr.gather(mi.Vector4f, self.memory, cell * n + i, active)
-            for k in range(4):
-                self._sums[4 * i + k] = dr.fma(weight, numbers[k], self._sums[4 * i + k])
+            numbers = dr.gather(self.packet, self.memory, cell * n + i, active)
+            for k in range(size):
+                self._sums[size * i + k] = dr.fma(weight, numbers[k], self._sums[size * i + k])
         self._values = values
 
     def products(self) -> tuple[mi.Float, mi.Complex2f]:
         """Derivatives by a relative change of the echo's amplitudes, and by its complex slant range, per m."""
         n, sums = self.n_channels, self._sums
-        grids = [mi.Complex2f(sums[2 * i], -sums[2 * i + 1]) for i in range(2 * n)]
+        read = [mi.Complex2f(sums[2 * i], -sums[2 * i + 1]) for i in range(self.n_grids * n)]
         level, farther = mi.Float(0.0), mi.Complex2f(0.0)
-        for plain, far, value in zip(grids[:n], grids[n:], self._values, strict=True):
-            level += (plain * value).real
-            farther += far * value
+        for grid, value in zip(read[:n], self._values, strict=True):
+            level += (grid * value).real
+        for grid, value in zip(read[n:], self._values, strict=False):
+            farther += grid * value
         return level, farther
 
 
