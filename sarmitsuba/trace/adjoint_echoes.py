@@ -32,13 +32,17 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.tangents import Carried
 
 
+# bits of the smallest number of values of a gradient
+SMALLEST = 10
+
+
 class GradientSum:
     """Sum of the derivatives of all launches, float64; ``n``: numbers."""
 
     def __init__(self, n: int) -> None:
         self.n = n
         # the size is compiled in: few sizes mean few kernels
-        self.memory = dr.zeros(mi.Float64, 1 << max(n - 1, 1).bit_length())
+        self.memory = dr.zeros(mi.Float64, 1 << max((n - 1).bit_length(), SMALLEST))
 
     def add(self, number: mi.UInt32, value: mi.Float, active: mi.Bool) -> None:
         """Add one value per lane; every thread has a copy of the memory during the launch."""
