@@ -21,12 +21,16 @@ from sarmitsuba.materials.material import SurfaceMaps
 from tests.support.differences import relative
 from tests.support.many_bodies import adjoint_of, city, products
 
+# scenes are small, and leave out bounces and edges
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+
 QUAD = {"polarisation": "HH,HV,VH,VV"}
 WIDE = {"wideband": "on", "diffuse_pairs": "off", "edge_diffraction": "off"}
 # drawn scenes, with parameters of every sort
 CASES: dict[str, tuple[dict[str, Any], str]] = {
-    "map": ({"texels": (3, 4)}, "level_map:soil,level:soil,shifts:x"),
-    "raw": ({"settings": {"method": "raw"}, "radar": {"n_pulses": 3}}, "heights,shifts:y,levels"),
+    "map": ({"texels": (2, 2)}, "level_map:soil,level:soil,shifts:x"),
+    "raw": ({"settings": {"method": "raw"}, "radar": {"n_pulses": 3}}, "shifts:y,levels"),
+    "raw heights": ({"settings": {"method": "raw"}, "radar": {"n_pulses": 3}}, "heights,rotations"),
     "quad": ({"radar": QUAD}, "heights,shifts:x,rotations,level:soil"),
     "metal": ({"kind": "metal"}, "heights,scales,shift:ground:z"),
     "stripmap": (
@@ -105,7 +109,7 @@ def test_one_kernel_serves_any_number_of_shapes_and_any_adjoint_data() -> None:
     assert kernels(2, 1) == kernels(4, 2)
 
 
-def test_a_shape_that_is_hidden_has_no_gradient_and_zero_adjoint_data_give_zero() -> None:
+def test_zero_adjoint_data_give_zero() -> None:
     scene = city(4, 1, pitch=8.0, settings={"max_depth": 1})
     model = ForwardModel(scene, parse("heights,levels", scene))
     found, memory = transposed(model, np.zeros(model.shape, dtype=np.complex64))
@@ -133,7 +137,7 @@ def test_losses_change_by_their_adjoint_data() -> None:
     ]
     for loss in losses:
         value, adjoint = loss(data)
-        h = np.float32(0.02)
+        h = np.float32(0.002)
         ends = [loss(data + s * h * way)[0] for s in (np.float32(1.0), np.float32(-1.0))]
         expected = (ends[0] - ends[1]) / (2.0 * float(h))
         found = float(np.vdot(adjoint.astype(np.complex128), way.astype(np.complex128)).real)
@@ -182,9 +186,10 @@ def test_wrong_parameters_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
         jacobian(with_level(scene, np.ones((side, side))), "level_map:soil")
     with pytest.raises(SceneError, match="no shape rises above the ground"):
         jacobian(city(8, 0), "heights")
-    monkeypatch.setattr("sarmitsuba.memory.free_memory", lambda: 10**6)
+    objective = Objective(scene, "level_map:soil", lambda data: (0.0, data))
+    monkeypatch.setattr("sarmitsuba.memory.free_memory", lambda: 10**5)
     with pytest.raises(ResourceError, match="a gradient by 4 values needs"):
-        gradient(scene, "level_map:soil", lambda data: (0.0, data))
+        objective(objective.start)
 
 
 def test_shapes_above_the_ground_are_named() -> None:
