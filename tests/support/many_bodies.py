@@ -31,6 +31,7 @@ def city(
     *,
     pitch: float = 12.0,
     texels: tuple[int, int] = (0, 0),
+    levels: F64 | None = None,
     kind: str = "rough",
     radar: dict[str, Any] | None = None,
     settings: dict[str, Any] | None = None,
@@ -42,7 +43,8 @@ def city(
     seed : of sizes, places, materials and radar
     bodies : boxes
     pitch : m, of the streets
-    texels : rows and columns of the ground's map of levels, drawn within 3 dB; none: level ground
+    texels : rows and columns of the ground's map of levels, drawn within 3 dB; none: uniform ground
+    levels : these levels instead, dB
     kind : ``rough`` walls of soil's kind, or ``metal`` ones on smooth ground
     radar, settings : other than the drawn ones
     """
@@ -56,8 +58,10 @@ def city(
         rough = {"diffuse_law": "lambert", "rms_height": 0.003}
         wall = Material("wall", permittivity=complex(eps[0]), diffuse_level_db=-12.0, **rough)
         soil = Material("soil", permittivity=complex(eps[1]), diffuse_level_db=-14.0, **rough)
-    if texels[0]:
-        level = Bitmap(10.0 ** (0.1 * rng.uniform(-3.0, 3.0, texels)), in_plan((-half, -half, half, half)), smooth=True)
+    if levels is None and texels[0]:
+        levels = rng.uniform(-3.0, 3.0, texels)
+    if levels is not None:
+        level = Bitmap(10.0 ** (0.1 * levels), in_plan((-half, -half, half, half)), smooth=True)
         soil = Material(
             "soil",
             permittivity=soil.permittivity,
