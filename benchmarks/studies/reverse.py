@@ -134,7 +134,12 @@ def found_map(seed: int, side: int, steps: int, figure: str | None) -> dict[str,
 
     start = time.process_time()
     done = scipy.optimize.minimize(
-        objective, model.start, jac=True, method="L-BFGS-B", callback=note, options={"maxiter": steps, "ftol": 1e-12}
+        objective,
+        model.start,
+        jac=True,
+        method="L-BFGS-B",
+        callback=note,
+        options={"maxiter": steps, "ftol": 1e-12},
     )
     seconds = time.process_time() - start
     found = done.x.reshape(side, side)

@@ -10,7 +10,14 @@ from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.block_beam import step_within_beam
 from sarmitsuba.echo.direct import box_distance
-from sarmitsuba.echo.gridding import FineGrid, GriddingKernel, fine_grid, gridding_kernel, to_window, to_window_adjoint
+from sarmitsuba.echo.gridding import (
+    FineGrid,
+    GriddingKernel,
+    fine_grid,
+    gridding_kernel,
+    to_window,
+    to_window_adjoint,
+)
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.echo.pulse_motion import InPulse, widest_shift
 from sarmitsuba.echo.range_curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
@@ -390,7 +397,9 @@ def synthesise_adjoint(
     inner *= bent.turn.conj()
     spectrum = scipy.fft.fft(inner, axis=-1, norm="forward", workers=-1)
     inner *= bent.shift
-    spectrum -= bent.slope.conj() * scipy.fft.fft(inner, axis=-1, norm="forward", workers=-1, overwrite_x=True)
+    spectrum -= bent.slope.conj() * scipy.fft.fft(
+        inner, axis=-1, norm="forward", workers=-1, overwrite_x=True
+    )
     return RangeRateMatrices.of(plan, radar, beam=beam).adjoint(spectrum)
 
 

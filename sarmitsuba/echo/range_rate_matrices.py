@@ -103,9 +103,7 @@ class RangeRateMatrices:
         m = np.arange(m0, min(m0 + 2 * self.half + 1, self.count + 1))
         center = int(m[len(m) // 2])
         wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-        terms = [
-            unit_phasor(-(wavenumber + center * per_bin) * self.drift - center * per_bin * self.shift)
-        ]
+        terms = [unit_phasor(-(wavenumber + center * per_bin) * self.drift - center * per_bin * self.shift)]
         if self.gain is not None:
             terms[0] *= self.gain.astype(np.float32)
         for step in self.steps:
@@ -175,9 +173,7 @@ def _range_weight(width: int, n: int, count: int, guard: int) -> C64:
     return np.asarray(weight, dtype=np.complex64)
 
 
-def _pulse_weight(
-    m: I64, center: int, middle: float, lever: F64, plan: BlockPlan, radar: Radar
-) -> C64:
+def _pulse_weight(m: I64, center: int, middle: float, lever: F64, plan: BlockPlan, radar: Radar) -> C64:
     """Factor by frequency and pulse, (n_m, K): kernel along the range rate, mean walk."""
     per_bin = _per_bin(plan)
     carrier_bins = radar.waveform.center_frequency * 2.0 * plan.n_inner * plan.range_step / SPEED_OF_LIGHT

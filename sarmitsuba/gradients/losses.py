@@ -16,7 +16,7 @@ from sarmitsuba.image.averaging import block_means
 if TYPE_CHECKING:
     from sarmitsuba.focusing.operator import FocusingOperator
 
-# function of raw data (channels, pulses, samples) that gives a value and its adjoint data: dL = Re sum conj(adjoint) d(data)
+# function of raw data (channels, pulses, samples): a value L and adjoint data, dL = Re sum conj(adjoint) d(data)
 Loss: TypeAlias = "Callable[[C64], tuple[float, C64]]"
 
 
@@ -132,7 +132,9 @@ def checked(loss: Loss, data: C64) -> tuple[float, C64]:
     if not np.isfinite(value):
         raise DataError(f"loss: its value is {value:g}; return a finite number")
     if adjoint.shape != data.shape:
-        raise DataError(f"loss: its adjoint has the shape {adjoint.shape}, the data have {data.shape}; return one each")
+        raise DataError(
+            f"loss: its adjoint has the shape {adjoint.shape}, the data have {data.shape}; return one each"
+        )
     if not np.isfinite(adjoint).all():
         raise DataError("loss: its adjoint is not finite; return finite numbers")
     return value, adjoint.astype(np.complex64)

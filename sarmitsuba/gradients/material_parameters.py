@@ -96,7 +96,9 @@ class LevelMap(Parameter):
         ]
         if len(found) != 1:
             problem = f"{len(found)} materials of that name have" if found else "the material has"
-            raise SceneError(f"parameter {self.label}: {problem} {'a' if found else 'no'} sigma0_map; give it one")
+            raise SceneError(
+                f"parameter {self.label}: {problem} {'a' if found else 'no'} sigma0_map; give it one"
+            )
         number, bitmap = found[0]
         if not (bitmap.values > 0.0).all():
             raise SceneError(

@@ -27,7 +27,6 @@ from sarmitsuba.trace.tangent_slots import MovingShapes, SlotTangents
 if TYPE_CHECKING:
     from sarmitsuba.echo.sub_bands import RangeFilter
     from sarmitsuba.gradients.losses import Loss
-    from sarmitsuba.gradients.parameter import Parameter
     from sarmitsuba.simulation.sampling.rays import Rays
     from sarmitsuba.simulation.tracing import Tracer
     from sarmitsuba.trace.accumulators import GridAccumulator
@@ -305,7 +304,12 @@ def _groups(model: ForwardModel, here: At, numbers: Sequence[int]) -> Iterator[l
     count = 0
     for k in numbers:
         p, scene = model.parameters[k], here.scene
-        n = len(p.displacements(scene, mesh)) + len(p.levels(scene)) + len(p.steps(scene)) + len(p.texels(scene))
+        n = (
+            len(p.displacements(scene, mesh))
+            + len(p.levels(scene))
+            + len(p.steps(scene))
+            + len(p.texels(scene))
+        )
         if group and count + n > AT_ONCE:
             yield group
             group, count = [], 0

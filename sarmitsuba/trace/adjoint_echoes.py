@@ -105,7 +105,9 @@ class AdjointGrids:
 
 
 class AdjointEchoes:
-    """Accumulator that adds the derivatives of every echo to a gradient; see :class:`sarmitsuba.trace.kernel.Accumulator`.
+    """Accumulator that adds the derivatives of every echo to a gradient.
+
+    See :class:`sarmitsuba.trace.kernel.Accumulator`.
 
     Parameters
     ----------
@@ -130,7 +132,9 @@ class AdjointEchoes:
         rates = echo.range_tangents or ()
         for k, rate in enumerate(rates):
             shape, way = echo.slots[k // plan.ways], k % plan.ways
-            value = farther.real * mi.Float(rate) if not isinstance(rate, mi.Complex2f) else (farther * rate).real
+            value = (
+                farther.real * mi.Float(rate) if not isinstance(rate, mi.Complex2f) else (farther * rate).real
+            )
             total.add(shape * plan.ways + way, value, echo.active & (shape != NO_SHAPE))
         if echo.material is None or not (plan.n_materials or plan.n_texels):
             return state

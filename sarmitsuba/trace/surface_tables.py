@@ -233,7 +233,9 @@ class BitmapLayer:
     def smooth(self, face: mi.UInt32, material: mi.UInt32, offset: mi.Vector3f, active: mi.Bool) -> mi.Float:
         """Value at a point, bilinear where the bitmap is smooth."""
         corners, tu, tv = self._corners(face, material, offset, active)
-        lines = [dr.lerp(*(dr.gather(mi.Float, self.texels, c, active) for c in line), tu) for line in corners]
+        lines = [
+            dr.lerp(*(dr.gather(mi.Float, self.texels, c, active) for c in line), tu) for line in corners
+        ]
         return dr.lerp(lines[0], lines[1], tv)
 
     def shares(

@@ -93,7 +93,9 @@ def test_an_objective_changes_by_its_gradient() -> None:
     assert (ends[0] - ends[1]) / (2.0 * h) == pytest.approx(slope @ way, rel=1e-3)
     found = gradient(scene, "level_map:soil,level:wall", SquaredDifference(measured))
     assert found.loss == value and np.array_equal(found.gradient, slope) and len(found) == 5
-    assert np.array_equal(found.raw.data, simulate(scene).data) and np.array_equal(found.values, objective.start)
+    assert np.array_equal(found.raw.data, simulate(scene).data) and np.array_equal(
+        found.values, objective.start
+    )
 
 
 def test_one_kernel_serves_any_number_of_shapes_and_any_adjoint_data() -> None:
