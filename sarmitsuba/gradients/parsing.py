@@ -28,9 +28,9 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
     found: list[Parameter] = []
     for word in filter(None, (part.strip() for part in text.split(","))):
         kind, *rest = word.split(":")
-        own = next(
-            filter(None, (read(kind, rest, scene) for read in (_of_radar, _of_materials, _of_shapes))), None
-        )
+        own: list[Parameter] | None = None
+        for read in (_of_radar, _of_materials, _of_shapes):
+            own = read(kind, rest, scene) if own is None else own
         if own is None:
             raise SceneError(
                 f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], level:MATERIAL, "
