@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.arrays import C64, C128, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.echo.sub_bands import RangeFilter
@@ -115,11 +115,15 @@ class At:
     trace_scene: TraceScene
     displaced: bool = False
 
-    def texel(self, material: int, number: int) -> int:
-        """Number in the kernel's tables of a texel of a material's level map."""
+    def texels(self, places: Sequence[tuple[int, int]]) -> I64:
+        """Numbers in the kernel's tables of texels of level maps, given by their materials and numbers there."""
         surfaces = self.trace_scene.surfaces
+        if not places:
+            return np.zeros(0, dtype=np.int64)
         assert surfaces is not None and surfaces.levels is not None
-        return surfaces.levels.first_texel(material) + number
+        own = np.array(places)
+        first = {m: surfaces.levels.first_texel(m) for m in set(own[:, 0].tolist())}
+        return np.asarray([first[m] for m in own[:, 0].tolist()] + own[:, 1], dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,7 +356,7 @@ class ForwardModel:
             for one in {tracer, *tracer.by_frequency}:
                 steps = [self._step_tables(here, one, step) for step in some.steps]
                 n_materials = len(with_parts(here.scene.materials))
-                texels = [here.texel(*texel) for texel in some.texels]
+                texels = here.texels(some.texels).tolist()
                 one.tangents = Tangents.of(
                     some.displacements, some.levels, here.trace_scene.n_faces, n_materials, steps, texels
                 )

@@ -172,7 +172,8 @@ def transposed(model: ForwardModel, adjoint: C64, values: F64 | None = None) -> 
     if plan.entries:
         total, memory = _run_back(model, here, plan.tangents, unit)
         for number, entries in plan.entries.items():
-            out[first[number] : first[number + 1]] = [float(total[own].sum()) for own in entries]
+            starts = np.cumsum([0, *(len(own) for own in entries[:-1])])
+            out[first[number] : first[number + 1]] = np.add.reduceat(total[np.concatenate(entries)], starts)
     for group in _groups(model, here, [k for k in range(len(sizes)) if k not in plan.entries]):
         _, planes = model.planes(here, [model.parameters[k] for k in group])
         rows = np.concatenate([np.arange(first[k], first[k + 1]) for k in group])
@@ -208,7 +209,7 @@ class _ReversePlan:
                 levelled[k] = levels
             own = parameter.texels(scene)
             if own:
-                texels[k] = np.array([here.texel(*texel) for texel in own], dtype=np.int64)
+                texels[k] = here.texels(own)
         layer = None if traced.surfaces is None else traced.surfaces.levels
         tangents, numbers = SlotTangents.of(
             shapes,
