@@ -40,7 +40,8 @@ UNSUPPORTED = {
 }
 
 
-# properties of materials that one launch carries at most: each needs two more sets of fields in every ray
+# properties of materials, and displacements that turn facets, that one launch carries at most: each needs two more sets
+# of fields in every ray
 MOST_STEPS = 8
 
 
@@ -136,13 +137,17 @@ class _Needed:
 
     def parts(self) -> Iterator[_Needed]:
         """The same in parts that one launch can carry; at least one, which may be empty."""
-        longest = max(len(self.displacements), len(self.levels))
-        n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
+        moves: list[list[Displacement]] = [[]]
+        for displacement in self.displacements:
+            turns = sum(d.turn_rate > 0.0 for d in (*moves[-1], displacement))
+            if len(moves[-1]) == MOST or turns > MOST_STEPS:
+                moves.append([])
+            moves[-1].append(displacement)
+        n = max(len(moves), -(-len(self.levels) // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
-            these = slice(k * MOST, (k + 1) * MOST)
             yield _Needed(
-                self.displacements[these],
-                self.levels[these],
+                tuple(chain.from_iterable(moves[k : k + 1])),
+                self.levels[k * MOST : (k + 1) * MOST],
                 self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
             )
 
@@ -264,6 +269,8 @@ class ForwardModel:
         matrices, offsets = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
         scene = self.scene
         for parameter, own in zip(self.parameters, self.split(values), strict=True):
+            if np.array_equal(own, parameter.values(self.scene)):
+                continue
             found = parameter.moved(scene, own)
             if found is not None:
                 mesh, matrix, offset = found

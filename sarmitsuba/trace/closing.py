@@ -206,7 +206,7 @@ def _derivatives(
     own = coherent_loss(kernel, hit)
     found = []
     for variant, one, there in zip(
-        kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True
+        kernel.variants, variant_rays(ray), variant_hits(kernel, ray, hit), strict=True
     ):
         reflection = mirror(variant, one, there, there.normal)
         loss = coherent_loss(variant, there)

@@ -344,7 +344,7 @@ def _variants(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
 ) -> tuple[tuple[Terms, Terms | None], ...]:
     """Terms of the straight and of the reciprocal path with the materials of every variant."""
-    found = zip(kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True)
+    found = zip(kernel.variants, variant_rays(ray), variant_hits(kernel, ray, hit), strict=True)
     return tuple(_terms(one, lane, its_ray, its_hit, receive)[:2] for one, its_ray, its_hit in found)
 
 

@@ -7,6 +7,7 @@ relative change :math:`\partial a / a` the complex range :math:`\partial R + j \
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
@@ -28,6 +29,33 @@ def _normal_rate(carried: Carried, k: int, hit: Hit, n: mi.Vector3d) -> mi.Vecto
     pulled = rows[0] * n.x + rows[1] * n.y + rows[2] * n.z
     rate = n * dr.dot(n, pulled) - pulled
     return dr.select(carried.moves(k, hit.face, hit.active), rate, mi.Vector3d(0.0))
+
+
+def turned_hit(carried: Carried, k: int, ray: RayState, hit: Hit, step: mi.Float) -> Hit:
+    r"""A hit whose facet is turned as by a step of displacement k, and the wave as the mirrors before it turn.
+
+    The direction from an image of the antenna that moves at :math:`\dot A'` changes by
+    :math:`-(\dot A' - d \, (d \cdot \dot A')) / L`.
+
+    Notes
+    -----
+    Ignores the change of the direction to the antenna, a displacement over the slant range.
+    """
+    assert ray.tangents is not None
+    d, virtual, along = hit.direction64, ray.tangents.virtual[k], mi.Float64(step)
+    d = dr.normalize(d - (virtual - d * dr.dot(virtual, d)) * (along / hit.length))
+    n, turn = hit.normal64, _normal_rate(carried, k, hit, hit.normal64)
+    if turn is not None:
+        n = dr.normalize(n + turn * along)
+    direction, normal = mi.Vector3f(d), mi.Vector3f(n)
+    return replace(
+        hit,
+        direction64=d,
+        direction=direction,
+        normal64=n,
+        normal=normal,
+        cos_incidence=dr.maximum(-dr.dot(direction, normal), 1e-7),
+    )
 
 
 def _stretched(

@@ -46,12 +46,14 @@ class Displacement:
     faces : (n_faces,) bool, faces of the traced scene that move; None: none
     offset : (3,) float64, b, m per unit
     gradient : (3, 3) float64, A, 1 per unit; None: the faces are translated
+    turn_rate : 1 per unit, largest derivative of the unit normal of a face; 0: no face turns
     """
 
     antenna: F64
     faces: NDArray[np.bool_] | None = None
     offset: F64 | None = None
     gradient: F64 | None = None
+    turn_rate: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +131,11 @@ class Tangents:
             device_array(mi.UInt32, levelled),
             tuple(properties),
         )
+
+    @property
+    def turned(self) -> tuple[int, ...]:
+        """Numbers of the displacements that turn faces."""
+        return tuple(k for k, d in enumerate(self.displacements) if d.turn_rate > 0.0)
 
     @property
     def count(self) -> int:
