@@ -48,15 +48,16 @@ MOST_STEPS = 8
 class TangentBatches(BatchTracer):
     """Tracing of batches with the derivatives of every echo behind its channels.
 
-    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement and by each
-    level.
+    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement, by each
+    level and by each property. In a block of pulses derivatives of range rates times the time from the key pulse belong
+    to those by displacements.
     """
 
     @property
     def amplitudes(self) -> int:
         """Complex numbers of an echo: channels, and those of every derivative."""
         tangents = self.tracer.tangents
-        return super().amplitudes * (1 if tangents is None else 1 + tangents.count)
+        return super().amplitudes * (1 if tangents is None else tangents.recorded)
 
     def of_grid(self, pulses: Pulses, grid: C64, share: RangeFilter | None) -> C64:
         """See the base class."""
@@ -68,35 +69,20 @@ class TangentBatches(BatchTracer):
         carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
         farther = pulses.profiles(grid[:moved], partial(_per_metre, carrier, share))
         parts = [pulses.profiles(grid[:c], share), farther]
-        if tangents.levels or tangents.properties:
-            parts.append(pulses.profiles(grid[moved:], share))
-        found = np.concatenate(parts)
-        if isinstance(pulses, KeyPulse):
-            _follow(found[c:], pulses, tangents.displacements, c)
-        return found
+        end = c * (1 + tangents.count)
+        if end > moved:
+            parts.append(pulses.profiles(grid[moved:end], share))
+        if tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
+            # slant ranges within the block change by those of the key pulse and by the range rate's times the time
+            turning = pulses.profiles(grid[end:], partial(_per_metre, carrier, share))
+            farther[c:] += pulses.plan.tau.astype(np.float32)[:, None] * turning
+        return np.concatenate(parts)
 
 
 def _per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
     """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
     factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
     return np.asarray(factor if share is None else factor * share(cycles_per_metre), dtype=np.complex128)
-
-
-def _follow(found: C64, pulses: KeyPulse, displacements: Sequence[Displacement], channels: int) -> None:
-    """Turn the derivatives by antenna positions from a block's key pulse to every other pulse.
-
-    The direction to the antenna changes over the block nearly equally for all echoes: as at the block's reference.
-    """
-    plan = pulses.plan
-    to_antenna = pulses.radar.track.position[plan.start : plan.stop] - plan.reference
-    to_antenna /= np.linalg.norm(to_antenna, axis=1, keepdims=True)
-    key = plan.state.position[0] - plan.reference
-    change = to_antenna - key / np.linalg.norm(key)
-    farther = found[:channels]
-    for k, displacement in enumerate(displacements, 1):
-        rate = (change @ displacement.antenna).astype(np.float32)
-        if rate.any():
-            found[k * channels : (k + 1) * channels] += farther * rate[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,7 +301,12 @@ class ForwardModel:
                 steps = [self._step_tables(here, one, step) for step in some.steps]
                 n_materials = len(with_parts(here.scene.materials))
                 one.tangents = Tangents.of(
-                    some.displacements, some.levels, here.trace_scene.n_faces, n_materials, steps
+                    some.displacements,
+                    some.levels,
+                    here.trace_scene.n_faces,
+                    n_materials,
+                    steps,
+                    rates=any(batch.together and batch.stop - batch.start > 1 for batch in self.batches),
                 )
             assert tracer.tangents is not None
             layers = 2 + tracer.tangents.count

@@ -158,9 +158,10 @@ class DiffuseReturns:
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
-        rates = back_rates = material = None
+        rates = back_rates = swings = back_swings = material = None
         if self.kernel.tangents is not None:
-            rates, back_rates = of_scatterer(self.kernel, ray, hit, lane, centre)
+            found = of_scatterer(self.kernel, ray, hit, lane, centre)
+            (rates, swings), (back_rates, back_swings) = found
             material = hit.material & MATERIAL_MASK
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
@@ -176,6 +177,7 @@ class DiffuseReturns:
             amplitude_tangents=self._derivatives(
                 [terms for terms, _ in self.variants], random, self.straight_weight
             ),
+            rate_tangents=swings,
         )
         if self.reciprocal is None:
             return straight
@@ -190,6 +192,7 @@ class DiffuseReturns:
             amplitude_tangents=self._derivatives(
                 [terms or [] for _, terms in self.variants], random, self.reciprocal_weight
             ),
+            rate_tangents=back_swings,
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, reciprocal, straight)

@@ -458,6 +458,7 @@ class Contribution:
     material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
     amplitude_tangents : derivatives of the channels by properties of materials, property by property, then by the
         displacements that turn facets, as amplitude times slant range; None without any
+    rate_tangents : derivatives of the range rate by displacements, m/s per unit; None where none is recorded
     """
 
     kind: mi.UInt32
@@ -471,6 +472,7 @@ class Contribution:
     range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
     material: mi.UInt32 | None = None
     amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
+    rate_tangents: tuple[mi.Float, ...] | None = None
 
     @property
     def placed(self) -> mi.Bool:

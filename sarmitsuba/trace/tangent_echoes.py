@@ -49,4 +49,5 @@ def with_derivatives(carried: Carried, echo: Contribution) -> tuple[mi.Complex2f
         for k in range(len(carried.plan.levels)):
             per_db = dr.select(known & (((bits >> k) & 1) == 1), mi.Float(PER_DB), 0.0)
             out += [a * per_db for a in echo.amplitudes]
-    return (*out, *by_property)
+    swings = (a * rate for rate in echo.rate_tangents or () for a in echo.amplitudes)
+    return (*out, *by_property, *swings)

@@ -2,7 +2,9 @@ r"""Derivatives of echoes by parameters, carried along their paths and recorded 
 
 An echo of amplitude a and slant range R is :math:`a \, e^{-j 4 \pi f R / c}` at the frequency f. Its derivative by a
 parameter needs :math:`a \, \partial R`, :math:`\partial a`, or both. The kernel records each of these as further
-channels of the echo's own cells, so that one traced path serves all parameters.
+channels of the echo's own cells, so that one traced path serves all parameters. Where a block of pulses shares one
+tracing, :math:`a \, \partial \dot R` is recorded too: the slant range at the time :math:`\tau` from the key pulse
+changes by :math:`\partial R + \partial \dot R \, \tau`.
 """
 
 from __future__ import annotations
@@ -80,16 +82,19 @@ class RayTangents:
     virtual : float64, m per unit, of the antenna mirrored through the chain so far
     boundary : of the lit area; None for displacements of the antenna alone
     stretch : m per unit, change of the tube's two edges with the lit area, of the last facet; None for translations
+    velocity : float64, m/s per unit, change of the virtual antenna's velocity; None where no mirror turns, or without
+        derivatives of range rates
     """
 
     virtual: tuple[mi.Vector3d, ...]
     boundary: tuple[ShadowBoundary | None, ...]
     stretch: tuple[tuple[mi.Vector3f, mi.Vector3f] | None, ...]
+    velocity: tuple[mi.Vector3d | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Tangents:
-    """What the kernel records beside every echo: first displacements, then levels, then properties of materials.
+    """What the kernel records beside every echo: displacements, levels, properties of materials, range rates.
 
     Parameters
     ----------
@@ -99,6 +104,7 @@ class Tangents:
     moved : (n_faces,) bit k: the face is moved by displacement k
     levelled : (n_materials,) bit k: level k applies to the material
     properties : of materials; each gives the derivative of the channels
+    rates : whether each displacement gives the channels times the derivative of the range rate too, after all others
     """
 
     displacements: tuple[Displacement, ...]
@@ -106,6 +112,7 @@ class Tangents:
     moved: mi.UInt32
     levelled: mi.UInt32
     properties: tuple[StepTables, ...] = ()
+    rates: bool = False
 
     @staticmethod
     def of(
@@ -114,6 +121,8 @@ class Tangents:
         n_faces: int,
         n_materials: int,
         properties: Sequence[StepTables] = (),
+        *,
+        rates: bool = False,
     ) -> Tangents:
         """Tables of these parameters on the device."""
         assert len(displacements) <= MOST and len(levels) <= MOST
@@ -130,6 +139,7 @@ class Tangents:
             device_array(mi.UInt32, moved),
             device_array(mi.UInt32, levelled),
             tuple(properties),
+            rates,
         )
 
     @property
@@ -139,8 +149,13 @@ class Tangents:
 
     @property
     def count(self) -> int:
-        """Number of derivatives of each channel."""
+        """Number of derivatives of each channel, without those of range rates."""
         return len(self.displacements) + len(self.levels) + len(self.properties)
+
+    @property
+    def recorded(self) -> int:
+        """Numbers recorded for each channel: itself, its derivatives, and those with range rates."""
+        return 1 + self.count + (len(self.displacements) if self.rates else 0)
 
     def carried(self) -> Carried:
         """Numbers for one kernel, as opaque scalars: other values do not compile another kernel."""
@@ -176,12 +191,14 @@ class Carried:
 
     def launched(self) -> RayTangents:
         """State of a ray at launch."""
+        turned = self.plan.turned if self.plan.rates else ()
         return RayTangents(
             tuple(mi.Vector3d(a) for a in self.antenna),
             tuple(None if b is None else ShadowBoundary.open() for b in self.offset),
             tuple(
                 None if g is None else (dr.zeros(mi.Vector3f), dr.zeros(mi.Vector3f)) for g in self.gradient
             ),
+            tuple(mi.Vector3d(0.0) if k in turned else None for k in range(len(self.antenna))),
         )
 
     def movement(self, k: int, face: mi.UInt32, point: mi.Vector3d, active: mi.Bool) -> Movement | None:
@@ -196,6 +213,10 @@ class Carried:
     def no_rates(self) -> tuple[mi.Float64 | mi.Complex2f, ...]:
         """Derivatives of a slant range that nothing changes."""
         return tuple(mi.Float64(0.0) if g is None else mi.Complex2f(0.0) for g in self.gradient)
+
+    def no_swings(self) -> tuple[mi.Float, ...] | None:
+        """Derivatives of a range rate that nothing changes; None where none is recorded."""
+        return tuple(mi.Float(0.0) for _ in self.antenna) if self.plan.rates else None
 
     def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
         """Whether displacement k moves a face."""
