@@ -40,7 +40,8 @@ UNSUPPORTED = {
 }
 
 
-# properties of materials that one launch carries at most: each needs two more sets of fields in every ray
+# properties of materials, and displacements that turn facets, that one launch carries at most: each needs two more sets
+# of fields in every ray
 MOST_STEPS = 8
 # texels of level maps in a Jacobian at most: 32 are traced at a time
 MOST_TEXELS = 256
@@ -49,14 +50,15 @@ MOST_TEXELS = 256
 class TangentBatches(BatchTracer):
     """Tracing of batches with the derivatives of every echo behind its channels.
 
-    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement and by each
-    level.
+    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement, by each
+    level and by each property. In a block of pulses derivatives of range rates times the time from the key pulse belong
+    to those by displacements.
     """
 
     @property
     def amplitudes(self) -> int:
         """Complex numbers of an echo: channels, and those of every derivative."""
-        return super().amplitudes * (1 + self.tangents.count)
+        return super().amplitudes * self.tangents.recorded
 
     @property
     def tangents(self) -> Tangents:
@@ -73,35 +75,20 @@ class TangentBatches(BatchTracer):
         carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
         farther = pulses.profiles(grid[:moved], partial(per_metre, carrier, share))
         parts = [pulses.profiles(grid[:c], share), farther]
-        if tangents.count > len(tangents.displacements):
-            parts.append(pulses.profiles(grid[moved:], share))
-        found = np.concatenate(parts)
-        if isinstance(pulses, KeyPulse):
-            _follow(found[c:], pulses, tangents.displacements, c)
-        return found
+        end = c * (1 + tangents.count)
+        if end > moved:
+            parts.append(pulses.profiles(grid[moved:end], share))
+        if tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
+            # slant ranges within the block change by those of the key pulse and by the range rate's times the time
+            turning = pulses.profiles(grid[end:], partial(per_metre, carrier, share))
+            farther[c:] += pulses.plan.tau.astype(np.float32)[:, None] * turning
+        return np.concatenate(parts)
 
 
 def per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
     """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
     factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
     return np.asarray(factor if share is None else factor * share(cycles_per_metre), dtype=np.complex128)
-
-
-def _follow(found: C64, pulses: KeyPulse, displacements: Sequence[Displacement], channels: int) -> None:
-    """Turn the derivatives by antenna positions from a block's key pulse to every other pulse.
-
-    The direction to the antenna changes over the block nearly equally for all echoes: as at the block's reference.
-    """
-    plan = pulses.plan
-    to_antenna = pulses.radar.track.position[plan.start : plan.stop] - plan.reference
-    to_antenna /= np.linalg.norm(to_antenna, axis=1, keepdims=True)
-    key = plan.state.position[0] - plan.reference
-    change = to_antenna - key / np.linalg.norm(key)
-    farther = found[:channels]
-    for k, displacement in enumerate(displacements, 1):
-        rate = (change @ displacement.antenna).astype(np.float32)
-        if rate.any():
-            found[k * channels : (k + 1) * channels] += farther * rate[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,15 +145,20 @@ class _Needed:
 
     def parts(self) -> Iterator[_Needed]:
         """The same in parts that one launch can carry; at least one, which may be empty."""
-        longest = max(len(self.displacements), len(self.levels), len(self.texels))
-        n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
+        moves: list[list[Displacement]] = [[]]
+        for displacement in self.displacements:
+            turns = sum(d.turn_rate > 0.0 for d in (*moves[-1], displacement))
+            if len(moves[-1]) == MOST or turns > MOST_STEPS:
+                moves.append([])
+            moves[-1].append(displacement)
+        longest = max(len(self.levels), len(self.texels))
+        n = max(len(moves), -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
-            these = slice(k * MOST, (k + 1) * MOST)
             yield _Needed(
-                self.displacements[these],
-                self.levels[these],
+                tuple(chain.from_iterable(moves[k : k + 1])),
+                self.levels[k * MOST : (k + 1) * MOST],
                 self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
-                self.texels[these],
+                self.texels[k * MOST : (k + 1) * MOST],
             )
 
 
@@ -260,6 +252,11 @@ class ForwardModel:
         blocks.settle()
         return blocks.every_batch()
 
+    @property
+    def turning(self) -> bool:
+        """Whether pulses share a tracing, so that derivatives of range rates are needed."""
+        return any(batch.together and batch.stop - batch.start > 1 for batch in self.batches)
+
     def split(self, values: F64) -> list[F64]:
         """Values of each parameter, from those of all."""
         sizes = [len(p.values(self.scene)) for p in self.parameters]
@@ -297,6 +294,8 @@ class ForwardModel:
         matrices, offsets = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
         scene = self.scene
         for parameter, own in zip(self.parameters, self.split(values), strict=True):
+            if np.array_equal(own, parameter.values(self.scene)):
+                continue
             found = parameter.moved(scene, own)
             if found is not None:
                 mesh, matrix, offset = found
@@ -358,7 +357,13 @@ class ForwardModel:
                 n_materials = len(with_parts(here.scene.materials))
                 texels = here.texels(some.texels).tolist()
                 one.tangents = Tangents.of(
-                    some.displacements, some.levels, here.trace_scene.n_faces, n_materials, steps, texels
+                    some.displacements,
+                    some.levels,
+                    here.trace_scene.n_faces,
+                    n_materials,
+                    steps,
+                    texels,
+                    rates=self.turning,
                 )
             assert isinstance(tracer.tangents, Tangents)
             layers = 2 + tracer.tangents.count

@@ -216,6 +216,7 @@ class _ReversePlan:
             model.run.plan.max_depth,
             len(with_parts(scene.materials)) if levelled else 0,
             0 if layer is None or not texels else len(layer.texels),
+            rates=model.turning,
         )
         entries = {k: [numbers[s][[i]] for s, i in own] for k, own in moved.items()}
         entries |= {k: [tangents.first_material + own for own in sets] for k, sets in levelled.items()}
@@ -240,7 +241,7 @@ class AdjointBatches(BatchTracer):
 
     def __init__(self, tracer: Tracer, rays: Rays, tangents: SlotTangents, total: GradientSum) -> None:
         super().__init__(tracer, rays, len(tracer.sampling.scene.radar.channels), 0)
-        self.moves, self.total = tangents.n_shapes > 0, total
+        self.tangents, self.total = tangents, total
         self.first, self.data, self.memory = 0, np.zeros((0, 0, 0), dtype=np.complex64), 0
         for one in {tracer, *tracer.by_frequency}:
             one.tangents = tangents
@@ -250,11 +251,16 @@ class AdjointBatches(BatchTracer):
         wave = self.tracer.sampling.scene.radar.waveform
         own = self.data[:, pulses.plan.start - self.first : pulses.plan.stop - self.first]
         carrier = 4.0 * np.pi * wave.center_frequency / SPEED_OF_LIGHT
-        grids = [pulses.adjoint(own, share)]
-        if self.moves:
-            grids.append(pulses.adjoint(own, partial(per_metre, carrier, share)))
+        by_range = partial(per_metre, carrier, share)
+        plain = farther = turning = None
+        if self.tangents.n_materials or self.tangents.n_texels:
+            plain = pulses.adjoint(own, share)
+        if self.tangents.n_shapes:
+            farther = pulses.adjoint(own, by_range)
+            if self.tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
+                turning = pulses.adjoint(own * pulses.plan.tau.astype(np.float32)[:, None], by_range)
         found = pulses.accumulator(1, self.amplitudes, 0, wave.wavelength, 0)
-        found.adjoint = AdjointGrids(grids, self.total)
+        found.adjoint = AdjointGrids(plain, farther, turning, self.total)
         self.memory = max(self.memory, found.adjoint.n_bytes)
         return found
 
@@ -290,7 +296,8 @@ def _grid_bytes(model: ForwardModel, here: At, tangents: SlotTangents) -> int:
     for k in sorted({0, len(batches) // 2, len(batches) - 1}):
         pulses = _pulses(model, batches[k])
         sizes.append(8 * int(np.prod(pulses.plan.shape(model.shape[0]))))
-    return max(sizes) * (2 if tangents.n_shapes else 1)
+    kinds = bool(tangents.n_materials or tangents.n_texels) + (tangents.n_shapes > 0) + tangents.rates
+    return max(sizes) * kinds
 
 
 def _pulses(model: ForwardModel, batch: Batch) -> Pulses:

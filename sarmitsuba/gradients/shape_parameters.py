@@ -16,6 +16,7 @@ from sarmitsuba.trace.tangents import Displacement
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sarmitsuba.scene.geometry import Geometry
     from sarmitsuba.scene.scene import Scene
 
 
@@ -136,15 +137,30 @@ class Deformation(Parameter):
         """See the base class."""
         mesh, base, height = self._placed(scene)
         gradient = self._gradient(height)
-        return [Displacement(np.zeros(3), face_mesh == mesh, -gradient @ base, gradient)]
+        turn_rate = _turn_rate(scene.geometry, mesh, gradient)
+        return [Displacement(np.zeros(3), face_mesh == mesh, -gradient @ base, gradient, turn_rate)]
 
     def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""
         return found.displaced
 
 
+# derivative of a unit normal over the velocity gradient, down to which a face does not turn: rounding of its corners
+LEAST_TURN = 1e-4
+
 # kinds of deformation and their units
 DEFORMATIONS = {"height": "m", "scale": "1", "rotation": "rad"}
+
+
+def _turn_rate(geometry: Geometry, mesh: int, gradient: F64) -> float:
+    """Largest derivative of a unit normal of a mesh whose points move with a velocity gradient, 1 per unit."""
+    first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
+    a, b, c = np.moveaxis(geometry.vertices[geometry.faces[first:stop]], 1, 0)
+    n = np.cross(b - a, c - a)
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+    pulled = n @ gradient
+    rate = float(np.linalg.norm(pulled - n * np.sum(n * pulled, axis=1, keepdims=True), axis=1).max())
+    return rate if rate > LEAST_TURN * float(np.abs(gradient).max()) else 0.0
 
 
 def bodies(scene: Scene, label: str) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ the gradient, whatever the number of parameters.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,19 +57,26 @@ class GradientSum:
 
 
 class AdjointGrids:
-    """Adjoint grids of one launch.
+    """Adjoint grids of one launch, each (n_channels, n_rows, n_columns) complex64; None: not needed.
 
     Parameters
     ----------
-    grids : one or two of (n_channels, n_rows, n_columns) complex64: for changes of amplitudes, and of slant ranges in m
+    plain : for changes of amplitudes
+    farther : for changes of slant ranges, m
+    turning : for changes of range rates, m/s
     total : to which echoes add
     """
 
-    def __init__(self, grids: Sequence[C64], total: GradientSum) -> None:
-        self.n_channels, self.n_grids, self.total = len(grids[0]), len(grids), total
-        both = np.concatenate(grids)
+    def __init__(
+        self, plain: C64 | None, farther: C64 | None, turning: C64 | None, total: GradientSum
+    ) -> None:
+        self.total = total
+        grids = [plain, farther, turning]
+        self.kept = [k for k, grid in enumerate(grids) if grid is not None]
+        both = np.concatenate([grid for grid in grids if grid is not None])
+        self.n_channels, self.n_planes = len(both) // len(self.kept), len(both)
         self.memory = device_array(mi.Float, np.moveaxis(both, 0, -1).copy().view(np.float32))
-        self.packet = mi.Vector2f if self.n_grids == 1 else mi.Vector4f
+        self.packet, self.size = (mi.Vector4f, 4) if self.n_planes % 2 == 0 else (mi.Vector2f, 2)
         self.start()
 
     @property
@@ -78,30 +86,33 @@ class AdjointGrids:
 
     def start(self) -> None:
         """Begin with an echo."""
-        self._sums = [mi.Float(0.0)] * (2 * self.n_grids * self.n_channels)
+        self._sums = [mi.Float(0.0)] * (2 * self.n_planes)
         self._values: Sequence[mi.Complex2f] = ()
 
     def read(
         self, cell: mi.UInt32, values: Sequence[mi.Complex2f], weight: mi.Float, active: mi.Bool
     ) -> None:
         """Read one cell of an echo; see :meth:`sarmitsuba.trace.accumulators.GridAccumulator.scatter`."""
-        n, size = self.n_channels, 2 * self.n_grids
-        for i in range(n):
-            numbers = dr.gather(self.packet, self.memory, cell * n + i, active)
-            for k in range(size):
-                self._sums[size * i + k] = dr.fma(weight, numbers[k], self._sums[size * i + k])
+        packets = 2 * self.n_planes // self.size
+        for i in range(packets):
+            numbers = dr.gather(self.packet, self.memory, cell * packets + i, active)
+            for j in range(self.size):
+                k = self.size * i + j
+                self._sums[k] = dr.fma(weight, numbers[j], self._sums[k])
         self._values = values
 
-    def products(self) -> tuple[mi.Float, mi.Complex2f]:
-        """Derivatives by a relative change of the echo's amplitudes, and by its complex slant range, per m."""
-        n, sums = self.n_channels, self._sums
-        read = [mi.Complex2f(sums[2 * i], -sums[2 * i + 1]) for i in range(self.n_grids * n)]
-        level, farther = mi.Float(0.0), mi.Complex2f(0.0)
-        for grid, value in zip(read[:n], self._values, strict=True):
-            level += (grid * value).real
-        for grid, value in zip(read[n:], self._values, strict=False):
-            farther += grid * value
-        return level, farther
+    def product(self, kind: int, first: int = 0) -> mi.Complex2f:
+        """Derivative by a factor of values, by one of the grids: 0 plain, 1 farther, 2 turning; zero without the grid.
+
+        The values are the echo's in all channels, from the number ``first`` on.
+        """
+        found = mi.Complex2f(0.0)
+        if kind in self.kept:
+            place = self.kept.index(kind) * self.n_channels
+            for k in range(self.n_channels):
+                re, im = self._sums[2 * (place + k) : 2 * (place + k) + 2]
+                found += mi.Complex2f(re, -im) * self._values[first + k]
+        return found
 
 
 class AdjointEchoes:
@@ -117,7 +128,8 @@ class AdjointEchoes:
     """
 
     def __init__(self, carried: CarriedSlots, accumulator: GridAccumulator, grids: AdjointGrids) -> None:
-        self.plan, self.accumulator, self.grids = carried.plan, accumulator, grids
+        self.plan, self.turning = carried.plan, carried.turning
+        self.accumulator, self.grids = accumulator, grids
 
     def begin(self) -> LaneArrays:
         """See the protocol."""
@@ -125,21 +137,26 @@ class AdjointEchoes:
 
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """See the protocol."""
-        plan, total, echo = self.plan, self.grids.total, contribution
-        self.grids.start()
-        state = self.accumulator.add(state, echo)
-        level, farther = self.grids.products()
-        rates = echo.range_tangents or ()
-        for k, rate in enumerate(rates):
+        plan, grids, echo = self.plan, self.grids, contribution
+        total, c = grids.total, len(echo.amplitudes)
+        grids.start()
+        # changes of amplitudes by turns of faces have the phase of the echo too
+        changes = echo.amplitude_tangents or ()
+        state = self.accumulator.add(state, replace(echo, amplitudes=(*echo.amplitudes, *changes)))
+        farther, turning = grids.product(1), grids.product(2)
+        for k, rate in enumerate(echo.range_tangents or ()):
             shape, way = echo.slots[k // plan.ways], k % plan.ways
-            value = (
-                farther.real * mi.Float(rate) if not isinstance(rate, mi.Complex2f) else (farther * rate).real
-            )
+            complex_rate = rate if isinstance(rate, mi.Complex2f) else mi.Complex2f(mi.Float(rate))
+            value = (farther * complex_rate).real
+            if echo.rate_tangents is not None:
+                value += turning.real * echo.rate_tangents[k]
+            if k in self.turning:
+                value += grids.product(1, c * (1 + self.turning.index(k))).real
             total.add(shape * plan.ways + way, value, echo.active & (shape != NO_SHAPE))
         if echo.material is None or not (plan.n_materials or plan.n_texels):
             return state
         known = echo.active & (echo.material != NO_MATERIAL)
-        level = level * PER_DB
+        level = grids.product(0).real * PER_DB
         if plan.n_materials:
             total.add(echo.material + dr.opaque(mi.UInt32, plan.first_material), level, known)
         for texel, share in echo.texels:

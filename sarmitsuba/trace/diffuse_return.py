@@ -160,10 +160,11 @@ class DiffuseReturns:
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
-        rates = back_rates = material = None
+        rates = back_rates = swings = back_swings = material = None
         slots: tuple[mi.UInt32, ...] = ()
         if self.kernel.tangents is not None:
-            rates, back_rates = of_scatterer(self.kernel, ray, hit, lane, centre)
+            found = of_scatterer(self.kernel, ray, hit, lane, centre)
+            (rates, swings), (back_rates, back_swings) = found
             material, slots = hit.material & MATERIAL_MASK, self.kernel.tangents.slots
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
@@ -179,6 +180,7 @@ class DiffuseReturns:
             amplitude_tangents=self._derivatives(
                 [terms for terms, _ in self.variants], random, self.straight_weight
             ),
+            rate_tangents=swings,
             slots=slots,
             texels=self.texels,
         )
@@ -195,6 +197,7 @@ class DiffuseReturns:
             amplitude_tangents=self._derivatives(
                 [terms or [] for _, terms in self.variants], random, self.reciprocal_weight
             ),
+            rate_tangents=back_swings,
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, reciprocal, straight)
@@ -352,7 +355,7 @@ def _variants(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
 ) -> tuple[tuple[Terms, Terms | None], ...]:
     """Terms of the straight and of the reciprocal path with the materials of every variant."""
-    found = zip(kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True)
+    found = zip(kernel.variants, variant_rays(ray), variant_hits(kernel, ray, hit), strict=True)
     return tuple(_terms(one, lane, its_ray, its_hit, receive)[:2] for one, its_ray, its_hit in found)
 
 

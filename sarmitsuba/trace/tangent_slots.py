@@ -78,6 +78,8 @@ class SlotTangents:
     ----------
     n_slots : of a ray
     translated : for each way, whether all shapes are translated by it; else they are stretched or turned too
+    turn_rates : for each way, largest derivative of a unit normal of a face by it, 1 per unit; 0: no face turns
+    rates : whether derivatives of range rates are needed
     n_shapes : that move
     shape : (n_faces,) uint32, number of each face's shape
     rows : (16 n_shapes ways,) float64, of every way of every shape
@@ -87,6 +89,8 @@ class SlotTangents:
 
     n_slots: int
     translated: tuple[bool, ...]
+    turn_rates: tuple[float, ...]
+    rates: bool
     n_shapes: int
     shape: mi.UInt32
     rows: mi.Float64
@@ -95,7 +99,7 @@ class SlotTangents:
 
     @staticmethod
     def of(
-        shapes: MovingShapes, most_slots: int, n_materials: int, n_texels: int
+        shapes: MovingShapes, most_slots: int, n_materials: int, n_texels: int, *, rates: bool = False
     ) -> tuple[SlotTangents, list[I64]]:
         """Tables on the device, and the number of each displacement of each shape in the gradient.
 
@@ -103,23 +107,26 @@ class SlotTangents:
         ----------
         shapes : that move
         most_slots : bounces of a path at most
-        n_materials, n_texels : see the class
+        n_materials, n_texels, rates : see the class
         """
         # ways that translate first, so that they carry no gradient for any shape
         plain = [[d.gradient is None for d in own] for own in shapes.displacements]
         n_plain = max((sum(own) for own in plain), default=0)
         ways = n_plain + max((len(own) - sum(own) for own in plain), default=0)
         rows = np.zeros((len(plain), ways, 4, 4))
-        numbers = []
+        numbers, turn_rates = [], np.zeros(ways)
         for shape, (flat, own) in enumerate(zip(plain, shapes.displacements, strict=True)):
             place = np.where(flat, np.cumsum(flat) - 1, n_plain + np.cumsum(~np.array(flat)) - 1)
             numbers.append(np.asarray(shape * ways + place, dtype=np.int64))
             for way, displacement in zip(place, own, strict=True):
                 rows[shape, way, 0, :3] = _filled(displacement.offset, np.zeros(3))
                 rows[shape, way, 1:, :3] = _filled(displacement.gradient, np.zeros((3, 3)))
+                turn_rates[way] = max(turn_rates[way], displacement.turn_rate)
         found = SlotTangents(
             n_slots=min(most_slots, len(plain)),
             translated=tuple(way < n_plain for way in range(ways)),
+            turn_rates=tuple(turn_rates.tolist()),
+            rates=rates and len(plain) > 0,
             n_shapes=len(plain),
             shape=device_array(mi.UInt32, shapes.of_face),
             rows=device_array(mi.Float64, rows if rows.size else np.zeros(ROW)),
@@ -132,6 +139,12 @@ class SlotTangents:
     def properties(self) -> tuple[StepTables, ...]:
         """See :class:`sarmitsuba.trace.tangents.TangentPlan`."""
         return ()
+
+    @property
+    def turns(self) -> tuple[tuple[int, float], ...]:
+        """See :class:`sarmitsuba.trace.tangents.TangentPlan`."""
+        every = enumerate(self.turn_rates * self.n_slots)
+        return tuple((k, rate) for k, rate in every if rate > 0.0)
 
     @property
     def ways(self) -> int:
@@ -161,6 +174,8 @@ class SlotTangents:
             (still,) * k,
             (still,) * k,
             tuple(None if flat else (still,) * 3 for flat in self.translated) * self.n_slots,
+            tuple(k for k, _ in self.turns),
+            self.rates,
             self.n_texels > 0,
             self,
             (),

@@ -2,7 +2,9 @@ r"""Derivatives of echoes by parameters, carried along their paths and recorded 
 
 An echo of amplitude a and slant range R is :math:`a \, e^{-j 4 \pi f R / c}` at the frequency f. Its derivative by a
 parameter needs :math:`a \, \partial R`, :math:`\partial a`, or both. The kernel records each of these as further
-channels of the echo's own cells, so that one traced path serves all parameters.
+channels of the echo's own cells, so that one traced path serves all parameters. Where a block of pulses shares one
+tracing, :math:`a \, \partial \dot R` is recorded too: the slant range at the time :math:`\tau` from the key pulse
+changes by :math:`\partial R + \partial \dot R \, \tau`.
 """
 
 from __future__ import annotations
@@ -47,12 +49,14 @@ class Displacement:
     faces : (n_faces,) bool, faces of the traced scene that move; None: none
     offset : (3,) float64, b, m per unit
     gradient : (3, 3) float64, A, 1 per unit; None: the faces are translated
+    turn_rate : 1 per unit, largest derivative of the unit normal of a face; 0: no face turns
     """
 
     antenna: F64
     faces: NDArray[np.bool_] | None = None
     offset: F64 | None = None
     gradient: F64 | None = None
+    turn_rate: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +83,8 @@ class RayTangents:
     virtual : float64, m per unit, of the antenna mirrored through the chain so far
     boundary : of the lit area; None for displacements of the antenna alone
     stretch : m per unit, change of the tube's two edges with the lit area, of the last facet; None for translations
+    velocity : float64, m/s per unit, change of the virtual antenna's velocity; None where no mirror turns, or without
+        derivatives of range rates
     slots : numbers of the shapes met so far that move, see :mod:`sarmitsuba.trace.tangent_slots`; empty for
         displacements that are the same for all rays
     """
@@ -86,6 +92,7 @@ class RayTangents:
     virtual: tuple[mi.Vector3d, ...]
     boundary: tuple[ShadowBoundary | None, ...]
     stretch: tuple[tuple[mi.Vector3f, mi.Vector3f] | None, ...]
+    velocity: tuple[mi.Vector3d | None, ...]
     slots: tuple[mi.UInt32, ...] = ()
 
 
@@ -96,13 +103,17 @@ class TangentPlan(Protocol):
     def properties(self) -> tuple[StepTables, ...]:
         """Properties of materials, each a difference of amplitudes along the path."""
 
+    @property
+    def turns(self) -> tuple[tuple[int, float], ...]:
+        """Numbers of the displacements that turn faces, and the largest derivative of a unit normal of each."""
+
     def carried(self) -> Carried:
         """Numbers for one kernel, as opaque scalars: other values do not compile another kernel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tangents:
-    """What the kernel records beside every echo: first displacements, then levels, then properties of materials.
+    """What the kernel records beside every echo: displacements, levels, properties of materials, range rates.
 
     Parameters
     ----------
@@ -114,6 +125,7 @@ class Tangents:
     properties : of materials; each gives the derivative of the channels
     texels : numbers of texels of level maps, as in :meth:`BitmapLayer.shares`; each gives the derivative of the
         channels by its level in dB
+    rates : whether each displacement gives the channels times the derivative of the range rate too, after all others
     """
 
     displacements: tuple[Displacement, ...]
@@ -122,6 +134,7 @@ class Tangents:
     levelled: mi.UInt32
     properties: tuple[StepTables, ...] = ()
     texels: tuple[int, ...] = ()
+    rates: bool = False
 
     @staticmethod
     def of(
@@ -131,6 +144,8 @@ class Tangents:
         n_materials: int,
         properties: Sequence[StepTables] = (),
         texels: Sequence[int] = (),
+        *,
+        rates: bool = False,
     ) -> Tangents:
         """Tables of these parameters on the device."""
         assert max(len(displacements), len(levels), len(texels)) <= MOST
@@ -148,12 +163,23 @@ class Tangents:
             device_array(mi.UInt32, levelled),
             tuple(properties),
             tuple(texels),
+            rates,
         )
 
     @property
+    def turns(self) -> tuple[tuple[int, float], ...]:
+        """See :class:`TangentPlan`."""
+        return tuple((k, d.turn_rate) for k, d in enumerate(self.displacements) if d.turn_rate > 0.0)
+
+    @property
     def count(self) -> int:
-        """Number of derivatives of each channel."""
+        """Number of derivatives of each channel, without those of range rates."""
         return len(self.displacements) + len(self.levels) + len(self.properties) + len(self.texels)
+
+    @property
+    def recorded(self) -> int:
+        """Numbers recorded for each channel: itself, its derivatives, and those with range rates."""
+        return 1 + self.count + (len(self.displacements) if self.rates else 0)
 
     def carried(self) -> CarriedDisplacements:
         """See :class:`TangentPlan`."""
@@ -164,6 +190,8 @@ class Tangents:
                 None if d.gradient is None else tuple(_vector(row) for row in d.gradient)
                 for d in self.displacements
             ),
+            tuple(k for k, _ in self.turns),
+            self.rates,
             bool(self.texels),
             self,
             tuple(dr.opaque(mi.UInt32, texel) for texel in self.texels),
@@ -181,12 +209,16 @@ class Carried(ABC):
     Parameters
     ----------
     antenna, offset, gradient : of each displacement, see :class:`Displacement`; None where nothing of it moves
+    turning : numbers of those that turn faces
+    rates : whether echoes carry derivatives of their range rates
     mapped : whether echoes carry the shares of texels in their level
     """
 
     antenna: tuple[mi.Vector3d, ...]
     offset: tuple[mi.Vector3d | None, ...]
     gradient: tuple[tuple[mi.Vector3d, ...] | None, ...]
+    turning: tuple[int, ...]
+    rates: bool
     mapped: bool
 
     @property
@@ -200,12 +232,14 @@ class Carried(ABC):
 
     def launched(self) -> RayTangents:
         """State of a ray at launch."""
+        turning = self.turning if self.rates else ()
         return RayTangents(
             tuple(mi.Vector3d(a) for a in self.antenna),
             tuple(None if b is None else ShadowBoundary.open() for b in self.offset),
             tuple(
                 None if g is None else (dr.zeros(mi.Vector3f), dr.zeros(mi.Vector3f)) for g in self.gradient
             ),
+            tuple(mi.Vector3d(0.0) if k in turning else None for k in range(len(self.antenna))),
         )
 
     def movement(self, k: int, face: mi.UInt32, point: mi.Vector3d, active: mi.Bool) -> Movement | None:
@@ -220,6 +254,10 @@ class Carried(ABC):
     def no_rates(self) -> tuple[mi.Float64 | mi.Complex2f, ...]:
         """Derivatives of a slant range that nothing changes."""
         return tuple(mi.Float64(0.0) if g is None else mi.Complex2f(0.0) for g in self.gradient)
+
+    def no_swings(self) -> tuple[mi.Float, ...] | None:
+        """Derivatives of a range rate that nothing changes; None where none is recorded."""
+        return tuple(mi.Float(0.0) for _ in self.antenna) if self.rates else None
 
     @abstractmethod
     def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:

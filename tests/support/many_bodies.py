@@ -36,7 +36,7 @@ def city(
     radar: dict[str, Any] | None = None,
     settings: dict[str, Any] | None = None,
 ) -> Scene:
-    """Boxes drawn on a square grid of streets, on ground.
+    """Boxes drawn on a square grid of streets, on ground; every third with a sloping roof.
 
     Parameters
     ----------
@@ -105,6 +105,8 @@ def _box(rng: np.random.Generator, number: int, side: int, pitch: float) -> tupl
     """Vertices and faces of a box on its plot, turned about the vertical."""
     size = rng.uniform([0.3, 0.3, 0.25], [0.6, 0.6, 0.7]) * pitch
     v = (np.array(CORNERS, dtype=np.float64) - [0.5, 0.5, 0.0]) * size
+    if number % 3 == 1:  # a sloping roof, which turns with the height
+        v[(v[:, 0] < 0.0) & (v[:, 2] > 0.0), 2] *= 0.7
     turn = rng.uniform(0.0, np.pi)
     c, s = np.cos(turn), np.sin(turn)
     row, column = divmod(number, side)
