@@ -5,7 +5,7 @@ Usage: python benchmarks/studies/reverse.py [--seed N] [--side N] [--steps N] [-
 
 ``map``: level ground whose sigma0 is a bitmap of fields, a lane and a gentle slope; raw data at 20 dB of signal over
 noise; SciPy's L-BFGS-B with ``sarmitsuba.Objective`` from a flat map. The error of the texels, in dB, beside the
-Cramer-Rao bound (of a patch of texels, from its Jacobian) and beside what the mean of as many looks of unknown speckle
+Cramer-Rao bound (of four patches of texels, from their Jacobians) and beside what the mean of as many looks of unknown speckle
 allows, 10 / ln 10 / sqrt(looks); seconds and memory beside a plain run. ``heights``: boxes in streets. The gradient by
 all their heights against the Jacobian's, and processor time of gradient and Jacobian over that of a plain run.
 """
@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import _support
 import numpy as np
 import scipy.optimize
+from numpy.typing import NDArray
 
 from sarmitsuba import Scene, SquaredDifference
 from sarmitsuba.arrays import F64
@@ -35,8 +36,8 @@ from tests.support.many_bodies import adjoint_of, city, products
 _ = _support
 # m of a texel, dB of signal over noise, fields in the map, and the pulses and band that image it at 0.75 m
 TEXEL, SNR_DB, FIELDS, PULSES, BANDWIDTH = 2.0, 20.0, 14, 208, 200e6
-# texels of the patch whose bound is computed, and its rim, which is left out
-PATCH, RIM = 14, 4
+# texels along a side of the patches whose bound is computed, and their rims, which are left out
+PATCH, RIM = 16, 4
 # texels at the map's edge, half of which lie outside the image
 EDGE = 3
 ROUNDS = 5
@@ -46,14 +47,15 @@ ROUNDS = 5
 class TexelPatch(LevelMap):
     """Levels of a square patch of a map: its first row and column, and its side."""
 
-    first: int = 0
+    row: int = 0
+    column: int = 0
     side: int = 1
 
     def _places(self, scene: Scene) -> list[int]:
         rows, columns = self._own(scene)[1].values.shape
-        assert self.first + self.side <= min(rows, columns)
-        own = range(self.first, self.first + self.side)
-        return [i * columns + j for i in own for j in own]
+        assert self.row + self.side <= rows and self.column + self.side <= columns
+        own = range(self.side)
+        return [(self.row + i) * columns + self.column + j for i in own for j in own]
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """Of the patch's texels."""
@@ -143,7 +145,7 @@ def found_map(seed: int, side: int, steps: int, figure: str | None) -> dict[str,
     )
     seconds = time.process_time() - start
     found = done.x.reshape(side, side)
-    bound, patch = patch_bound(scene, truth, power * samples)
+    bound, patch = patch_bounds(scene, truth, power * samples)
     left = [objective.at(x).loss for x in (model.start, done.x, truth.reshape(-1))]
     speckle = looks_bound(scene)
     print(
@@ -152,7 +154,7 @@ def found_map(seed: int, side: int, steps: int, figure: str | None) -> dict[str,
         f"rms error, dB: start {rms(truth[inner]):.2f}, after 10 steps {errors[min(9, len(errors) - 1)]:.2f}, after "
         f"{done.nit} {errors[-1]:.2f}, least on the way {min(errors):.2f}; median of |error| "
         f"{np.median(np.abs(found - truth)[inner]):.2f}\n"
-        f"patch in the middle: rms error {rms((found - truth)[patch]):.2f}, bound {bound:.2f} dB; mean of unknown "
+        f"four patches: rms error {rms((found - truth)[patch]):.2f}, bound {bound:.2f} dB; mean of unknown "
         f"speckle {speckle:.2f} dB\n"
         f"loss: start {left[0]:.0f}, found {left[1]:.0f}, truth {left[2]:.0f}\n"
         f"plain run {plain:.2f} s, loss and gradient {both:.2f} s ({both / plain:.2f}), {done.nfev} of them in "
@@ -190,20 +192,25 @@ def timed(run: Callable[[], object]) -> float:
     return statistics.median(taken)
 
 
-def patch_bound(scene: Scene, truth: F64, variance: float) -> tuple[float, tuple[slice, slice]]:
-    """Cramer-Rao bound of a texel, dB, rms over a patch in the middle of the map without its rim, and those texels."""
+def patch_bounds(scene: Scene, truth: F64, variance: float) -> tuple[float, NDArray[np.bool_]]:
+    """Cramer-Rao bound of a texel, dB, rms over four patches of the map without their rims, and those texels."""
     side = len(truth)
-    wide = min(PATCH, side - 2)
-    patch = TexelPatch("soil", (side - wide) // 2, wide)
+    wide = min(PATCH, side // 2)
+    rim = min(RIM, (wide - 1) // 2)
     (whole,) = parse("level_map:soil", scene)
     at = whole.changed(scene, truth.reshape(-1))
-    _, planes = ForwardModel(at, [patch]).derivative()
-    rows = planes.reshape(len(planes), -1).astype(np.complex128)
-    normal = (rows.conj() @ rows.T).real
-    sigma = np.sqrt(np.diag(np.linalg.inv(2.0 * normal / variance))).reshape(wide, wide)
-    rim, first = min(RIM, (wide - 1) // 2), (side - wide) // 2
-    own = slice(first + rim, first + wide - rim)
-    return rms(sigma[rim : wide - rim, rim : wide - rim]), (own, own)
+    sigma = np.full(truth.shape, np.nan)
+    for row in (side // 4, 3 * side // 4):
+        for column in (side // 4, 3 * side // 4):
+            first = row - wide // 2, column - wide // 2
+            _, planes = ForwardModel(at, [TexelPatch("soil", *first, wide)]).derivative()
+            rows = planes.reshape(len(planes), -1).astype(np.complex128)
+            normal = (rows.conj() @ rows.T).real
+            own = np.sqrt(np.diag(np.linalg.inv(2.0 * normal / variance))).reshape(wide, wide)
+            places = tuple(slice(f + rim, f + wide - rim) for f in first)
+            sigma[places] = own[rim : wide - rim, rim : wide - rim]
+    known = np.isfinite(sigma)
+    return rms(sigma[known]), known
 
 
 def looks_bound(scene: Scene) -> float:

@@ -379,9 +379,11 @@ class ForwardModel:
 
         def rows() -> Iterator[C64]:
             for parameter, counts in zip(parameters, wanted.counts, strict=True):
-                own = found.take(counts)
+                displaced, levelled, changed, mapped = found.take(counts)
                 frequency, time = radar.waveform.center_frequency, radar.track.time
-                yield from parameter.derivative(Derivatives(data, farther, *own, frequency, time))
+                yield from parameter.derivative(
+                    Derivatives(data, farther, displaced, levelled, changed, mapped, frequency, time)
+                )
 
         return data, rows()
 

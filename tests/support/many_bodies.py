@@ -55,7 +55,7 @@ def city(
     wall = Material("wall", pec=True)
     soil = Material("soil", permittivity=complex(eps[1]))
     if kind == "rough":
-        rough = {"diffuse_law": "lambert", "rms_height": 0.003}
+        rough: dict[str, Any] = {"diffuse_law": "lambert", "rms_height": 0.003}
         wall = Material("wall", permittivity=complex(eps[0]), diffuse_level_db=-12.0, **rough)
         soil = Material("soil", permittivity=complex(eps[1]), diffuse_level_db=-14.0, **rough)
     if levels is None and texels[0]:
