@@ -87,7 +87,7 @@ def table(
         parameters = [parameter for scenes, parameter in kinds if scenes == kind]
         drawn_scenes = []
         for seed in seeds:
-            scene = drawn(seed, kind, 2 if kind in ("alone", "house") else 6)
+            scene = drawn(seed, kind)
             drawn_scenes.append(compared_all(scene, parameters, seed))
         for parameter, own in zip(parameters, zip(*drawn_scenes, strict=True), strict=True):
             lines.append(line(kind, parameter, own, every))

@@ -33,7 +33,7 @@ def test_derivatives_are_those_of_whole_runs_in_many_scenes(kind: str) -> None:
 
 def check(kind: str, parameters: tuple[str, ...], seeds: range) -> None:
     """Fail where a derivative is off in a scene in which no ray appears or vanishes, or where few scenes are such."""
-    found = [compared_all(drawn(seed, kind, 2), parameters, seed) for seed in seeds]
+    found = [compared_all(drawn(seed, kind), parameters, seed) for seed in seeds]
     for parameter, own in zip(parameters, zip(*found, strict=True), strict=True):
         steady = [c.error for c in own if c.steady]
         assert len(steady) >= 0.3 * len(own), parameter

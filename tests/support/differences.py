@@ -27,6 +27,9 @@ METRES, SECONDS, DECIBELS, SHARE, LOSS, RADIANS = 4e-4, 2e-11, 0.05, 0.02, 0.04,
 # drawn sets of channels
 CHANNELS = ("HH", "VV", "HH,HV,VH,VV")
 
+# kinds of scenes with automatic blocks of pulses
+AUTOMATIC = ("alone", "house")
+
 # relative difference of differences of fourth and sixth order up to which the data are smooth over the steps
 SMOOTH = 2e-4
 
@@ -52,13 +55,14 @@ def house(rng: np.random.Generator, turn: float) -> tuple[F64, F64]:
 
 
 def drawn(seed: int, kind: str, pulses: int = 6) -> Scene:
-    """A box on ground under a squinted radar; all pulses in one block, but for ``alone``.
+    """A box on ground under a squinted radar.
 
     Parameters
     ----------
+    pulses : all in one block; ``alone`` and ``house`` have about 37, in automatic blocks
     kind : ``rough``: both scatter diffusely, with mirrors; ``metal``: metal on smooth ground, with mirrors; ``alone``:
         a rough box whose ground returns nothing to the radar, without mirrors: nothing that a moving box could shadow;
-        ``house``: the same with a roof, at a drawn heading, in drawn channels
+        ``house``: the same with a roof, at a drawn heading, in drawn channels, in spotlight or stripmap mode
     """
     rng = np.random.default_rng([seed, 0x6A61C])
     eps = rng.uniform(3.0, 9.0, 2) - 1j * rng.uniform(0.1, 2.0, 2)
@@ -93,15 +97,18 @@ def drawn(seed: int, kind: str, pulses: int = 6) -> Scene:
     )
     if kind == "house":
         radar = replace(
-            radar, heading_deg=float(rng.uniform(0.0, 360.0)), polarisation=str(rng.choice(CHANNELS))
+            radar,
+            heading_deg=float(rng.uniform(0.0, 360.0)),
+            polarisation=str(rng.choice(CHANNELS)),
+            mode=str(rng.choice(["spotlight", "stripmap"])),
         )
+    if kind in AUTOMATIC:
+        radar = replace(radar, n_pulses=0, azimuth_resolution=1.3)
     settings = TraceSettings(
         method="hybrid",
-        key_pulse_interval=1
-        if kind in ("alone", "house")
-        else pulses,  # directions to a moving shape are those of key pulses
+        key_pulse_interval=0 if kind in AUTOMATIC else pulses,
         gridding_width=8,
-        max_depth=1 if kind in ("alone", "house") else 4,
+        max_depth=1 if kind in AUTOMATIC else 4,
         effects={"diffuse_pairs": "off", "edge_diffraction": "off"},
     )
     size = 25.0
