@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
     from sarmitsuba.gradients.fit import Fit, Prior, fit
     from sarmitsuba.gradients.jacobian import Jacobian, jacobian
+    from sarmitsuba.gradients.losses import MultilookDifference, SquaredDifference
+    from sarmitsuba.gradients.reverse import Gradient, Objective, gradient
     from sarmitsuba.image.labels import Labels
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
@@ -64,6 +66,7 @@ _HOME = {
     "ExtensionError": "sarmitsuba.errors",
     "FilmDescription": "sarmitsuba.radar.film",
     "Fit": "sarmitsuba.gradients.fit",
+    "Gradient": "sarmitsuba.gradients.reverse",
     "ImageGrid": "sarmitsuba.image.sar_image",
     "ImageRequest": "sarmitsuba.radar.image_request",
     "Jacobian": "sarmitsuba.gradients.jacobian",
@@ -71,6 +74,8 @@ _HOME = {
     "LinkBudget": "sarmitsuba.link",
     "Material": "sarmitsuba.materials.material",
     "Motion": "sarmitsuba.scene.motion",
+    "MultilookDifference": "sarmitsuba.gradients.losses",
+    "Objective": "sarmitsuba.gradients.reverse",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
     "Prior": "sarmitsuba.gradients.fit",
@@ -87,6 +92,7 @@ _HOME = {
     "SceneError": "sarmitsuba.errors",
     "SceneMesh": "sarmitsuba.loader.build",
     "SceneVolume": "sarmitsuba.loader.build",
+    "SquaredDifference": "sarmitsuba.gradients.losses",
     "TraceSettings": "sarmitsuba.scene.settings",
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
@@ -97,6 +103,7 @@ _HOME = {
     "fit": "sarmitsuba.gradients.fit",
     "focus": "sarmitsuba.focusing",
     "focusing_operator": "sarmitsuba.focusing.operator",
+    "gradient": "sarmitsuba.gradients.reverse",
     "height_map": "sarmitsuba.analysis.interferometry",
     "image_quality": "sarmitsuba.analysis.quality",
     "interferogram": "sarmitsuba.analysis.interferometry",
@@ -143,6 +150,7 @@ __all__ = [
     "FilmDescription",
     "Fit",
     "FocusingOperator",
+    "Gradient",
     "ImageGrid",
     "ImageRequest",
     "Jacobian",
@@ -150,6 +158,8 @@ __all__ = [
     "LinkBudget",
     "Material",
     "Motion",
+    "MultilookDifference",
+    "Objective",
     "OutputError",
     "PathTable",
     "PointTarget",
@@ -165,6 +175,7 @@ __all__ = [
     "SceneError",
     "SceneMesh",
     "SceneVolume",
+    "SquaredDifference",
     "TraceSettings",
     "Track",
     "WireTarget",
@@ -176,6 +187,7 @@ __all__ = [
     "fit",
     "focus",
     "focusing_operator",
+    "gradient",
     "height_map",
     "image_quality",
     "interferogram",

@@ -50,7 +50,9 @@ def main() -> None:
     )
     parser.add_argument("--count", type=int, default=10, help="drawn scenes of each kind")
     parser.add_argument("--first", type=int, default=1000, help="first seed")
-    parser.add_argument("--kinds", nargs="+", default=["alone", "metal", "rough"], help="kinds of scenes")
+    parser.add_argument(
+        "--kinds", nargs="+", default=["alone", "house", "metal", "rough"], help="kinds of scenes"
+    )
     parser.add_argument("--tables", nargs="+", default=["exact", "missing"], help="which tables")
     parser.add_argument("--cost", action="store_true", help="measure times instead")
     parser.add_argument("--json", help="file for the numbers")
@@ -85,7 +87,7 @@ def table(
         parameters = [parameter for scenes, parameter in kinds if scenes == kind]
         drawn_scenes = []
         for seed in seeds:
-            scene = drawn(seed, kind, 2 if kind == "alone" else 6)
+            scene = drawn(seed, kind)
             drawn_scenes.append(compared_all(scene, parameters, seed))
         for parameter, own in zip(parameters, zip(*drawn_scenes, strict=True), strict=True):
             lines.append(line(kind, parameter, own, every))

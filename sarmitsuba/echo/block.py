@@ -1,26 +1,30 @@
 """Block synthesis: paths are added once to a (range, range rate) grid, from which all K pulses are computed."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C64, F64, I64
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.block_beam import azimuth_gain, step_within_beam
+from sarmitsuba.echo.block_beam import step_within_beam
 from sarmitsuba.echo.direct import box_distance
-from sarmitsuba.echo.gridding import FineGrid, GriddingKernel, fine_grid, gridding_kernel, to_window
-from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
+from sarmitsuba.echo.gridding import (
+    FineGrid,
+    GriddingKernel,
+    fine_grid,
+    gridding_kernel,
+    to_window,
+    to_window_adjoint,
+)
+from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.echo.pulse_motion import InPulse, widest_shift
 from sarmitsuba.echo.range_curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
+from sarmitsuba.echo.range_rate_matrices import RangeRateMatrices
 from sarmitsuba.echo.sub_bands import RangeFilter
-from sarmitsuba.echo.threads import parallel_map
 from sarmitsuba.radar.radar import Radar
 
-# cycles per cell: flat to just past the band's edge at 1/4, then down: the inner response stays within 40 cells
-_ROLL = (0.256, 0.32)
 _GUARD = 48
 # error of the synthesis itself, dB: shifts by the curvature are first order over the band; its range-rate part has none
 _LEFT_DB = -84.0
@@ -372,118 +376,65 @@ def synthesise(
     if len(grid) > group:
         groups = (grid[i : i + group] for i in range(0, len(grid), group))
         return np.concatenate([synthesise(part, plan, radar, beam=beam, share=share) for part in groups])
-    spectrum = _pulses_from_range_rates(grid, plan, radar, _azimuth_gain(plan, radar) if beam else None)
-    wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-    first = plan.range0 - plan.guard * plan.range_step
-    bins = first + plan.range_step * np.arange(plan.n_inner)
-    reference = radar.slant_range(plan.reference, slice(plan.start, plan.stop))
-    reference_phase = np.mod(wavenumber * reference, 2.0 * np.pi)
-    bend = plan.curvature.of_range(bins)
-    # the shift by the curvature across the band, to first order: p(r - a) = p - a dp/dr
-    slope = spectrum * (2j * np.pi / plan.range_step * scipy.fft.fftfreq(plan.n_inner)).astype(np.complex64)
+    spectrum = RangeRateMatrices.of(plan, radar, beam=beam).pulses(grid)
+    bent = Bending.of(plan, radar)
+    slope = spectrum * bent.slope
     inner = scipy.fft.ifft(spectrum, axis=-1, workers=-1, overwrite_x=True)
-    inner -= bend.astype(np.float32) * scipy.fft.ifft(slope, axis=-1, workers=-1, overwrite_x=True)
-    inner *= unit_phasor(-wavenumber * bend - reference_phase[:, None])
-    offset = radar.window.start_range[plan.start : plan.stop] - reference - first
-    return to_window(inner, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples, share=share)
+    inner -= bent.shift * scipy.fft.ifft(slope, axis=-1, workers=-1, overwrite_x=True)
+    inner *= bent.turn
+    cell, n_samples = radar.waveform.range_cell, radar.window.n_samples
+    return to_window(inner, bent.offset, plan.fine, cell, n_samples, share=share)
 
 
-def _azimuth_gain(plan: BlockPlan, radar: Radar) -> F64:
-    """Two-way azimuth pattern over the grid's range rates, (n_range_rate, K) float64."""
-    rate = plan.range_rate0 + plan.range_rate_step * np.arange(plan.n_range_rate)
-    return azimuth_gain(
-        radar, slice(plan.start, plan.stop), plan.reference, np.asarray(rate, dtype=np.float64)
-    )
-
-
-def _reference_rate(plan: BlockPlan, radar: Radar) -> F64:
-    """Range rate of the reference at every pulse of the block, (K,) m/s."""
-    return radar.range_rate(plan.reference, slice(plan.start, plan.stop))
-
-
-def _pulses_from_range_rates(
-    grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar, gain: F64 | None
+def synthesise_adjoint(
+    profiles: C64, plan: BlockPlan, radar: Radar, *, beam: bool = False, share: RangeFilter | None = None
 ) -> C64:
-    """Transform along range, then range rates to pulses by a matrix for every frequency: (n_layers, K, n_inner)."""
-    n, n_layers, n_pulses = plan.n_inner, grid.shape[0], plan.n_pulses
-    spectrum = scipy.fft.fft(grid, n=n, axis=1, workers=-1)
-    count = int(_ROLL[1] * n)
-    out = np.zeros((n_layers, n_pulses, n), dtype=spectrum.dtype)
-
-    range_rate = plan.range_rate0 + plan.range_rate_step * np.arange(plan.n_range_rate)
-    middle = 0.5 * (range_rate[0] + range_rate[-1])
-    per_bin = 2.0 * np.pi / (n * plan.range_step)  # rad per metre and bin
-    wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-    # the range part of the curvature is evaluated at the path's range at time t: correct for its slope here
-    bend = plan.curvature.of_range_rate(range_rate).T - plan.curvature.slope * range_rate[:, None] * plan.tau
-    drift = range_rate[:, None] * plan.tau + bend  # m, (n_range_rate, K)
-    # m, range shift of a path by its Doppler frequency within the pulse
-    shift = radar.range_per_rate * (range_rate[:, None] + _reference_rate(plan, radar))
-    walk = per_bin * (drift - middle * plan.tau + shift)  # rad per bin
-    # factor of the range rate at each pulse: its time, for a straight track
-    lever = (drift[-1] - drift[0]) / (range_rate[-1] - range_rate[0]) if plan.n_range_rate > 1 else plan.tau
-    # Within a batch of frequencies exp(-j q walk) is a short Taylor series in q, so that the matrices of all
-    # its frequencies come from one: |q walk| < 0.25 and four terms leave 1.6e-4 at the outermost corner.
-    half = min(max(1, int(0.25 / max(float(np.abs(walk).max()), 1e-9))), 128)
-    steps = [(walk * (-1j / order)).astype(np.complex64) for order in range(1, 4)]
-    by_range = _range_weight(plan.width, n, count, plan.guard)
-
-    def batch(m0: int) -> None:
-        m = np.arange(m0, min(m0 + 2 * half + 1, count + 1))
-        center = int(m[len(m) // 2])
-        terms = [unit_phasor(-(wavenumber + center * per_bin) * drift - center * per_bin * shift)]
-        if gain is not None:
-            terms[0] *= gain.astype(np.float32)
-        for step in steps:
-            terms.append(terms[-1] * step)
-        rows = spectrum[:, m % n] if m[0] < 0 <= m[-1] else spectrum[:, m[0] % n : m[-1] % n + 1]
-        product = rows @ np.concatenate(terms, axis=1)
-        q = (m - center).astype(np.float32)[:, None]
-        value = product[..., 3 * n_pulses :]
-        for order in (2, 1, 0):
-            value = value * q + product[..., order * n_pulses : (order + 1) * n_pulses]
-        value *= _pulse_weight(m, center, middle, per_bin, lever, plan, radar)
-        value *= by_range[m + count, None]
-        out[:, :, m % n] = np.swapaxes(value, 1, 2)
-
-    parallel_map(batch, range(-count, count + 1, 2 * half + 1))
-    return out
-
-
-@lru_cache(maxsize=16)
-def _range_weight(width: int, n: int, count: int, guard: int) -> C64:
-    """Factor by frequency alone, -count ... count: kernel along range, roll-off, guard."""
-    nu = np.arange(-count, count + 1) / n
-    edge = np.clip((np.abs(nu) - _ROLL[0]) / (_ROLL[1] - _ROLL[0]), 0.0, 1.0)
-    roll = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * edge) ** 2) ** 2
-    weight = roll / gridding_kernel(width).transform(nu) * np.exp(-2j * np.pi * nu * guard)
-    return np.asarray(weight, dtype=np.complex64)
-
-
-def _pulse_weight(
-    m: I64,
-    center: int,
-    middle: float,
-    per_bin: float,
-    lever: F64,
-    plan: BlockPlan,
-    radar: Radar,
-) -> C64:
-    """Factor by frequency and pulse, (n_m, K): kernel along the range rate, mean walk."""
-    carrier_bins = radar.waveform.center_frequency * 2.0 * plan.n_inner * plan.range_step / SPEED_OF_LIGHT
-    # cycles per range-rate cell: nearly the same for all m, so three Chebyshev points and a parabola
-    span = max(float(np.abs(m - center).max()), 1.0)
-    nodes = np.array([-0.8660254, 0.0, 0.8660254]) * span
-    per_lever = per_bin * plan.range_rate_step / (2.0 * np.pi)
-    cycles = per_lever * lever
-    at_nodes = plan.range_rate_kernel.inverse_transform(
-        (carrier_bins + center + nodes)[:, None] * cycles
-        + (center + nodes)[:, None] * (per_lever * radar.range_per_rate)
+    """Adjoint of :func:`synthesise`: grids (n_layers, n_range, n_range_rate) from profiles (n_layers, K, n_samples)."""
+    bent = Bending.of(plan, radar)
+    inner = to_window_adjoint(
+        profiles, bent.offset, plan.fine, radar.waveform.range_cell, plan.n_inner, share=share
     )
-    u = (m - center)[:, None] / nodes[2]
-    parabola = np.concatenate([0.5 * u * (u - 1.0), 1.0 - u * u, 0.5 * u * (u + 1.0)], axis=1)
-    mean_walk = phase_ramp(-per_bin * middle * plan.tau, int(m[0]) - center, len(m))
-    return np.asarray(mean_walk.T * (parabola.astype(np.float32) @ at_nodes.astype(np.float32)))
+    inner *= bent.turn.conj()
+    spectrum = scipy.fft.fft(inner, axis=-1, norm="forward", workers=-1)
+    inner *= bent.shift
+    spectrum -= bent.slope.conj() * scipy.fft.fft(
+        inner, axis=-1, norm="forward", workers=-1, overwrite_x=True
+    )
+    return RangeRateMatrices.of(plan, radar, beam=beam).adjoint(spectrum)
+
+
+@dataclass(frozen=True, eq=False)
+class Bending:
+    """Curvature of the slant ranges in the profiles of a block, as the synthesis applies it.
+
+    Parameters
+    ----------
+    shift : (K, n_inner) float32, m, by which profiles are shifted to first order: p(r - a) = p - a dp/dr
+    slope : (n_inner,) complex64, factor on the spectrum that gives dp/dr
+    turn : (K, n_inner) complex64, factor on the shifted profiles
+    offset : (K,) float64, m, range of the window's first sample less that of the profiles' first
+    """
+
+    shift: NDArray[np.float32]
+    slope: C64
+    turn: C64
+    offset: F64
+
+    @staticmethod
+    def of(plan: BlockPlan, radar: Radar) -> "Bending":
+        """Curvature of a block."""
+        wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
+        first = plan.range0 - plan.guard * plan.range_step
+        bins = first + plan.range_step * np.arange(plan.n_inner)
+        reference = radar.slant_range(plan.reference, slice(plan.start, plan.stop))
+        reference_phase = np.mod(wavenumber * reference, 2.0 * np.pi)
+        bend = plan.curvature.of_range(bins)
+        return Bending(
+            bend.astype(np.float32),
+            (2j * np.pi / plan.range_step * scipy.fft.fftfreq(plan.n_inner)).astype(np.complex64),
+            unit_phasor(-wavenumber * bend - reference_phase[:, None]),
+            radar.window.start_range[plan.start : plan.stop] - reference - first,
+        )
 
 
 __all__ = [
@@ -494,4 +445,5 @@ __all__ = [
     "plan_block",
     "spread_reference",
     "synthesise",
+    "synthesise_adjoint",
 ]

@@ -7,7 +7,14 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.gridding import FineGrid, GriddingKernel, fine_grid, gridding_kernel, to_window
+from sarmitsuba.echo.gridding import (
+    FineGrid,
+    GriddingKernel,
+    fine_grid,
+    gridding_kernel,
+    to_window,
+    to_window_adjoint,
+)
 from sarmitsuba.echo.pulse_motion import InPulse, widest_shift
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.radar.radar import Radar
@@ -160,3 +167,10 @@ def finish(
     offset = radar.window.start_range[plan.start : plan.stop] - plan.range0
     cell, n_samples = radar.waveform.range_cell, radar.window.n_samples
     return to_window(grid, offset, plan.fine, cell, n_samples, plan.kernel, share)
+
+
+def finish_adjoint(profiles: C64, plan: DirectPlan, radar: Radar, *, share: RangeFilter | None = None) -> C64:
+    """Adjoint of :func:`finish`: grids (n_layers, n_pulses, n_range) from profiles (n_layers, n_pulses, n_samples)."""
+    offset = radar.window.start_range[plan.start : plan.stop] - plan.range0
+    cell = radar.waveform.range_cell
+    return to_window_adjoint(profiles, offset, plan.fine, cell, plan.n_range, plan.kernel, share)

@@ -276,11 +276,7 @@ def to_window(
     away: the tails of the sinc decay so slowly that their aliases in a plain DFT would be a -45 dB error.
     """
     n_layers, n_pulses, _ = fine.shape
-    weight, count = _band_weight(grid, range_cell, kernel)
-    if share is not None:
-        weight = weight * share(np.arange(-count, count + 1) / (grid.n_fine * grid.range_step))
-    ramp = phase_ramp(2.0 * np.pi / (grid.n_fine * grid.range_step) * offset, -count, 2 * count + 1)
-    ramp *= (weight * (grid.n_out / grid.n_fine)).astype(np.complex64)
+    ramp, count = _ramp(offset, grid, range_cell, kernel, share)
     out = np.empty((n_layers, n_pulses, n_samples), dtype=np.complex64)
     batch = max(1, 2**22 // grid.n_fine)  # bounds memory: 32 MB a buffer
     for layer in range(n_layers):
@@ -292,6 +288,51 @@ def to_window(
             band[:, grid.n_out - count :] += full[:, grid.n_fine - count :] * ramp[k, :count]
             out[layer, k] = scipy.fft.ifft(band, axis=-1, workers=-1, overwrite_x=True)[:, :n_samples]
     return out
+
+
+def to_window_adjoint(
+    samples: C64,
+    offset: F64,
+    grid: FineGrid,
+    range_cell: float,
+    n: int,
+    kernel: GriddingKernel | None = None,
+    share: RangeFilter | None = None,
+) -> C64:
+    """Adjoint of :func:`to_window`: fine range grids (n_layers, n_pulses, n) from samples.
+
+    Parameters
+    ----------
+    samples : (n_layers, n_pulses, n_samples) complex64
+    n : cells to return, at most ``grid.n_fine``
+    offset, grid, range_cell, kernel, share : as there
+    """
+    n_layers, n_pulses, _ = samples.shape
+    ramp, count = _ramp(offset, grid, range_cell, kernel, share)
+    ramp = ramp.conj()
+    out = np.empty((n_layers, n_pulses, n), dtype=np.complex64)
+    batch = max(1, 2**22 // grid.n_fine)  # as above
+    for layer in range(n_layers):
+        for k0 in range(0, n_pulses, batch):
+            k = slice(k0, min(k0 + batch, n_pulses))
+            band = scipy.fft.fft(samples[layer, k], n=grid.n_out, axis=-1, norm="forward", workers=-1)
+            full = np.zeros((band.shape[0], grid.n_fine), dtype=band.dtype)
+            full[:, : count + 1] = band[:, : count + 1] * ramp[k, count:]
+            full[:, grid.n_fine - count :] = band[:, grid.n_out - count :] * ramp[k, :count]
+            out[layer, k] = scipy.fft.ifft(full, axis=-1, norm="forward", workers=-1, overwrite_x=True)[:, :n]
+    return out
+
+
+def _ramp(
+    offset: F64, grid: FineGrid, range_cell: float, kernel: GriddingKernel | None, share: RangeFilter | None
+) -> tuple[C64, int]:
+    """Factor on the spectra of fine range grids, (n_pulses, 2 count + 1) at -count ... count, and the count."""
+    weight, count = _band_weight(grid, range_cell, kernel)
+    if share is not None:
+        weight = weight * share(np.arange(-count, count + 1) / (grid.n_fine * grid.range_step))
+    ramp = phase_ramp(2.0 * np.pi / (grid.n_fine * grid.range_step) * offset, -count, 2 * count + 1)
+    ramp *= (weight * (grid.n_out / grid.n_fine)).astype(np.complex64)
+    return ramp, count
 
 
 def _band_weight(grid: FineGrid, range_cell: float, kernel: GriddingKernel | None) -> tuple[C128, int]:

@@ -11,6 +11,9 @@ Modules touched, and the data that flows::
                       -j 4 pi (f_c + f) / c on the spectrum where the slant range changes
         -> jacobian   sums of these by parameter, (n_parameters, channels, pulses, samples)
         -> fit        least squares with that matrix
+        -> reverse    for many parameters and one loss: adjoint data of the loss go backwards through the synthesis to
+                      adjoint grids, from which every echo reads the factor of its own derivatives
+                      (:mod:`sarmitsuba.trace.adjoint_echoes`, :mod:`sarmitsuba.trace.tangent_slots`)
 
 Without parameters the trace kernel, its data and its time are what they are without this package.
 """

@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.arrays import C64, C128, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.echo.sub_bands import RangeFilter
@@ -41,66 +41,59 @@ UNSUPPORTED = {
 }
 
 
-# properties of materials that one launch carries at most: each needs two more sets of fields in every ray
+# properties of materials, and displacements that turn facets, that one launch carries at most: each needs two more sets
+# of fields in every ray
 MOST_STEPS = 8
+# texels of level maps in a Jacobian at most: 32 are traced at a time
+MOST_TEXELS = 256
 
 
 class TangentBatches(BatchTracer):
     """Tracing of batches with the derivatives of every echo behind its channels.
 
-    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement and by each
-    level.
+    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement, by each
+    level and by each property. In a block of pulses derivatives of range rates times the time from the key pulse belong
+    to those by displacements.
     """
 
     @property
     def amplitudes(self) -> int:
         """Complex numbers of an echo: channels, and those of every derivative."""
-        tangents = self.tracer.tangents
-        return super().amplitudes * (1 if tangents is None else 1 + tangents.count)
+        return super().amplitudes * self.tangents.recorded
+
+    @property
+    def tangents(self) -> Tangents:
+        """Derivatives that are recorded."""
+        assert isinstance(self.tracer.tangents, Tangents)
+        return self.tracer.tangents
 
     def of_grid(self, pulses: Pulses, grid: C64, share: RangeFilter | None) -> C64:
         """See the base class."""
-        tangents = self.tracer.tangents
-        assert tangents is not None
+        tangents = self.tangents
         radar = self.tracer.sampling.scene.radar
         c = len(radar.channels)
         moved = c * (1 + len(tangents.displacements))
         carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-        farther = pulses.profiles(grid[:moved], partial(_per_metre, carrier, share))
+        farther = pulses.profiles(grid[:moved], partial(per_metre, carrier, share))
         parts = [pulses.profiles(grid[:c], share), farther]
-        if tangents.levels or tangents.properties:
-            parts.append(pulses.profiles(grid[moved:], share))
-        found = np.concatenate(parts)
-        if isinstance(pulses, KeyPulse):
-            _follow(found[c:], pulses, tangents.displacements, c)
-        return found
+        end = c * (1 + tangents.count)
+        if end > moved:
+            parts.append(pulses.profiles(grid[moved:end], share))
+        if tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
+            # slant ranges within the block change by those of the key pulse and by the range rate's times the time
+            turning = pulses.profiles(grid[end:], partial(per_metre, carrier, share))
+            farther[c:] += pulses.plan.tau.astype(np.float32)[:, None] * turning
+        return np.concatenate(parts)
 
 
-def _per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
+def per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
     """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
     factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
     return np.asarray(factor if share is None else factor * share(cycles_per_metre), dtype=np.complex128)
 
 
-def _follow(found: C64, pulses: KeyPulse, displacements: Sequence[Displacement], channels: int) -> None:
-    """Turn the derivatives by antenna positions from a block's key pulse to every other pulse.
-
-    The direction to the antenna changes over the block nearly equally for all echoes: as at the block's reference.
-    """
-    plan = pulses.plan
-    to_antenna = pulses.radar.track.position[plan.start : plan.stop] - plan.reference
-    to_antenna /= np.linalg.norm(to_antenna, axis=1, keepdims=True)
-    key = plan.state.position[0] - plan.reference
-    change = to_antenna - key / np.linalg.norm(key)
-    farther = found[:channels]
-    for k, displacement in enumerate(displacements, 1):
-        rate = (change @ displacement.antenna).astype(np.float32)
-        if rate.any():
-            found[k * channels : (k + 1) * channels] += farther * rate[:, None]
-
-
 @dataclass(frozen=True, eq=False)
-class _At:
+class At:
     """The scene at some values of the parameters, and its geometry on the device.
 
     ``displaced`` : whether shapes were displaced with their scatterers, as the tables of the geometry say
@@ -110,41 +103,63 @@ class _At:
     trace_scene: TraceScene
     displaced: bool = False
 
+    def texels(self, places: Sequence[tuple[int, int]]) -> I64:
+        """Numbers in the kernel's tables of texels of level maps, given by their materials and numbers there."""
+        surfaces = self.trace_scene.surfaces
+        if not places:
+            return np.zeros(0, dtype=np.int64)
+        assert surfaces is not None and surfaces.levels is not None
+        own = np.array(places)
+        first = {m: surfaces.levels.first_texel(m) for m in set(own[:, 0].tolist())}
+        return np.asarray([first[m] for m in own[:, 0].tolist()] + own[:, 1], dtype=np.int64)
+
 
 @dataclass(frozen=True, eq=False)
 class _Needed:
-    """Derivatives of echoes that parameters need; ``counts``: how many of each of the three sorts, by parameter."""
+    """Derivatives of echoes that parameters need; ``counts``: how many of each of the four sorts, by parameter."""
 
     displacements: tuple[Displacement, ...]
     levels: tuple[frozenset[int], ...]
     steps: tuple[Step, ...]
-    counts: tuple[tuple[int, int, int], ...] = ()
+    texels: tuple[tuple[int, int], ...] = ()
+    counts: tuple[tuple[int, int, int, int], ...] = ()
 
     @staticmethod
-    def of(parameters: Sequence[Parameter], here: _At) -> _Needed:
+    def of(parameters: Sequence[Parameter], here: At) -> _Needed:
         """All that the parameters need, in their order."""
         scene = here.scene
         mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
         moves = [tuple(p.displacements(scene, mesh)) for p in parameters]
         levels = [tuple(p.levels(scene)) for p in parameters]
         steps = [tuple(p.steps(scene)) for p in parameters]
+        texels = [tuple(p.texels(scene)) for p in parameters]
         return _Needed(
             tuple(chain.from_iterable(moves)),
             tuple(chain.from_iterable(levels)),
             tuple(chain.from_iterable(steps)),
-            tuple((len(a), len(b), len(c)) for a, b, c in zip(moves, levels, steps, strict=True)),
+            tuple(chain.from_iterable(texels)),
+            tuple(
+                (len(a), len(b), len(c), len(d))
+                for a, b, c, d in zip(moves, levels, steps, texels, strict=True)
+            ),
         )
 
     def parts(self) -> Iterator[_Needed]:
         """The same in parts that one launch can carry; at least one, which may be empty."""
-        longest = max(len(self.displacements), len(self.levels))
-        n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
+        moves: list[list[Displacement]] = [[]]
+        for displacement in self.displacements:
+            turns = sum(d.turn_rate > 0.0 for d in (*moves[-1], displacement))
+            if len(moves[-1]) == MOST or turns > MOST_STEPS:
+                moves.append([])
+            moves[-1].append(displacement)
+        longest = max(len(self.levels), len(self.texels))
+        n = max(len(moves), -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
-            these = slice(k * MOST, (k + 1) * MOST)
             yield _Needed(
-                self.displacements[these],
-                self.levels[these],
+                tuple(chain.from_iterable(moves[k : k + 1])),
+                self.levels[k * MOST : (k + 1) * MOST],
                 self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
+                self.texels[k * MOST : (k + 1) * MOST],
             )
 
 
@@ -155,14 +170,20 @@ class _Found:
     displaced: list[C64]
     levelled: list[C64]
     changed: list[C64]
+    mapped: list[C64]
 
-    def take(self, counts: tuple[int, int, int]) -> tuple[list[C64], list[C64], list[C64]]:
+    @property
+    def sorts(self) -> tuple[list[C64], ...]:
+        """All four."""
+        return self.displaced, self.levelled, self.changed, self.mapped
+
+    def take(self, counts: Sequence[int]) -> list[list[C64]]:
         """Remove the first of each sort and return them."""
         taken = []
-        for own, n in zip((self.displaced, self.levelled, self.changed), counts, strict=True):
+        for own, n in zip(self.sorts, counts, strict=True):
             taken.append(own[:n])
             del own[:n]
-        return taken[0], taken[1], taken[2]
+        return taken
 
 
 class ForwardModel:
@@ -232,6 +253,11 @@ class ForwardModel:
         blocks.settle()
         return blocks.every_batch()
 
+    @property
+    def turning(self) -> bool:
+        """Whether pulses share a tracing, so that derivatives of range rates are needed."""
+        return any(batch.together and batch.stop - batch.start > 1 for batch in self.batches)
+
     def split(self, values: F64) -> list[F64]:
         """Values of each parameter, from those of all."""
         sizes = [len(p.values(self.scene)) for p in self.parameters]
@@ -245,7 +271,9 @@ class ForwardModel:
                 scene = parameter.changed(scene, own)
         return scene
 
-    def _at(self, values: F64) -> _At:
+    def placed(self, values: F64 | None = None) -> At:
+        """The scene with these values, and its geometry on the device; None: as it is."""
+        values = self.start if values is None else values
         scene = self.at(values)
         assert self.run.trace_scene is not None
         traced = self.run.trace_scene
@@ -257,7 +285,9 @@ class ForwardModel:
             traced = moved.displaced_from(traced, number, matrices, offsets)
         elif scene.materials is not self.scene.materials:
             traced = traced.at_frequency(scene.materials, scene.radar.waveform.wavelength)
-        return _At(scene, traced, displaced)
+            if traced.surfaces is not None:
+                traced = replace(traced, surfaces=traced.surfaces.with_levels(with_parts(scene.materials)))
+        return At(scene, traced, displaced)
 
     def _moved(self, values: F64) -> tuple[F64, F64]:
         """(n_meshes, 3, 3) and (n_meshes, 3) m: where the points of every mesh came to with these values."""
@@ -265,6 +295,8 @@ class ForwardModel:
         matrices, offsets = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
         scene = self.scene
         for parameter, own in zip(self.parameters, self.split(values), strict=True):
+            if np.array_equal(own, parameter.values(self.scene)):
+                continue
             found = parameter.moved(scene, own)
             if found is not None:
                 mesh, matrix, offset = found
@@ -272,7 +304,8 @@ class ForwardModel:
             scene = parameter.changed(scene, own)
         return matrices, offsets
 
-    def _tracer(self, here: _At) -> Tracer:
+    def tracer(self, here: At) -> Tracer:
+        """Tracer of the scene at some values, with the rays and effects of the scene as it is."""
         run, plan = self.run, self.run.plan
         sampling = replace(self.sampling, scene=here.scene)
         flags = replace(sampling.flags, motion=here.displaced)
@@ -280,38 +313,60 @@ class ForwardModel:
 
     def data(self, values: F64 | None = None) -> C64:
         """Raw data (channels, pulses, samples) at some values; None: of the scene as it is."""
-        here = self._at(self.start if values is None else values)
+        here = self.placed(values)
         layers = self.run.layers
-        return self._traced(BatchTracer(self._tracer(here), self.rays, layers.per_subset, layers.max_order))
+        return self._traced(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
 
     @property
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
-        wanted = _Needed.of(self.parameters, self._at(self.start))
-        return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps)
+        wanted = _Needed.of(self.parameters, self.placed())
+        return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps) + len(wanted.texels)
 
     def derivative(
         self, values: F64 | None = None, progress: Callable[[float], None] | None = None
     ) -> tuple[C64, C64]:
         """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples)."""
-        here = self._at(self.start if values is None else values)
+        here = self.placed(values)
         check_fits(
             f"{here.scene.name}: {len(self.names)} derivatives",
             8 * int(np.prod(self.shape)) * (2 * len(self.names) + 4),
-            "take fewer parameters, or fewer pulses",
+            "take fewer parameters, or fewer pulses; sarmitsuba.gradient takes any number",
         )
-        wanted = _Needed.of(self.parameters, here)
-        found = _Found([], [], [])
+        out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
+        data, planes = self.planes(here, self.parameters, progress)
+        for row, plane in enumerate(planes):
+            out[row] = plane
+        return data, out
+
+    def planes(
+        self, here: At, parameters: Sequence[Parameter], progress: Callable[[float], None] | None = None
+    ) -> tuple[C64, Iterator[C64]]:
+        """Raw data and their derivatives by the values of some parameters, one after the other."""
+        wanted = _Needed.of(parameters, here)
+        if len(wanted.texels) > MOST_TEXELS:
+            raise SceneError(
+                f"{here.scene.name}: a Jacobian by {len(wanted.texels)} texels is traced {MOST} at a time; take "
+                f"sarmitsuba.gradient, which traces once, or a map of at most {MOST_TEXELS}"
+            )
+        found = _Found([], [], [], [])
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
-            tracer = self._tracer(here)
+            tracer = self.tracer(here)
             for one in {tracer, *tracer.by_frequency}:
                 steps = [self._step_tables(here, one, step) for step in some.steps]
                 n_materials = len(with_parts(here.scene.materials))
+                texels = here.texels(some.texels).tolist()
                 one.tangents = Tangents.of(
-                    some.displacements, some.levels, here.trace_scene.n_faces, n_materials, steps
+                    some.displacements,
+                    some.levels,
+                    here.trace_scene.n_faces,
+                    n_materials,
+                    steps,
+                    texels,
+                    rates=self.turning,
                 )
-            assert tracer.tangents is not None
+            assert isinstance(tracer.tangents, Tangents)
             layers = 2 + tracer.tangents.count
             batches = TangentBatches(tracer, self.rays, self.shape[0] * layers, 0)
             planes = list(self._traced(batches, progress).reshape(layers, *self.shape))
@@ -319,38 +374,34 @@ class ForwardModel:
             for plane, more in zip(planes[2:], self._beside_edges(here, some.displacements), strict=False):
                 plane += more
             first = 2
-            for own, number in zip(
-                (found.displaced, found.levelled, found.changed),
-                (len(some.displacements), len(some.levels), len(some.steps)),
-                strict=True,
-            ):
+            numbers = (len(some.displacements), len(some.levels), len(some.steps), len(some.texels))
+            for own, number in zip(found.sorts, numbers, strict=True):
                 own += planes[first : first + number]
                 first += number
-        out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
-        row = 0
-        for parameter, counts in zip(self.parameters, wanted.counts, strict=True):
-            radar = here.scene.radar
-            own_planes = found.take(counts)
-            derivatives = Derivatives(
-                data, farther, *own_planes, radar.waveform.center_frequency, radar.track.time
-            )
-            for plane in parameter.derivative(derivatives):
-                out[row] = plane
-                row += 1
-        return data, out
+        radar = here.scene.radar
 
-    def _beside_edges(self, here: _At, displacements: Sequence[Displacement]) -> Sequence[C64]:
+        def rows() -> Iterator[C64]:
+            for parameter, counts in zip(parameters, wanted.counts, strict=True):
+                displaced, levelled, changed, mapped = found.take(counts)
+                frequency, time = radar.waveform.center_frequency, radar.track.time
+                yield from parameter.derivative(
+                    Derivatives(data, farther, displaced, levelled, changed, mapped, frequency, time)
+                )
+
+        return data, rows()
+
+    def _beside_edges(self, here: At, displacements: Sequence[Displacement]) -> Sequence[C64]:
         """What moving edges add to the derivatives by displacements; nothing where no shape moves."""
         if not any(d.faces is not None for d in displacements):
             return ()
-        tracer = self._tracer(here)
+        tracer, n = self.tracer(here), len(displacements)
+        plain = [replace(d, turn_rate=0.0) for d in displacements]
         for one in {tracer, *tracer.by_frequency}:
-            one.tangents = Tangents.of(displacements, (), here.trace_scene.n_faces, 0)
-        n = len(displacements)
+            one.tangents = Tangents.of(plain, (), here.trace_scene.n_faces, 0)
         return self._traced(EdgeBatches(tracer, self.rays, self.shape[0] * n, 0)).reshape(n, *self.shape)
 
     @staticmethod
-    def _step_tables(here: _At, tracer: Tracer, step: Step) -> StepTables:
+    def _step_tables(here: At, tracer: Tracer, step: Step) -> StepTables:
         """Geometry with the tables of materials at both ends of a step, at a tracer's frequency."""
         wavelength = tracer.kernel.wavelength
         ends = []
@@ -374,18 +425,22 @@ class ForwardModel:
         """Profiles (layers, pulses, samples) of all batches, subsets weighted by their shares and summed."""
         _, n_pulses, n_samples = self.shape
         out = np.zeros((batches.n_layers, n_pulses, n_samples), dtype=np.complex64)
-        subsets = self.run.layers.subsets
         self.statistics = TraceStatistics()
-        for batch in self.batches:
+        for batch, pulses, share in self.weighted():
             traced = batches.trace(batch)
             self.statistics = self.statistics.plus(traced.statistics)
             if progress is not None:
                 progress(batch.stop / n_pulses)
+            out[:, pulses] += share * traced.profiles[:, : pulses.stop - pulses.start]
+        return out
+
+    def weighted(self) -> Iterator[tuple[Batch, slice, np.float32]]:
+        """Every batch, its pulses, and the weight of its profiles."""
+        subsets = self.run.layers.subsets
+        for batch in self.batches:
             # the pulse beyond a block's end belongs to the next block
             stop = batch.stop if not batch.together else self._end(batch)
-            share = np.float32(SUBSET_SHARES[subsets[batch.subset]])
-            out[:, batch.start : stop] += share * traced.profiles[:, : stop - batch.start]
-        return out
+            yield batch, slice(batch.start, stop), np.float32(SUBSET_SHARES[subsets[batch.subset]])
 
     def _end(self, batch: Batch) -> int:
         later = [b.start for b in self.batches if b.start > batch.start]

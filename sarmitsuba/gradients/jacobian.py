@@ -127,9 +127,10 @@ def jacobian(
     Notes
     -----
     Ignores the motion of shadow boundaries and of the boundaries of lit areas: derivatives are those of the paths that
-    are found. Of displacements it ignores the change of amplitudes (incidence angle, spreading, beam), which is
-    :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that share one tracing, directions to
-    shapes are those of its key pulse.
+    are found. Of displacements it ignores the change of amplitudes by spreading and beam, which is
+    :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that share one tracing, derivatives of
+    slant ranges are linear in time about its key pulse; an aperture of the angle :math:`\theta` leaves
+    :math:`\theta^2 / 8` at the ends, 3e-5 at a degree.
     """
     scene = Scene.of(scene)
     model = ForwardModel(scene, parameters_of(parameters, scene))

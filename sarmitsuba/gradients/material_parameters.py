@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from sarmitsuba.materials.material import Material
+    from sarmitsuba.materials.texture import Bitmap
     from sarmitsuba.scene.scene import Scene
 
 
@@ -29,6 +30,7 @@ class Level(Parameter):
     material : name
     """
 
+    direct = True
     material: str
 
     @property
@@ -65,6 +67,71 @@ class Level(Parameter):
     def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""
         return found.levelled
+
+
+@dataclass(frozen=True)
+class LevelMap(Parameter):
+    """Levels of all texels of a material's ``sigma0_map``, dB, relative to the material's own level.
+
+    Parameters
+    ----------
+    material : name
+    """
+
+    direct = True
+    material: str
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """See the base class."""
+        return f"level_map:{self.material}"
+
+    def _own(self, scene: Scene) -> tuple[int, Bitmap]:
+        """Number of the material, and its map."""
+        material_of(scene, self.material, self.label)
+        found = [
+            (i, m.maps.level)
+            for i, m in enumerate(scene.materials)
+            if m.name == self.material and m.maps is not None and m.maps.level is not None
+        ]
+        if len(found) != 1:
+            problem = f"{len(found)} materials of that name have" if found else "the material has"
+            raise SceneError(
+                f"parameter {self.label}: {problem} {'a' if found else 'no'} sigma0_map; give it one"
+            )
+        number, bitmap = found[0]
+        if not (bitmap.values > 0.0).all():
+            raise SceneError(
+                f"parameter {self.label}: the map has texels of 0, which have no level in dB; give them a small one"
+            )
+        return number, bitmap
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """See the base class."""
+        rows, columns = self._own(scene)[1].values.shape
+        return tuple(f"{self.label} row {i} column {j} [dB]" for i in range(rows) for j in range(columns))
+
+    def values(self, scene: Scene) -> F64:
+        """See the base class."""
+        return np.asarray(10.0 * np.log10(self._own(scene)[1].values.reshape(-1)), dtype=np.float64)
+
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """See the base class."""
+        number, bitmap = self._own(scene)
+        bitmap = replace(bitmap, values=10.0 ** (0.1 * np.reshape(values, bitmap.values.shape)))
+        m = scene.materials[number]
+        assert m.maps is not None
+        m = replace(m, maps=replace(m.maps, level=bitmap))
+        return replace(scene, materials=(*scene.materials[:number], m, *scene.materials[number + 1 :]))
+
+    def texels(self, scene: Scene) -> Sequence[tuple[int, int]]:
+        """See the base class."""
+        number, bitmap = self._own(scene)
+        return [(number, k) for k in range(bitmap.values.size)]
+
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
+        """See the base class."""
+        return found.mapped
 
 
 # share of a property by which it is changed on either side, and of the wavelength for the thickness of a slab

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from sarmitsuba.arrays import C64, F64, I64
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.trace.tangents import Displacement
@@ -28,6 +28,7 @@ class Derivatives:
     displaced : by each displacement of a parameter
     levelled : by each level of a parameter, per dB
     changed : by each property of a material, per unit
+    mapped : by each texel of a level map, per dB
     center_frequency : Hz
     time : (n_pulses,) s
     """
@@ -37,6 +38,7 @@ class Derivatives:
     displaced: Sequence[C64]
     levelled: Sequence[C64]
     changed: Sequence[C64]
+    mapped: Sequence[C64]
     center_frequency: float
     time: F64
 
@@ -64,9 +66,11 @@ class Parameter(ABC):
     Attributes
     ----------
     label : as in :func:`parse`
+    direct : whether its displacements, levels or texels are those of its values, one for each value
     """
 
     label: str
+    direct: ClassVar[bool] = False
 
     @abstractmethod
     def names(self, scene: Scene) -> tuple[str, ...]:
@@ -96,6 +100,10 @@ class Parameter(ABC):
         """Steps of properties of materials over which derivatives are needed."""
         return ()
 
+    def texels(self, scene: Scene) -> Sequence[tuple[int, int]]:
+        """Texels of level maps whose derivatives are needed: number of the material and of its bitmap's texel."""
+        return ()
+
     @abstractmethod
-    def derivative(self, found: Derivatives) -> Sequence[C64]:
+    def derivative(self, found: Derivatives) -> Iterable[C64]:
         """Derivative by each value, (channels, pulses, samples) per unit; ``found`` holds what it asked for."""

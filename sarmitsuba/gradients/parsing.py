@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.gradients.material_parameters import PROPERTIES, Level, MaterialProperty, has_level
+from sarmitsuba.gradients.material_parameters import PROPERTIES, Level, LevelMap, MaterialProperty, has_level
 from sarmitsuba.gradients.parameter import AXES, Parameter
 from sarmitsuba.gradients.radar_parameters import AntennaTrack, ClockOffset, Gain
-from sarmitsuba.gradients.shape_parameters import DEFORMATIONS, Deformation, Shift
+from sarmitsuba.gradients.shape_parameters import DEFORMATIONS, Deformation, Shift, bodies
 from sarmitsuba.materials.map_materials import with_parts
 
 if TYPE_CHECKING:
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
-    """Parameters from a text such as ``gain,level:soil,track:5,shift:roof:z``; ``levels`` stands for all materials'.
+    """Parameters from a text such as ``gain,level:soil,track:5,shift:roof:z``.
+
+    ``levels`` stands for all materials', and ``heights``, ``scales``, ``rotations``, ``shifts:x`` for those of all
+    shapes that are not ground, see :func:`sarmitsuba.gradients.shape_parameters.bodies`.
 
     Raises
     ------
@@ -25,32 +28,60 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
     found: list[Parameter] = []
     for word in filter(None, (part.strip() for part in text.split(","))):
         kind, *rest = word.split(":")
-        match kind, rest:
-            case "gain", []:
-                found.append(Gain())
-            case "clock_offset", []:
-                found.append(ClockOffset())
-            case "track", [n] if n.isdecimal() and int(n) > 0:
-                found.append(AntennaTrack(int(n)))
-            case "track", [n, axes] if n.isdecimal() and int(n) > 0 and axes and set(axes) <= set(AXES):
-                found.append(AntennaTrack(int(n), axes))
-            case "level", [material]:
-                found.append(Level(material))
-            case "levels", []:
-                names = dict.fromkeys(m.name for m in with_parts(scene.materials) if has_level(m))
-                found += [Level(name) for name in names]
-            case kind, [shape] if kind in DEFORMATIONS:
-                found.append(Deformation(kind, shape))
-            case kind, [material] if kind in PROPERTIES:
-                found.append(MaterialProperty(kind, material))
-            case "shift", [shape, axis] if axis in AXES and axis:
-                found.append(Shift(shape, axis))
-            case _:
-                raise SceneError(
-                    f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], level:MATERIAL, "
-                    f"levels, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, shift:SHAPE:AXIS, "
-                    f"{', '.join(f'{k}:SHAPE' for k in DEFORMATIONS)}"
-                )
+        own: list[Parameter] | None = None
+        for read in (_of_radar, _of_materials, _of_shapes):
+            own = read(kind, rest, scene) if own is None else own
+        if own is None:
+            raise SceneError(
+                f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], level:MATERIAL, "
+                f"levels, level_map:MATERIAL, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, "
+                f"shift:SHAPE:AXIS, {', '.join(f'{k}:SHAPE' for k in DEFORMATIONS)}, shifts:AXIS, "
+                f"{', '.join(f'{k}s' for k in DEFORMATIONS)}"
+            )
+        found += own
     if not found:
         raise SceneError("parameters: none is given; name at least one, such as gain or levels")
     return tuple(found)
+
+
+def _of_radar(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+    match kind, rest:
+        case "gain", []:
+            return [Gain()]
+        case "clock_offset", []:
+            return [ClockOffset()]
+        case "track", [n] if n.isdecimal() and int(n) > 0:
+            return [AntennaTrack(int(n))]
+        case "track", [n, axes] if n.isdecimal() and int(n) > 0 and axes and set(axes) <= set(AXES):
+            return [AntennaTrack(int(n), axes)]
+    return None
+
+
+def _of_materials(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+    match kind, rest:
+        case "level", [material]:
+            return [Level(material)]
+        case "levels", []:
+            return [
+                Level(name)
+                for name in dict.fromkeys(m.name for m in with_parts(scene.materials) if has_level(m))
+            ]
+        case "level_map", [material]:
+            return [LevelMap(material)]
+        case kind, [material] if kind in PROPERTIES:
+            return [MaterialProperty(kind, material)]
+    return None
+
+
+def _of_shapes(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+    one = kind.removesuffix("s")
+    match kind, rest:
+        case "shift", [shape, axis] if axis in AXES and axis:
+            return [Shift(shape, axis)]
+        case "shifts", [axis] if axis in AXES and axis:
+            return [Shift(shape, axis) for shape in bodies(scene, f"shifts:{axis}")]
+        case kind, [shape] if kind in DEFORMATIONS:
+            return [Deformation(kind, shape)]
+        case kind, [] if kind != one and one in DEFORMATIONS:
+            return [Deformation(one, shape) for shape in bodies(scene, kind)]
+    return None

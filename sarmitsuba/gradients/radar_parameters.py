@@ -13,7 +13,7 @@ from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter
 from sarmitsuba.trace.tangents import PER_DB, Displacement
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from sarmitsuba.scene.scene import Scene
 
@@ -123,7 +123,7 @@ class AntennaTrack(Parameter):
         """See the base class."""
         return [Displacement(np.eye(3)[AXES.index(axis)]) for axis in self.axes]
 
-    def derivative(self, found: Derivatives) -> Sequence[C64]:
+    def derivative(self, found: Derivatives) -> Iterator[C64]:
         """See the base class."""
         weights = self.weights(found.time).astype(np.float32)
-        return [plane * one[:, None] for plane in found.displaced for one in weights.T]
+        return (plane * one[:, None] for plane in found.displaced for one in weights.T)

@@ -10,11 +10,13 @@ import numpy as np
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter
+from sarmitsuba.labelling.ground_shapes import ground_shapes
 from sarmitsuba.trace.tangents import Displacement
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sarmitsuba.scene.geometry import Geometry
     from sarmitsuba.scene.scene import Scene
 
 
@@ -28,6 +30,7 @@ class Shift(Parameter):
     axis : of the scene frame: ``x``, ``y`` or ``z``
     """
 
+    direct = True
     shape: str
     axis: str
 
@@ -76,6 +79,7 @@ class Deformation(Parameter):
     shape : name of the mesh
     """
 
+    direct = True
     kind: str
     shape: str
 
@@ -133,15 +137,49 @@ class Deformation(Parameter):
         """See the base class."""
         mesh, base, height = self._placed(scene)
         gradient = self._gradient(height)
-        return [Displacement(np.zeros(3), face_mesh == mesh, -gradient @ base, gradient)]
+        turn_rate = _turn_rate(scene.geometry, mesh, gradient)
+        return [Displacement(np.zeros(3), face_mesh == mesh, -gradient @ base, gradient, turn_rate)]
 
     def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""
         return found.displaced
 
 
+# derivative of a unit normal over the velocity gradient, down to which a face does not turn: rounding of its corners
+LEAST_TURN = 1e-4
+
 # kinds of deformation and their units
 DEFORMATIONS = {"height": "m", "scale": "1", "rotation": "rad"}
+
+
+def _turn_rate(geometry: Geometry, mesh: int, gradient: F64) -> float:
+    """Largest derivative of a unit normal of a mesh whose points move with a velocity gradient, 1 per unit."""
+    first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
+    a, b, c = np.moveaxis(geometry.vertices[geometry.faces[first:stop]], 1, 0)
+    n = np.cross(b - a, c - a)
+    n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+    pulled = n @ gradient
+    rate = float(np.linalg.norm(pulled - n * np.sum(n * pulled, axis=1, keepdims=True), axis=1).max())
+    return rate if rate > LEAST_TURN * float(np.abs(gradient).max()) else 0.0
+
+
+def bodies(scene: Scene, label: str) -> tuple[str, ...]:
+    """Names of all shapes that rise above the ground: every mesh of some height that labels do not call ground.
+
+    Raises
+    ------
+    SceneError : there is none
+    """
+    geometry, found = scene.geometry, []
+    ground = ground_shapes(scene, {})
+    for mesh, name in enumerate(geometry.mesh_names):
+        first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
+        height = np.ptp(geometry.vertices[geometry.faces[first:stop], 2]) if stop > first else 0.0
+        if not ground[mesh] and height > 0.0:
+            found.append(name)
+    if not found:
+        raise SceneError(f"parameter {label}: no shape rises above the ground; name a shape")
+    return tuple(found)
 
 
 def mesh_of(scene: Scene, name: str, label: str) -> int:

@@ -18,6 +18,7 @@ from sarmitsuba.simulation.sources.kind import passages_of
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
 from sarmitsuba.timing import StageTimer
+from sarmitsuba.trace.accumulators import GridAccumulator
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.source import Part
@@ -127,6 +128,19 @@ class BatchTracer:
         """Profiles of a filled grid at one frequency, with its share of the band."""
         return pulses.profiles(grid, share)
 
+    def accumulator(self, pulses: Pulses, share: RangeFilter | None) -> GridAccumulator:
+        """Empty grid for the echoes of pulses at one frequency, with its share of the band."""
+        tracer, wavelength = self.tracer, self.tracer.sampling.scene.radar.waveform.wavelength
+        found = pulses.accumulator(
+            max(1, self.max_order), self.amplitudes, self.max_order, wavelength, tracer.largest_grid
+        )
+        tracer.largest_grid = max(tracer.largest_grid, found.n_bytes)
+        return found
+
+    def finished(self, pulses: Pulses, accumulator: GridAccumulator, share: RangeFilter | None) -> C64:
+        """Profiles of a filled accumulator at one frequency."""
+        return self.of_grid(pulses, accumulator.grid(), share)
+
     def _profiles(
         self, pulses: Pulses, lattices: Sequence[LaunchGrid], wanted: Callable[[Part], bool]
     ) -> tuple[C64, TraceStatistics]:
@@ -134,20 +148,16 @@ class BatchTracer:
         tracer, radar, states = self.tracer, self.tracer.sampling.scene.radar, pulses.states
         serving = [grid for grid in lattices if grid.serves(states.pick.start)]
         tracer.pose(radar.track.time[states.pick])
-        channels, wavelength = self.amplitudes, radar.waveform.wavelength
         profiles: C64 | None = None
         statistics = TraceStatistics()
         for at_frequency, share in tracer.over_band():
-            accumulator = pulses.accumulator(
-                max(1, self.max_order), channels, self.max_order, wavelength, tracer.largest_grid
-            )
-            tracer.largest_grid = max(tracer.largest_grid, accumulator.n_bytes)
+            accumulator = self.accumulator(pulses, share)
             accumulator.watch(radar.window.start_range[states.pick], radar.window.extent)
             for launch in at_frequency.launches(serving, states.n_pulses):
                 if wanted(launch.part):
                     done = at_frequency.launch(launch, states, accumulator, pulses.each)
                     statistics = statistics.plus(replace(done, key_pulses=0))
-            part = self.of_grid(pulses, accumulator.grid(), share)
+            part = self.finished(pulses, accumulator, share)
             profiles = part if profiles is None else profiles + part
             tracer.timer.lap("synthesise")
         assert profiles is not None

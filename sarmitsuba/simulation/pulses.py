@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, F64
-from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise
-from sarmitsuba.echo.direct import DirectPlan, finish, plan_direct
+from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise, synthesise_adjoint
+from sarmitsuba.echo.direct import DirectPlan, finish, finish_adjoint, plan_direct
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
@@ -51,10 +51,12 @@ class Pulses(ABC):
     ----------
     states : of the antennas, at the traced pulses
     each : number of pulses to which a traced path contributes
+    plan : of the grid of their echoes
     """
 
     states: AntennaStates
     each: int
+    plan: BlockPlan | DirectPlan
 
     @abstractmethod
     def accumulator(
@@ -65,6 +67,10 @@ class Pulses(ABC):
     @abstractmethod
     def profiles(self, grid: NDArray[np.complexfloating], share: RangeFilter | None) -> C64:
         """Range-compressed profiles (n_layers, n_pulses, n_samples) of a filled grid; ``share``: of the band."""
+
+    @abstractmethod
+    def adjoint(self, profiles: C64, share: RangeFilter | None) -> C64:
+        """Adjoint of :meth:`profiles`: a grid from profiles."""
 
 
 class KeyPulse(Pulses):
@@ -107,6 +113,10 @@ class KeyPulse(Pulses):
         """See :class:`Pulses`."""
         return synthesise(grid, self.plan, self.radar, beam=self.beam, share=share)
 
+    def adjoint(self, profiles: C64, share: RangeFilter | None) -> C64:
+        """See :class:`Pulses`."""
+        return synthesise_adjoint(profiles, self.plan, self.radar, beam=self.beam, share=share)
+
 
 class EveryPulse(Pulses):
     """Pulses of one sector of the track, each of them traced, in one launch.
@@ -135,3 +145,7 @@ class EveryPulse(Pulses):
     def profiles(self, grid: NDArray[np.complexfloating], share: RangeFilter | None) -> C64:
         """See :class:`Pulses`."""
         return finish(grid, self.plan, self.radar, share=share)
+
+    def adjoint(self, profiles: C64, share: RangeFilter | None) -> C64:
+        """See :class:`Pulses`."""
+        return finish_adjoint(profiles, self.plan, self.radar, share=share)

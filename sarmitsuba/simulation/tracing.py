@@ -22,14 +22,14 @@ from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
+from sarmitsuba.trace.adjoint_echoes import recording as with_derivatives
 from sarmitsuba.trace.kernel import Accumulator, KernelSettings
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.source import Launch, Source, launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.surfaces import Surfaces
-from sarmitsuba.trace.tangent_echoes import WithTangents
-from sarmitsuba.trace.tangents import Tangents
+from sarmitsuba.trace.tangents import TangentPlan
 from sarmitsuba.trace.tubes.polygon import INNER_UP_TO
 from sarmitsuba.trace.variants import with_tangents
 
@@ -75,7 +75,7 @@ class Tracer:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
         self.times: F64 | None = None
-        self.tangents: Tangents | None = None
+        self.tangents: TangentPlan | None = None
         # surfaces first, then scatterers at known positions
         self.sources: tuple[Source, ...] = (
             Surfaces(),
@@ -175,7 +175,7 @@ class Tracer:
         accumulator.before(launch, kernel.pulses.n_pulses)
         recording: Accumulator = accumulator
         if kernel.tangents is not None:
-            recording = WithTangents(kernel.tangents, accumulator)
+            recording = with_derivatives(kernel.tangents, accumulator)
         counts, state = launch.record(kernel, antenna, recording)
         dr.eval(counts.hits, counts.contributions, state, accumulator.written)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sarmitsuba.echo.block import BlockPlan
     from sarmitsuba.echo.direct import DirectPlan
     from sarmitsuba.echo.gridding import GriddingKernel
+    from sarmitsuba.trace.adjoint_echoes import AdjointGrids
     from sarmitsuba.trace.source import Launch
     from sarmitsuba.trace.state import Contribution
 
@@ -48,6 +49,7 @@ class GridAccumulator:
     Attributes
     ----------
     memory : Dr.Jit float64, flat: slot, row, column, channel (padded to a power of two), re and im
+    adjoint : grids of the same cells that echoes read, instead of adding to the memory; None: they are added
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class GridAccumulator:
         self.memory = dr.zeros(mi.Float64, max(grid_numbers(self.shape, n_channels), least_bytes // 8))
         self.on_cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.window: tuple[mi.Float64, float] | None = None
+        self.adjoint: AdjointGrids | None = None
         self.packet = (mi.Vector2d, mi.Vector4d, mi.ArrayXd)[min(self.padded.bit_length() - 1, 2)]
 
     def watch(self, start_range: F64, extent: float) -> None:
@@ -132,7 +135,7 @@ class GridAccumulator:
     @property
     def written(self) -> Sequence[mi.Float]:
         """Arrays to which a launch writes."""
-        return [self.memory]
+        return [self.memory if self.adjoint is None else self.adjoint.total.memory]
 
     def counted(self, state: LostCount, contribution: Contribution, lost: mi.Bool) -> LostCount:
         """The count with one more contribution."""
@@ -158,7 +161,10 @@ class GridAccumulator:
     def scatter(
         self, cell: mi.UInt32, values: Sequence[mi.Complex2f], weight: mi.Float, active: mi.Bool
     ) -> None:
-        """Add one weighted complex value per channel to one cell."""
+        """Add one weighted complex value per channel to one cell, or read the cell of the adjoint grids."""
+        if self.adjoint is not None:
+            self.adjoint.read(cell, values, weight, active)
+            return
         parts = [mi.Float64(part * weight) for v in values for part in (v.real, v.imag)]
         if self.on_cpu:
             parts += [mi.Float64(0.0)] * (2 * self.padded - len(parts))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import edge_tangents, field
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 # amplitude of a tube's return relative to that of the whole tube in phase, down to which it is added
 NEGLIGIBLE = 1e-10
+
+Number = TypeVar("Number")
 
 # a receiving vector: real, or complex behind slabs and volumes
 Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
@@ -88,7 +90,7 @@ class TubeReturn:
     weight : 1/m^2 times the lit area and the radar's amplitude constant, with the integral of the phase
     slant_range, range_rate : float64, m and m/s, of the echo
     point : float64, m, scene frame, phase centre
-    range_tangents : m per unit, see :class:`Contribution`
+    range_tangents, rate_tangents : m and m/s per unit, see :class:`Contribution`
     """
 
     counts: mi.Bool
@@ -97,6 +99,7 @@ class TubeReturn:
     range_rate: mi.Float64
     point: mi.Vector3d
     range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
+    rate_tangents: tuple[mi.Float, ...] | None = None
 
     @staticmethod
     def none(tangents: Carried | None = None) -> TubeReturn:
@@ -104,7 +107,9 @@ class TubeReturn:
         # opaque: Dr.Jit merges equal literals of two branches, and then finds none of them in scope
         zero, weight = mi.Float64(0.0), dr.opaque(mi.Float, 0.0)
         rates = None if tangents is None else tangents.no_rates()
-        return TubeReturn(mi.Bool(False), mi.Complex2f(weight, weight), zero, zero, mi.Vector3d(0.0), rates)
+        swings = None if tangents is None else tangents.no_swings()
+        none, nowhere = mi.Complex2f(weight, weight), mi.Vector3d(0.0)
+        return TubeReturn(mi.Bool(False), none, zero, zero, nowhere, rates, swings)
 
 
 def tube_return(
@@ -155,13 +160,13 @@ def tube_return(
         weight *= turned
     # a value that is not a number counts, so that it is found; a sum, as squares of weights below 1e-19 are zero
     counts = ~(dr.abs(weight.real) + dr.abs(weight.imag) <= NEGLIGIBLE * dr.abs(whole))
-    rates = None
+    rates = swings = None
     if kernel.tangents is not None:
         if kernel.tangents.beside_edges:
-            rates = edge_tangents.of_tube(kernel.tangents, lane, ray, hit)
+            rates, swings = edge_tangents.of_tube(kernel.tangents, lane, ray, hit), None
         else:
-            rates = of_tube(kernel, ray, hit, tube_here, found)
-    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates)
+            rates, swings = of_tube(kernel, lane, ray, hit, tube_here, found)
+    return TubeReturn(counts, weight, found.slant_range, found.range_rate, found.point, rates, swings)
 
 
 def close_coherent(
@@ -197,6 +202,8 @@ def close_coherent(
         range_tangents=returned.range_tangents,
         material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
         amplitude_tangents=_derivatives(kernel, ray, hit, receive, returned.weight),
+        rate_tangents=returned.rate_tangents,
+        slots=() if kernel.tangents is None else kernel.tangents.slots,
     )
 
 
@@ -209,7 +216,7 @@ def _derivatives(
     own = coherent_loss(kernel, hit)
     found = []
     for variant, one, there in zip(
-        kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True
+        kernel.variants, variant_rays(ray), variant_hits(kernel, ray, hit), strict=True
     ):
         reflection = mirror(variant, one, there, there.normal)
         loss = coherent_loss(variant, there)
@@ -269,18 +276,19 @@ def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contributi
         range_rate=dr.select(condition, a.range_rate, b.range_rate),
         amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
         point=dr.select(condition, a.point, b.point),
-        range_tangents=None
-        if a.range_tangents is None or b.range_tangents is None
-        else tuple(
-            dr.select(condition, x, y) for x, y in zip(a.range_tangents, b.range_tangents, strict=True)
-        ),
+        range_tangents=_chosen(condition, a.range_tangents, b.range_tangents),
         material=None
         if a.material is None or b.material is None
         else dr.select(condition, a.material, b.material),
-        amplitude_tangents=None
-        if a.amplitude_tangents is None or b.amplitude_tangents is None
-        else tuple(
-            dr.select(condition, x, y)
-            for x, y in zip(a.amplitude_tangents, b.amplitude_tangents, strict=True)
-        ),
+        amplitude_tangents=_chosen(condition, a.amplitude_tangents, b.amplitude_tangents),
+        rate_tangents=_chosen(condition, a.rate_tangents, b.rate_tangents),
     )
+
+
+def _chosen(
+    condition: mi.Bool, a: tuple[Number, ...] | None, b: tuple[Number, ...] | None
+) -> tuple[Number, ...] | None:
+    """Numbers ``a`` where the condition holds, else ``b``; None where either is."""
+    if a is None or b is None:
+        return None
+    return tuple(dr.select(condition, x, y) for x, y in zip(a, b, strict=True))

@@ -81,6 +81,7 @@ class DiffuseReturns:
     receive : receiving polarisations and gain of the antenna for the hit
     age : change of the scatterers since the first pass; None where nothing changes
     variants : terms with other materials, of the straight and the reciprocal path; empty without any
+    texels : see :class:`Contribution`
     """
 
     kernel: Kernel
@@ -96,6 +97,7 @@ class DiffuseReturns:
     receive: Receiver
     age: Age | None
     variants: tuple[tuple[Terms, Terms | None], ...] = ()
+    texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
 
     def first(self) -> Slot:
         """The first return of the hit."""
@@ -158,13 +160,15 @@ class DiffuseReturns:
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
         rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
-        rates = back_rates = material = None
+        rates = back_rates = swings = back_swings = material = None
+        slots: tuple[mi.UInt32, ...] = ()
         if self.kernel.tangents is not None:
             if self.kernel.tangents.beside_edges:
                 rates = back_rates = edge_tangents.of_scatterer(self.kernel.tangents, lane, ray, hit, centre)
             else:
-                rates, back_rates = of_scatterer(self.kernel, ray, hit, lane, centre)
-            material = hit.material & MATERIAL_MASK
+                found = of_scatterer(self.kernel, ray, hit, lane, centre)
+                (rates, swings), (back_rates, back_swings) = found
+            material, slots = hit.material & MATERIAL_MASK, self.kernel.tangents.slots
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
             order=hit.order,
@@ -179,6 +183,9 @@ class DiffuseReturns:
             amplitude_tangents=self._derivatives(
                 [terms for terms, _ in self.variants], random, self.straight_weight
             ),
+            rate_tangents=swings,
+            slots=slots,
+            texels=self.texels,
         )
         if self.reciprocal is None:
             return straight
@@ -193,6 +200,7 @@ class DiffuseReturns:
             amplitude_tangents=self._derivatives(
                 [terms or [] for _, terms in self.variants], random, self.reciprocal_weight
             ),
+            rate_tangents=back_swings,
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, reciprocal, straight)
@@ -223,7 +231,10 @@ class DiffuseReturns:
         assert surfaces is not None
         vertex = hit.vertex0 if hit.movement is None else hit.movement.at_rest(hit.vertex0)
         offset = mi.Vector3f(centre - vertex)
+        own = hit.own_material & MATERIAL_MASK
         out = self
+        if kernel.tangents is not None and kernel.tangents.mapped and surfaces.levels is not None:
+            out = replace(out, texels=surfaces.levels.shares(hit.face, own, offset, active))
         if surfaces.classes is not None:
             bits = scene.material_at(hit.face, hit.own_material, offset, active)
             properties = MaterialRow.of(scene.material_table, bits & MATERIAL_MASK, active)
@@ -235,7 +246,7 @@ class DiffuseReturns:
                 out = replace(out, age=Age.of(kernel, scene.change_table, bits & MATERIAL_MASK))
         factor = surfaces.amplitude(
             hit.face,
-            hit.own_material & MATERIAL_MASK,
+            own,
             hit.material & MATERIAL_MASK,
             offset,
             self.lattice.place(centre),
@@ -347,7 +358,7 @@ def _variants(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
 ) -> tuple[tuple[Terms, Terms | None], ...]:
     """Terms of the straight and of the reciprocal path with the materials of every variant."""
-    found = zip(kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True)
+    found = zip(kernel.variants, variant_rays(ray), variant_hits(kernel, ray, hit), strict=True)
     return tuple(_terms(one, lane, its_ray, its_hit, receive)[:2] for one, its_ray, its_hit in found)
 
 

@@ -23,7 +23,7 @@ more, and what hides a diffuse scatterer that is lit over a mirror from the ante
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
@@ -32,7 +32,7 @@ from sarmitsuba.trace.device_arrays import device_array
 if TYPE_CHECKING:
     from sarmitsuba.trace.launch import EdgeSamples
     from sarmitsuba.trace.state import Hit, Lane, RayState
-    from sarmitsuba.trace.tangents import Carried
+    from sarmitsuba.trace.tangents import Carried, RayTangents
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,8 @@ class EdgeLane:
     Parameters
     ----------
     weight : length of the edge that the ray stands for over s^2, 1/m; negative on the outer side
-    speeds : of the edge along its normal in the launch plane, m per unit of each displacement
+    speeds : of the edge along its normal in the launch plane, m per unit of each displacement; of the first ones alone,
+        if it stands still by the others
     distance : m, from the antenna to the launch plane
     faces : that meet in the edge
     leg : of the path, from 1, on which the ray passes the edge
@@ -65,6 +66,11 @@ class EdgeLane:
         )
         return EdgeLane(weight, tuple(speeds), mi.Float(distance), (first, second), leg)
 
+    def relative(self, weight: mi.Float64, k: int, frame: mi.Float64) -> mi.Float64:
+        """Weight times the velocity of the edge relative to the lit area, which moves by an angle ``frame``, rad."""
+        lit = mi.Float64(self.distance) * frame
+        return weight * (mi.Float64(self.speeds[k]) - lit) if k < len(self.speeds) else -weight * lit
+
 
 @dataclass
 class EdgeState:
@@ -82,15 +88,24 @@ class EdgeState:
     outline: mi.UInt32
 
     @staticmethod
-    def launched(
-        samples: EdgeSamples, row: mi.UInt32, d: mi.Vector3d, axis_x: mi.Vector3d, axis_y: mi.Vector3d
-    ) -> EdgeState:
-        """State at launch along ``d``; ``axis_x``, ``axis_y``: of the launch plane."""
+    def begun(
+        tangents: RayTangents,
+        samples: EdgeSamples,
+        row: mi.UInt32,
+        d: mi.Vector3d,
+        axes: tuple[mi.Vector3d, mi.Vector3d],
+    ) -> RayTangents:
+        """State of a ray launched along ``d``; ``row``: of each lane in the samples; ``axes``: of the launch plane."""
         x, y = (dr.gather(mi.Float64, device_array(mi.Float64, n), row) for n in samples.normal.T)
-        normal = axis_x * x + axis_y * y
-        plane = dr.cross(axis_x, axis_y)
+        normal = axes[0] * x + axes[1] * y
+        plane = dr.cross(*axes)
         across = normal - plane * (dr.dot(normal, d) / dr.dot(plane, d))
-        return EdgeState(across, tuple(mi.Float64(0.0) for _ in samples.speeds), mi.UInt32(0))
+        state = EdgeState(across, tuple(mi.Float64(0.0) for _ in tangents.virtual), mi.UInt32(0))
+        slots = tangents.slots
+        if samples.shapes is not None:
+            own = (dr.gather(mi.UInt32, device_array(mi.UInt32, n), row) for n in samples.shapes.T)
+            slots = (*own, *slots[samples.shapes.shape[1] :])
+        return replace(tangents, slots=slots, edge=state)
 
     def at(self, carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> EdgeState:
         """State at a hit: the lit area moves with the smallest piece of surface on the path."""
@@ -112,7 +127,9 @@ class EdgeState:
         """Velocity of a point of the facet that was hit, as an angle about the antenna's image."""
         assert ray.tangents is not None
         movement = carried.movement(k, hit.face, point, hit.active)
-        towards = -ray.tangents.virtual[k] if movement is None else movement.velocity - ray.tangents.virtual[k]
+        towards = (
+            -ray.tangents.virtual[k] if movement is None else movement.velocity - ray.tangents.virtual[k]
+        )
         return dr.dot(self.across, towards) / hit.length
 
     def mirrored(self, n: mi.Vector3d) -> EdgeState:
@@ -132,10 +149,7 @@ def of_tube(carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> tuple[mi.F
     state = before.at(carried, lane, ray, hit)
     legs = edge.leg + dr.select(state.outline == 1, mi.UInt32(1), 0)
     weight = mi.Float64(edge.weight * dr.select(hit.order > legs, 2.0, 1.0))
-    distance, found = mi.Float64(edge.distance), []
-    for speed, frame in zip(edge.speeds, state.frames, strict=True):
-        found.append(weight * (mi.Float64(speed) - distance * frame))
-    return tuple(found)
+    return tuple(edge.relative(weight, k, frame) for k, frame in enumerate(state.frames))
 
 
 def of_scatterer(
@@ -144,8 +158,5 @@ def of_scatterer(
     """Weights of the return of a diffuse scatterer by every displacement, 1 per unit."""
     edge, state = lane.edge, None if ray.tangents is None else ray.tangents.edge
     assert edge is not None and state is not None
-    weight, distance, found = mi.Float64(edge.weight), mi.Float64(edge.distance), []
-    for k, speed in enumerate(edge.speeds):
-        frame = state.frame(carried, k, ray, hit, centre)
-        found.append(weight * (mi.Float64(speed) - distance * frame))
-    return tuple(found)
+    frames = (state.frame(carried, k, ray, hit, centre) for k in range(len(state.frames)))
+    return tuple(edge.relative(mi.Float64(edge.weight), k, frame) for k, frame in enumerate(frames))

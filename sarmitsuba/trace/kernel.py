@@ -168,6 +168,8 @@ def _bounce(
     """
     flags = kernel.flags
     hit = arrive(kernel, lane, ray, found)
+    if kernel.tangents is not None:
+        kernel = replace(kernel, tangents=kernel.tangents.at(ray.tangents, hit.face, hit.active))
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
     ray = past_foci(there, hit)
     if kernel.variants:
@@ -212,7 +214,9 @@ def _bounce(
     if not flags.multi_bounce:
         last = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
         return there, hit, last, added
-    mirrored = replace(reflect(kernel, lane, ray, hit, tube_here, reflection), contributions=count, trail=trail)
+    mirrored = replace(
+        reflect(kernel, lane, ray, hit, tube_here, reflection), contributions=count, trail=trail
+    )
     if kernel.variants:
         mirrored = replace(mirrored, variants=reflected_variants(kernel, lane, ray, hit, tube_here))
     return there, hit, mirrored, added

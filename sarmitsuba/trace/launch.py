@@ -97,8 +97,11 @@ class EdgeSamples:
         negative on the outer side
     normal : (n_rays n_own, 2) float64, unit normals of the edges in the launch plane, outwards
     speeds : (n_displacements, n_rays n_own) float32, of the edges along their normals in the launch plane, m per unit
+        of each displacement, or of each way of ``shapes``
     faces : (n_rays n_own, 2) uint32, facets that meet in the edge
     leg : (n_rays n_own,) uint32, of the path, from 1, on which the ray passes the edge
+    shapes : (n_rays n_own, n) uint32, numbers of the shapes that move the edge; None where displacements are the same
+        for all rays
     """
 
     weight: F32
@@ -106,6 +109,7 @@ class EdgeSamples:
     speeds: F32
     faces: U32
     leg: U32
+    shapes: U32 | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,7 +96,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     )
     tangents = None if kernel.tangents is None else kernel.tangents.launched()
     if tangents is not None and grid.edges is not None:
-        tangents.edge = EdgeState.launched(grid.edges, row, d64, axis_x, axis_y)
+        tangents = EdgeState.begun(tangents, grid.edges, row, d64, (axis_x, axis_y))
     state = RayState(
         active=dr.full(mi.Bool, True, grid.n_rays * pulses.n_pulses),
         hits=u32(0),

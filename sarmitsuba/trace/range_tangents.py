@@ -7,6 +7,7 @@ relative change :math:`\partial a / a` the complex range :math:`\partial R + j \
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.tubes.integral_rates import Rate
 
     RangeRates = tuple[mi.Float64 | mi.Complex2f, ...]
+    Swings = tuple[mi.Float, ...] | None
 
 
 def _normal_rate(carried: Carried, k: int, hit: Hit, n: mi.Vector3d) -> mi.Vector3d | None:
@@ -28,6 +30,33 @@ def _normal_rate(carried: Carried, k: int, hit: Hit, n: mi.Vector3d) -> mi.Vecto
     pulled = rows[0] * n.x + rows[1] * n.y + rows[2] * n.z
     rate = n * dr.dot(n, pulled) - pulled
     return dr.select(carried.moves(k, hit.face, hit.active), rate, mi.Vector3d(0.0))
+
+
+def turned_hit(carried: Carried, k: int, ray: RayState, hit: Hit, step: mi.Float) -> Hit:
+    r"""A hit whose facet is turned as by a step of displacement k, and the wave as the mirrors before it turn.
+
+    The direction from an image of the antenna that moves at :math:`\dot A'` changes by
+    :math:`-(\dot A' - d \, (d \cdot \dot A')) / L`.
+
+    Notes
+    -----
+    Ignores the change of the direction to the antenna, a displacement over the slant range.
+    """
+    assert ray.tangents is not None
+    d, virtual, along = hit.direction64, ray.tangents.virtual[k], mi.Float64(step)
+    d = dr.normalize(d - (virtual - d * dr.dot(virtual, d)) * (along / hit.length))
+    n, turn = hit.normal64, _normal_rate(carried, k, hit, hit.normal64)
+    if turn is not None:
+        n = dr.normalize(n + turn * along)
+    direction, normal = mi.Vector3f(d), mi.Vector3f(n)
+    return replace(
+        hit,
+        direction64=d,
+        direction=direction,
+        normal64=n,
+        normal=normal,
+        cos_incidence=dr.maximum(-dr.dot(direction, normal), 1e-7),
+    )
 
 
 def _stretched(
@@ -62,7 +91,7 @@ def mirrored_tangents(
     """
     assert ray.tangents is not None
     from_hit = ray.virtual_antenna - hit.p
-    virtual, boundaries, stretches = [], [], []
+    virtual, boundaries, stretches, velocities = [], [], [], []
     n32 = mi.Vector3f(n)
     for k, (velocity, boundary) in enumerate(zip(ray.tangents.virtual, ray.tangents.boundary, strict=True)):
         movement = carried.movement(k, hit.face, hit.p, hit.active)
@@ -72,6 +101,11 @@ def mirrored_tangents(
         if turn is not None:
             image -= 2.0 * (turn * dr.dot(from_hit, n) + n * dr.dot(from_hit, turn))
         virtual.append(image)
+        change = ray.tangents.velocity[k]
+        if change is not None and turn is not None:
+            own = ray.virtual_velocity
+            change = change - 2.0 * (turn * dr.dot(own, n) + n * (dr.dot(own, turn) + dr.dot(change, n)))
+        velocities.append(change)
         stretch = _stretched(carried, k, ray, hit, tube_here)
         if stretch is not None:
             u, v = (x - n32 * (2.0 * dr.dot(x, n32)) for x in stretch)
@@ -83,7 +117,9 @@ def mirrored_tangents(
     edge = ray.tangents.edge
     if edge is not None:
         edge = edge.at(carried, lane, ray, hit).mirrored(n)
-    return RayTangents(tuple(virtual), tuple(boundaries), tuple(stretches), edge)
+    return RayTangents(
+        tuple(virtual), tuple(boundaries), tuple(stretches), tuple(velocities), carried.slots, edge
+    )
 
 
 def _patch(
@@ -100,18 +136,62 @@ def _patch(
     return antenna, virtual
 
 
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Both ends of a path as seen from its scatterer: directions, float64, from the image and to the antenna."""
+
+    out: mi.Vector3d
+    back: mi.Vector3d
+    across_out: mi.Vector3d  # 1/s, velocity of the image across the leg over its length
+    across_back: mi.Vector3d
+
+    @staticmethod
+    def of(ray: RayState, lane: Lane, point: mi.Vector3d) -> _Seen:
+        """Directions and their changes at a point."""
+        leg, leg_back = point - ray.virtual_antenna, lane.antenna - point
+        length, length_back = dr.norm(leg), dr.norm(leg_back)
+        out, back = leg / length, leg_back / length_back
+        moving, home = ray.virtual_velocity, lane.velocity
+        return _Seen(
+            out,
+            back,
+            (moving - out * dr.dot(out, moving)) / length,
+            (home - back * dr.dot(back, home)) / length_back,
+        )
+
+    def rates(
+        self, antenna: mi.Vector3d, virtual: mi.Vector3d, velocity: mi.Vector3d | None
+    ) -> tuple[mi.Float, mi.Float]:
+        r"""Derivatives of the range rate straight to the antenna, and back through the mirrors, m/s per unit.
+
+        With the velocities per unit :math:`\dot{\mathbf a}, \dot{\mathbf a}'` of the antenna and of its image relative
+        to the scatterer, and the change :math:`\dot{\mathbf v}'` of the image's velocity,
+
+        .. math:: \partial \dot R = \tfrac12 \left(\dot{\mathbf a} \cdot \mathbf v_\perp / L_b
+                  + \dot{\mathbf a}' \cdot \mathbf v'_\perp / L - \mathbf d \cdot \dot{\mathbf v}' \right).
+        """
+        leg = dr.dot(virtual, self.across_out)
+        if velocity is not None:
+            leg = leg - dr.dot(self.out, velocity)
+        return mi.Float(0.5 * (leg + dr.dot(antenna, self.across_back))), mi.Float(leg)
+
+
 def of_tube(
-    kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint, closing: Closing
-) -> RangeRates:
-    """Derivatives of the slant range of a tube's coherent return by every displacement, m per unit."""
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, closing: Closing
+) -> tuple[RangeRates, Swings]:
+    """Derivatives of the slant range of a tube's coherent return by every displacement, and of its range rate."""
     carried, changes = kernel.tangents, list(closing.changes)
-    assert carried is not None
+    assert carried is not None and ray.tangents is not None
+    seen = _Seen.of(ray, lane, closing.point) if carried.rates else None
+    swings: list[mi.Float] = []
     rim = closing.point - hit.p  # phase centre of the return from the hit, in the facet's plane
     d, s = hit.direction64, hit.to_antenna64
     across_out, across_back = rim - d * dr.dot(rim, d), rim - s * dr.dot(rim, s)
     found: list[mi.Float64 | mi.Complex2f] = []
     for k, gradient in enumerate(carried.gradient):
         antenna, virtual = _patch(carried, k, ray, hit, closing.point)
+        if seen is not None:
+            swings.append(seen.rates(antenna, virtual, ray.tangents.velocity[k])[0])
         rate = dr.dot(s, antenna) - dr.dot(d, virtual)
         rate -= dr.dot(across_out, virtual) / hit.length + dr.dot(across_back, antenna) / hit.length_back
         if gradient is None:
@@ -125,7 +205,7 @@ def of_tube(
             there = dr.squared_norm(whole) > 1e-24
             growth += dr.select(there, change / dr.select(there, whole, 1.0), 0.0)
         found.append(_with_amplitude(kernel, 0.5 * rate, growth))
-    return tuple(found)
+    return tuple(found), None if seen is None else tuple(swings)
 
 
 def _with_amplitude(kernel: Kernel, rate: mi.Float64, growth: mi.Complex2f) -> mi.Complex2f:
@@ -173,11 +253,12 @@ def deformation_rates(kernel: Kernel, ray: RayState, hit: Hit, tube: TubeFootpri
 
 def of_scatterer(
     kernel: Kernel, ray: RayState, hit: Hit, lane: Lane, centre: mi.Vector3d
-) -> tuple[RangeRates, RangeRates]:
-    """Derivatives of a diffuse scatterer's slant range: straight to the antenna, and back through the mirrors."""
+) -> tuple[tuple[RangeRates, Swings], tuple[RangeRates, Swings]]:
+    """Derivatives of a diffuse scatterer's slant range and range rate: straight, and back through the mirrors."""
     carried = kernel.tangents
     assert carried is not None and ray.tangents is not None
-    out, back = dr.normalize(centre - ray.virtual_antenna), dr.normalize(lane.antenna - centre)
+    seen = _Seen.of(ray, lane, centre)
+    swings: list[tuple[mi.Float, mi.Float]] = []
     straight: list[mi.Float64 | mi.Complex2f] = []
     reciprocal: list[mi.Float64 | mi.Complex2f] = []
     for k, virtual in enumerate(ray.tangents.virtual):
@@ -185,12 +266,19 @@ def of_scatterer(
         movement = carried.movement(k, hit.face, centre, hit.active)
         if movement is not None:
             antenna, virtual = antenna - movement.velocity, virtual - movement.velocity
-        leg = -dr.dot(out, virtual)
-        rates: list[mi.Float64 | mi.Complex2f] = [0.5 * (leg + dr.dot(back, antenna)), leg]
+        leg = -dr.dot(seen.out, virtual)
+        rates: list[mi.Float64 | mi.Complex2f] = [0.5 * (leg + dr.dot(seen.back, antenna)), leg]
+        if carried.rates:
+            swings.append(seen.rates(antenna, virtual, ray.tangents.velocity[k]))
         if carried.gradient[k] is not None:
             # the power of a cell grows with its area
             growth = mi.Complex2f(0.5 * _surface_rate(carried, k, hit))
             rates = [_with_amplitude(kernel, rate, growth) for rate in rates]
         straight.append(rates[0])
         reciprocal.append(rates[1])
-    return tuple(straight), tuple(reciprocal)
+    if not carried.rates:
+        return (tuple(straight), None), (tuple(reciprocal), None)
+    return (
+        (tuple(straight), tuple(rate for rate, _ in swings)),
+        (tuple(reciprocal), tuple(rate for _, rate in swings)),
+    )

@@ -136,7 +136,7 @@ class Constants:
 class Kernel:
     """Common inputs of all parts of one recorded kernel; its scene lacks the tables of effects that are off.
 
-    ``tangents``, ``variants`` and ``per_unit`` are for derivatives, see :mod:`sarmitsuba.trace.variants`.
+    ``tangents``, ``variants``, ``per_unit`` and ``turn`` are for derivatives, see :mod:`sarmitsuba.trace.variants`.
     """
 
     scene: TraceScene
@@ -147,6 +147,7 @@ class Kernel:
     tangents: Carried | None = None
     variants: tuple[Kernel, ...] = ()
     per_unit: tuple[mi.Float, ...] = ()
+    turn: tuple[int, mi.Float] | None = None
 
     @classmethod
     def of(
@@ -287,7 +288,7 @@ class RayState:
     mirror : facet of the last reflection; None where paths and their reverses are not averaged
     trail : number given to the last hit by a follower, ``NO_HIT`` before the first; None without a follower
     tangents : derivatives by displacements; None without any
-    variants : fields with other materials; empty without any
+    variants : fields with other materials or turned facets; empty without any
     """
 
     active: mi.Bool
@@ -458,7 +459,12 @@ class Contribution:
     range_tangents : derivatives of the slant range by displacements, m per unit: float64, or complex where amplitudes
         change too, see :mod:`sarmitsuba.trace.range_tangents`; None without any
     material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
-    amplitude_tangents : derivatives of the channels by properties of materials, property by property; None without any
+    amplitude_tangents : derivatives of the channels by properties of materials, property by property, then by the
+        displacements that turn facets, as amplitude times slant range; None without any
+    rate_tangents : derivatives of the range rate by displacements, m/s per unit; None where none is recorded
+    slots : numbers of the shapes to which ``range_tangents`` belong; empty where these are the same for all echoes
+    texels : numbers of the texels of a level map that a diffuse scatterer's level comes from, with their shares of
+        it; of no meaning for other returns; empty without parameters of maps
     """
 
     kind: mi.UInt32
@@ -472,6 +478,9 @@ class Contribution:
     range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
     material: mi.UInt32 | None = None
     amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
+    rate_tangents: tuple[mi.Float, ...] | None = None
+    slots: tuple[mi.UInt32, ...] = ()
+    texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
 
     @property
     def placed(self) -> mi.Bool:

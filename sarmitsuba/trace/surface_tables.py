@@ -83,6 +83,13 @@ class SurfaceTables:
             return None
         return SurfaceTables(*layers, textures, quantiles)
 
+    def with_levels(self, materials: Sequence[Material]) -> SurfaceTables:
+        """The same tables with the levels of other maps of the same shapes; ``materials``: as for :meth:`of`."""
+        if self.levels is None:
+            return self
+        maps = [None if m.maps is None else m.maps.level for m in materials]
+        return replace(self, levels=self.levels.with_values(maps))
+
     def without_texture(self) -> SurfaceTables | None:
         """The bitmaps alone, since the mean power of the texture is one; None without any."""
         if self.levels is None and self.classes is None:
@@ -225,6 +232,43 @@ class BitmapLayer:
 
     def smooth(self, face: mi.UInt32, material: mi.UInt32, offset: mi.Vector3f, active: mi.Bool) -> mi.Float:
         """Value at a point, bilinear where the bitmap is smooth."""
+        corners, tu, tv = self._corners(face, material, offset, active)
+        lines = [
+            dr.lerp(*(dr.gather(mi.Float, self.texels, c, active) for c in line), tu) for line in corners
+        ]
+        return dr.lerp(lines[0], lines[1], tv)
+
+    def shares(
+        self, face: mi.UInt32, material: mi.UInt32, offset: mi.Vector3f, active: mi.Bool
+    ) -> tuple[tuple[mi.UInt32, mi.Float], ...]:
+        """Numbers of the four texels whose bilinear mean is the value at a point, and the share of each in it."""
+        corners, tu, tv = self._corners(face, material, offset, active)
+        parts = [
+            (c, dr.gather(mi.Float, self.texels, c, active) * (wu * wv))
+            for line, wv in zip(corners, (1.0 - tv, tv), strict=True)
+            for c, wu in zip(line, (1.0 - tu, tu), strict=True)
+        ]
+        whole = sum((value for _, value in parts), mi.Float(0.0))
+        inverse = dr.select(whole > 0.0, dr.rcp(dr.select(whole > 0.0, whole, 1.0)), 0.0)
+        return tuple((c, value * inverse) for c, value in parts)
+
+    def first_texel(self, material: int) -> int:
+        """Number of the first texel of a material's bitmap."""
+        return int(np.array(self.bitmaps).reshape(-1, 4)[material, 0])
+
+    def with_values(self, bitmaps: Sequence[Bitmap | None]) -> BitmapLayer:
+        """The same layer of float values with other ones in bitmaps of the same shape."""
+        own = np.array(self.texels)
+        for i, bitmap in enumerate(bitmaps):
+            if bitmap is not None:
+                first = self.first_texel(i)
+                own[first : first + bitmap.values.size] = bitmap.values.reshape(-1)
+        return replace(self, texels=device_array(mi.Float, own.astype(np.float32)))
+
+    def _corners(
+        self, face: mi.UInt32, material: mi.UInt32, offset: mi.Vector3f, active: mi.Bool
+    ) -> tuple[list[list[mi.UInt32]], mi.Float, mi.Float]:
+        """Numbers of the texels of two rows and two columns about a point, and its place between them."""
         record = dr.gather(mi.Vector4u, self.bitmaps, material, active)
         u, v = self._uv(face, offset, active)
         shift = dr.select((record.w & _SMOOTH) != 0, 0.5, 0.0)
@@ -235,14 +279,7 @@ class BitmapLayer:
             ends = [_within(first + i, n, record.w) for i in (0, 1)]
             axes.append((ends, dr.select(shift > 0.0, at - first, 0.0)))
         (columns, tu), (rows, tv) = axes
-        lines = [
-            dr.lerp(
-                *(dr.gather(mi.Float, self.texels, record.x + row * record.y + c, active) for c in columns),
-                tu,
-            )
-            for row in rows
-        ]
-        return dr.lerp(lines[0], lines[1], tv)
+        return [[record.x + row * record.y + c for c in columns] for row in rows], tu, tv
 
     def _uv(self, face: mi.UInt32, offset: mi.Vector3f, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
         lines = (dr.gather(mi.Vector4f, self.places, face * 2 + i, active) for i in (0, 1))

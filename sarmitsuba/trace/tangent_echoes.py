@@ -11,13 +11,13 @@ from sarmitsuba.trace.tangents import NO_MATERIAL, PER_DB
 if TYPE_CHECKING:
     from sarmitsuba.trace.kernel import Accumulator, LaneArrays
     from sarmitsuba.trace.state import Contribution
-    from sarmitsuba.trace.tangents import Carried
+    from sarmitsuba.trace.tangents import CarriedDisplacements
 
 
 class WithTangents:
     """Accumulator with tangents; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
 
-    def __init__(self, carried: Carried, accumulator: Accumulator) -> None:
+    def __init__(self, carried: CarriedDisplacements, accumulator: Accumulator) -> None:
         self.carried, self.accumulator = carried, accumulator
 
     def begin(self) -> LaneArrays:
@@ -31,17 +31,28 @@ class WithTangents:
         )
 
 
-def with_derivatives(carried: Carried, echo: Contribution) -> tuple[mi.Complex2f, ...]:
+def with_derivatives(carried: CarriedDisplacements, echo: Contribution) -> tuple[mi.Complex2f, ...]:
     """Channels of an echo and their derivatives."""
     assert echo.range_tangents is not None and echo.material is not None
+    c, plan, changes = len(echo.amplitudes), carried.plan, echo.amplitude_tangents or ()
     out = list(echo.amplitudes)
     for rate in echo.range_tangents:
         factor = rate if isinstance(rate, mi.Complex2f) else mi.Float(rate)
         out += [a * factor for a in echo.amplitudes]
+    by_property, by_turn = changes[: c * len(plan.properties)], changes[c * len(plan.properties) :]
+    for i, k in enumerate(carried.turning):
+        for j in range(c):
+            out[c * (1 + k) + j] += by_turn[c * i + j]
     if carried.plan.levels:
         known = echo.material != NO_MATERIAL
         bits = dr.gather(mi.UInt32, carried.plan.levelled, echo.material, echo.active & known)
         for k in range(len(carried.plan.levels)):
             per_db = dr.select(known & (((bits >> k) & 1) == 1), mi.Float(PER_DB), 0.0)
             out += [a * per_db for a in echo.amplitudes]
-    return (*out, *(echo.amplitude_tangents or ()))
+    out += by_property
+    for number in carried.texels:
+        share = sum((dr.select(texel == number, part, 0.0) for texel, part in echo.texels), mi.Float(0.0))
+        per_db = dr.select(echo.material != NO_MATERIAL, share * PER_DB, 0.0)
+        out += [a * per_db for a in echo.amplitudes]
+    swings = (a * rate for rate in echo.rate_tangents or () for a in echo.amplitudes)
+    return (*out, *swings)

@@ -2,13 +2,16 @@ r"""Derivatives of echoes by parameters, carried along their paths and recorded 
 
 An echo of amplitude a and slant range R is :math:`a \, e^{-j 4 \pi f R / c}` at the frequency f. Its derivative by a
 parameter needs :math:`a \, \partial R`, :math:`\partial a`, or both. The kernel records each of these as further
-channels of the echo's own cells, so that one traced path serves all parameters.
+channels of the echo's own cells, so that one traced path serves all parameters. Where a block of pulses shares one
+tracing, :math:`a \, \partial \dot R` is recorded too: the slant range at the time :math:`\tau` from the key pulse
+changes by :math:`\partial R + \partial \dot R \, \tau`.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +50,14 @@ class Displacement:
     faces : (n_faces,) bool, faces of the traced scene that move; None: none
     offset : (3,) float64, b, m per unit
     gradient : (3, 3) float64, A, 1 per unit; None: the faces are translated
+    turn_rate : 1 per unit, largest derivative of the unit normal of a face; 0: no face turns
     """
 
     antenna: F64
     faces: NDArray[np.bool_] | None = None
     offset: F64 | None = None
     gradient: F64 | None = None
+    turn_rate: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,18 +84,39 @@ class RayTangents:
     virtual : float64, m per unit, of the antenna mirrored through the chain so far
     boundary : of the lit area; None for displacements of the antenna alone
     stretch : m per unit, change of the tube's two edges with the lit area, of the last facet; None for translations
+    velocity : float64, m/s per unit, change of the virtual antenna's velocity; None where no mirror turns, or without
+        derivatives of range rates
+    slots : numbers of the shapes met so far that move, see :mod:`sarmitsuba.trace.tangent_slots`; empty for
+        displacements that are the same for all rays
     edge : of a ray beside an edge; None for rays of a lattice
     """
 
     virtual: tuple[mi.Vector3d, ...]
     boundary: tuple[ShadowBoundary | None, ...]
     stretch: tuple[tuple[mi.Vector3f, mi.Vector3f] | None, ...]
+    velocity: tuple[mi.Vector3d | None, ...]
+    slots: tuple[mi.UInt32, ...] = ()
     edge: EdgeState | None = None
+
+
+class TangentPlan(Protocol):
+    """Derivatives that a kernel carries: those of :class:`Tangents`, or of many parameters by their numbers."""
+
+    @property
+    def properties(self) -> tuple[StepTables, ...]:
+        """Properties of materials, each a difference of amplitudes along the path."""
+
+    @property
+    def turns(self) -> tuple[tuple[int, float], ...]:
+        """Numbers of the displacements that turn faces, and the largest derivative of a unit normal of each."""
+
+    def carried(self, *, beside_edges: bool) -> Carried:
+        """Numbers for one kernel, as opaque scalars: other values do not compile another kernel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tangents:
-    """What the kernel records beside every echo: first displacements, then levels, then properties of materials.
+    """What the kernel records beside every echo: displacements, levels, properties of materials, range rates.
 
     Parameters
     ----------
@@ -100,6 +126,9 @@ class Tangents:
     moved : (n_faces,) bit k: the face is moved by displacement k
     levelled : (n_materials,) bit k: level k applies to the material
     properties : of materials; each gives the derivative of the channels
+    texels : numbers of texels of level maps, as in :meth:`BitmapLayer.shares`; each gives the derivative of the
+        channels by its level in dB
+    rates : whether each displacement gives the channels times the derivative of the range rate too, after all others
     """
 
     displacements: tuple[Displacement, ...]
@@ -107,6 +136,8 @@ class Tangents:
     moved: mi.UInt32
     levelled: mi.UInt32
     properties: tuple[StepTables, ...] = ()
+    texels: tuple[int, ...] = ()
+    rates: bool = False
 
     @staticmethod
     def of(
@@ -115,9 +146,12 @@ class Tangents:
         n_faces: int,
         n_materials: int,
         properties: Sequence[StepTables] = (),
+        texels: Sequence[int] = (),
+        *,
+        rates: bool = False,
     ) -> Tangents:
         """Tables of these parameters on the device."""
-        assert len(displacements) <= MOST and len(levels) <= MOST
+        assert max(len(displacements), len(levels), len(texels)) <= MOST
         moved = np.zeros(max(n_faces, 1), dtype=np.uint32)
         for k, displacement in enumerate(displacements):
             if displacement.faces is not None:
@@ -131,23 +165,40 @@ class Tangents:
             device_array(mi.UInt32, moved),
             device_array(mi.UInt32, levelled),
             tuple(properties),
+            tuple(texels),
+            rates,
         )
 
     @property
-    def count(self) -> int:
-        """Number of derivatives of each channel."""
-        return len(self.displacements) + len(self.levels) + len(self.properties)
+    def turns(self) -> tuple[tuple[int, float], ...]:
+        """See :class:`TangentPlan`."""
+        return tuple((k, d.turn_rate) for k, d in enumerate(self.displacements) if d.turn_rate > 0.0)
 
-    def carried(self) -> Carried:
-        """Numbers for one kernel, as opaque scalars: other values do not compile another kernel."""
-        return Carried(
-            self,
+    @property
+    def count(self) -> int:
+        """Number of derivatives of each channel, without those of range rates."""
+        return len(self.displacements) + len(self.levels) + len(self.properties) + len(self.texels)
+
+    @property
+    def recorded(self) -> int:
+        """Numbers recorded for each channel: itself, its derivatives, and those with range rates."""
+        return 1 + self.count + (len(self.displacements) if self.rates else 0)
+
+    def carried(self, *, beside_edges: bool) -> CarriedDisplacements:
+        """See :class:`TangentPlan`."""
+        return CarriedDisplacements(
             tuple(_vector(d.antenna) for d in self.displacements),
             tuple(None if d.offset is None else _vector(d.offset) for d in self.displacements),
             tuple(
                 None if d.gradient is None else tuple(_vector(row) for row in d.gradient)
                 for d in self.displacements
             ),
+            tuple(k for k, _ in self.turns),
+            self.rates,
+            bool(self.texels),
+            beside_edges,
+            self,
+            tuple(dr.opaque(mi.UInt32, texel) for texel in self.texels),
         )
 
 
@@ -156,30 +207,45 @@ def _vector(values: F64) -> mi.Vector3d:
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class Carried(ABC):
     """Tangents within a kernel.
 
     Parameters
     ----------
-    plan : tables
     antenna, offset, gradient : of each displacement, see :class:`Displacement`; None where nothing of it moves
+    turning : numbers of those that turn faces
+    rates : whether echoes carry derivatives of their range rates
+    mapped : whether echoes carry the shares of texels in their level
     beside_edges : whether rays are those beside edges, see :mod:`sarmitsuba.trace.edge_tangents`
     """
 
-    plan: Tangents
     antenna: tuple[mi.Vector3d, ...]
     offset: tuple[mi.Vector3d | None, ...]
     gradient: tuple[tuple[mi.Vector3d, ...] | None, ...]
-    beside_edges: bool = False
+    turning: tuple[int, ...]
+    rates: bool
+    mapped: bool
+    beside_edges: bool
+
+    @property
+    def slots(self) -> tuple[mi.UInt32, ...]:
+        """Numbers of the shapes to which the displacements belong; empty where they are the same for all rays."""
+        return ()
+
+    def at(self, tangents: RayTangents | None, face: mi.UInt32, active: mi.Bool) -> Carried:
+        """The same at a hit of a ray on a face."""
+        return self
 
     def launched(self) -> RayTangents:
         """State of a ray at launch."""
+        turning = self.turning if self.rates else ()
         return RayTangents(
             tuple(mi.Vector3d(a) for a in self.antenna),
             tuple(None if b is None else ShadowBoundary.open() for b in self.offset),
             tuple(
                 None if g is None else (dr.zeros(mi.Vector3f), dr.zeros(mi.Vector3f)) for g in self.gradient
             ),
+            tuple(mi.Vector3d(0.0) if k in turning else None for k in range(len(self.antenna))),
         )
 
     def movement(self, k: int, face: mi.UInt32, point: mi.Vector3d, active: mi.Bool) -> Movement | None:
@@ -196,9 +262,13 @@ class Carried:
         real = self.beside_edges
         return tuple(mi.Float64(0.0) if g is None or real else mi.Complex2f(0.0) for g in self.gradient)
 
+    def no_swings(self) -> tuple[mi.Float, ...] | None:
+        """Derivatives of a range rate that nothing changes; None where none is recorded."""
+        return tuple(mi.Float(0.0) for _ in self.antenna) if self.rates else None
+
+    @abstractmethod
     def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
         """Whether displacement k moves a face."""
-        return ((dr.gather(mi.UInt32, self.plan.moved, face, active) >> k) & 1) == 1
 
     def turned(self, k: int, vector: mi.Vector3d) -> mi.Vector3d:
         """A times a vector."""
@@ -206,3 +276,15 @@ class Carried:
         if rows is None:
             return mi.Vector3d(0.0)
         return mi.Vector3d(*(dr.dot(row, vector) for row in rows))
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedDisplacements(Carried):
+    """Displacements that are the same for all rays; ``plan``: tables, ``texels``: numbers as there."""
+
+    plan: Tangents
+    texels: tuple[mi.UInt32, ...]
+
+    def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
+        """See the base class."""
+        return ((dr.gather(mi.UInt32, self.plan.moved, face, active) >> k) & 1) == 1

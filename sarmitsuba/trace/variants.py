@@ -1,12 +1,13 @@
-r"""Derivatives of amplitudes by properties of materials, as differences along the same paths.
+r"""Derivatives of amplitudes by properties of materials and by turns of facets, as differences along the same paths.
 
-The fields of a ray are carried three times: with the scene's materials, and for each property with its material at both
-ends of a small step. What they return differs by the coefficients of Fresnel, of the roughness and of the diffuse law
+The fields of a ray are carried three times: as the scene is, and for each parameter at both ends of a small step of it.
+What they return differs by the coefficients of Fresnel, of the roughness, of the diffuse law and of the polarisation
 alone, so that
 
 .. math:: \partial a \approx \frac{a(p + h) - a(p - h)}{2 h}
 
-is formed echo by echo, before anything is added; with h a hundredth of p its error is of order 1e-4.
+is formed echo by echo, before anything is added; with h a hundredth of a property its error is of order 1e-4. Steps
+of displacements turn normals by at most ``TURN``; what they change is a part :math:`1 / 2 k` over the arm of the whole.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.propagation import mirror, reflect
+from sarmitsuba.trace.range_tangents import turned_hit
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.table_rows import MaterialRow, SlabRow
 
@@ -25,20 +27,29 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.state import Hit, Kernel, Lane, RayState, TubeFootprint
-    from sarmitsuba.trace.tangents import Tangents
+    from sarmitsuba.trace.tangents import TangentPlan
 
 
-def with_tangents(kernel: Kernel, tangents: Tangents | None) -> Kernel:
+# turn of facets at either end of a step, rad: small at grazing incidence, and above the rounding of float32
+TURN = 3e-4
+
+
+def with_tangents(kernel: Kernel, tangents: TangentPlan | None) -> Kernel:
     """Kernel that carries derivatives; itself without any."""
     if tangents is None:
         return kernel
+    variants = [_with_materials(kernel, scene) for p in tangents.properties for scene in (p.below, p.above)]
+    per_unit = [p.per_unit for p in tangents.properties]
+    for k, rate in tangents.turns:
+        per_unit.append(0.5 * rate / TURN)
+        variants += [
+            replace(kernel, turn=(k, dr.opaque(mi.Float, sign * TURN / rate))) for sign in (-1.0, 1.0)
+        ]
     return replace(
         kernel,
-        tangents=replace(tangents.carried(), beside_edges=kernel.grid.edges is not None),
-        variants=tuple(
-            _with_materials(kernel, scene) for p in tangents.properties for scene in (p.below, p.above)
-        ),
-        per_unit=tuple(dr.opaque(mi.Float, p.per_unit) for p in tangents.properties),
+        tangents=tangents.carried(beside_edges=kernel.grid.edges is not None),
+        variants=tuple(variants),
+        per_unit=tuple(dr.opaque(mi.Float, x) for x in per_unit),
     )
 
 
@@ -64,11 +75,16 @@ def variant_rays(ray: RayState) -> list[RayState]:
     return [replace(ray, fields=fields, variants=(), tangents=None) for fields in ray.variants]
 
 
-def variant_hits(kernel: Kernel, hit: Hit) -> list[Hit]:
-    """The hit with the material's properties of every variant."""
+def variant_hits(kernel: Kernel, ray: RayState, hit: Hit) -> list[Hit]:
+    """The hit with the material's properties, or the normal and the direction, of every variant."""
     number = hit.material & MATERIAL_MASK
     found = []
     for variant in kernel.variants:
+        if variant.turn is not None:
+            assert kernel.tangents is not None
+            k, step = variant.turn
+            found.append(turned_hit(kernel.tangents, k, ray, hit, step))
+            continue
         scene = variant.scene
         row = MaterialRow.of(scene.material_table, number, hit.met)
         slab = None if scene.slabs is None else SlabRow.of(scene.slabs.table, number, hit.met)
@@ -82,7 +98,7 @@ def reflected_variants(
     """Fields of the reflected ray of every variant."""
     fields = []
     for variant, one, there in zip(
-        kernel.variants, variant_rays(ray), variant_hits(kernel, hit), strict=True
+        kernel.variants, variant_rays(ray), variant_hits(kernel, ray, hit), strict=True
     ):
         reflection = mirror(variant, one, there, there.normal)
         fields.append(reflect(variant, lane, one, there, tube_here, reflection).fields)
@@ -92,11 +108,16 @@ def reflected_variants(
 def differences(
     kernel: Kernel, amplitudes: Sequence[Sequence[mi.Complex2f]]
 ) -> tuple[mi.Complex2f, ...] | None:
-    """Derivatives of the channels by every property, from the channels of every variant; None without any."""
+    """Derivatives of the channels from those of every variant, see ``Contribution.amplitude_tangents``."""
     if not kernel.variants:
         return None
     out: list[mi.Complex2f] = []
     for k, per_unit in enumerate(kernel.per_unit):
         below, above = amplitudes[2 * k : 2 * k + 2]
-        out += [(b - a) * per_unit for a, b in zip(below, above, strict=True)]
+        changes = [(b - a) * per_unit for a, b in zip(below, above, strict=True)]
+        if kernel.variants[2 * k].turn is not None:
+            # as if the slant range changed: the factor -2 j k comes with the synthesis
+            metres = mi.Complex2f(0.0, 0.5 / kernel.constants.wavenumber)
+            changes = [change * metres for change in changes]
+        out += changes
     return tuple(out)

@@ -5,9 +5,9 @@ import pytest
 
 from tests.support.differences import EXACT, compared_all, drawn
 
-# tol: float32 amplitudes over the step of the differences, and truncation of either; of a turned shape the change of
-# amplitudes with the angle of incidence is left out, which is up to 1 / (2 k) over the arm of a metre
-LARGEST = {"rotation:box": 8e-3, "scale:box": 2e-3}
+# tol: float32 amplitudes over the step of the differences, truncation of either, and the weights of the rays on facets
+# seen nearly edge-on, which change as the facets turn and stretch (1.4e-3 of seed 2, 3e-5 with rays every 0.1 m)
+LARGEST = {"scale:box": 2e-3, "rotation:box": 2e-3}
 
 
 @pytest.mark.parametrize(
@@ -17,6 +17,8 @@ LARGEST = {"rotation:box": 8e-3, "scale:box": 2e-3}
         pytest.param("rough", ("level:soil", "permittivity:wall"), marks=pytest.mark.slow),
         ("alone", ("shift:box:x,shift:box:y,shift:box:z",)),
         pytest.param("alone", ("height:box",), marks=pytest.mark.slow),
+        ("house", ("rotation:box",)),
+        pytest.param("house", ("height:box",), marks=pytest.mark.slow),
     ],
 )
 def test_derivatives_are_those_of_whole_runs(kind: str, parameters: tuple[str, ...]) -> None:
@@ -24,14 +26,14 @@ def test_derivatives_are_those_of_whole_runs(kind: str, parameters: tuple[str, .
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["rough", "metal", "alone"])
+@pytest.mark.parametrize("kind", ["rough", "metal", "alone", "house"])
 def test_derivatives_are_those_of_whole_runs_in_many_scenes(kind: str) -> None:
     check(kind, tuple(parameter for scenes, parameter in EXACT if scenes == kind), range(3, 103))
 
 
 def check(kind: str, parameters: tuple[str, ...], seeds: range) -> None:
     """Fail where a derivative is off in a scene in which no ray appears or vanishes, or where few scenes are such."""
-    found = [compared_all(drawn(seed, kind, 2), parameters, seed) for seed in seeds]
+    found = [compared_all(drawn(seed, kind), parameters, seed) for seed in seeds]
     for parameter, own in zip(parameters, zip(*found, strict=True), strict=True):
         steady = [c.error for c in own if c.steady]
         assert len(steady) >= 0.3 * len(own), parameter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,12 @@ from sarmitsuba.gradients.parsing import parse
 # steps of the differences by unit: a sixth of a radian of phase, and a hundredth of a material's property
 METRES, SECONDS, DECIBELS, SHARE, LOSS, RADIANS = 4e-4, 2e-11, 0.05, 0.02, 0.04, 5e-5
 
+# drawn sets of channels
+CHANNELS = ("HH", "VV", "HH,HV,VH,VV")
+
+# kinds of scenes with automatic blocks of pulses
+AUTOMATIC = ("alone", "house")
+
 # relative difference of differences of fourth and sixth order up to which the data are smooth over the steps
 SMOOTH = 2e-4
 
@@ -40,13 +46,23 @@ def box(rng: np.random.Generator, turn: float) -> tuple[F64, F64]:
     return v, np.array(faces)
 
 
+def house(rng: np.random.Generator, turn: float) -> tuple[F64, F64]:
+    """The same with a ridge over the middle instead of a flat roof."""
+    v, faces = box(rng, turn)
+    ends = 0.5 * (v[[4, 5]] + v[[6, 7]]) + [0.0, 0.0, rng.uniform(1.0, 3.0)]
+    roof = [(4, 5, 9), (4, 9, 8), (6, 9, 7), (6, 8, 9), (4, 8, 6), (5, 7, 9)]
+    return np.concatenate([v, ends]), np.concatenate([np.delete(faces, [2, 3], axis=0), roof])
+
+
 def drawn(seed: int, kind: str, pulses: int = 6) -> Scene:
-    """A box on ground under a squinted radar; all pulses in one block, but for ``alone``.
+    """A box on ground under a squinted radar.
 
     Parameters
     ----------
+    pulses : all in one block; ``alone`` and ``house`` have about 37, in automatic blocks
     kind : ``rough``: both scatter diffusely, with mirrors; ``metal``: metal on smooth ground, with mirrors; ``alone``:
-        a rough box whose ground returns nothing to the radar, without mirrors: nothing that a moving box could shadow
+        a rough box whose ground returns nothing to the radar, without mirrors: nothing that a moving box could shadow;
+        ``house``: the same with a roof, at a drawn heading, in drawn channels, in spotlight or stripmap mode
     """
     rng = np.random.default_rng([seed, 0x6A61C])
     eps = rng.uniform(3.0, 9.0, 2) - 1j * rng.uniform(0.1, 2.0, 2)
@@ -79,19 +95,26 @@ def drawn(seed: int, kind: str, pulses: int = 6) -> Scene:
         mode="spotlight",
         squint_angle_deg=float(rng.uniform(8.0, 20.0)),
     )
+    if kind == "house":
+        radar = replace(
+            radar,
+            heading_deg=float(rng.uniform(0.0, 360.0)),
+            polarisation=str(rng.choice(CHANNELS)),
+            mode=str(rng.choice(["spotlight", "stripmap"])),
+        )
+    if kind in AUTOMATIC:
+        radar = replace(radar, n_pulses=0, azimuth_resolution=1.3)
     settings = TraceSettings(
         method="hybrid",
-        key_pulse_interval=1
-        if kind == "alone"
-        else pulses,  # directions to a moving shape are those of key pulses
+        key_pulse_interval=0 if kind in AUTOMATIC else pulses,
         gridding_width=8,
-        max_depth=1 if kind == "alone" else 4,
+        max_depth=1 if kind in AUTOMATIC else 4,
         effects={"diffuse_pairs": "off", "edge_diffraction": "off"},
     )
     size = 25.0
     flat = np.array([[-size, -size, 0.0], [size, -size, 0.0], [size, size, 0.0], [-size, size, 0.0]])
     meshes = [
-        SceneMesh(*box(rng, float(rng.uniform(0.0, np.pi))), wall, "box"),
+        SceneMesh(*(house if kind == "house" else box)(rng, float(rng.uniform(0.0, np.pi))), wall, "box"),
         SceneMesh(flat, np.array([[0, 1, 2], [0, 2, 3]]), soil, "ground"),
     ]
     film = FilmDescription(image_extent_azimuth=22.0, image_extent_range=22.0)
@@ -106,6 +129,8 @@ EXACT = (
     ("alone", "height:box"),
     ("alone", "scale:box"),
     ("alone", "rotation:box"),
+    ("house", "height:box"),
+    ("house", "rotation:box"),
     ("metal", "track:2"),
     ("metal", "permittivity:soil"),
     ("rough", "gain"),

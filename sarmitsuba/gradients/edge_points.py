@@ -1,0 +1,222 @@
+"""Points on edges and their images in mirrors, with their velocities by displacements of shapes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.arrays import F64, I64, U32
+from sarmitsuba.mesh.edges import Edges, unit_normals
+from sarmitsuba.trace.launch import LaunchFrame, project
+from sarmitsuba.trace.tangent_slots import EDGE_SHAPES, NO_SHAPE, ROW, SlotTangents
+from sarmitsuba.trace.tangents import Displacement
+
+# samples of an edge within one ray spacing
+PER_SPACING = 2.0
+# points on edges times mirrors up to which every triangle is a mirror; beyond, the largest ones
+MOST_PAIRS = 200_000_000
+# distance from a mirror's plane over the extent of the scene up to which a point lies in it
+IN_PLANE = 1e-7
+# in place of the number of a mirror: the edge itself is seen
+NO_MIRROR = -1
+
+
+@dataclass(frozen=True, eq=False)
+class EdgePoints:
+    """Points on edges as the antenna sees them: themselves, or their images in mirrors.
+
+    Parameters
+    ----------
+    position : (n, 3) m, of the edge itself
+    step : (n, 3) m, along the edge, of the part that the point stands for
+    faces : (n, 2) facets that meet in the edge
+    mirror : (n,) facet in which it is seen, or ``NO_MIRROR``
+    normal : (n, 3) unit normal of the mirror; zero without
+    met : (n, 3) m, where the path meets the mirror
+    """
+
+    position: F64
+    step: F64
+    faces: I64
+    mirror: I64
+    normal: F64
+    met: F64
+
+    @staticmethod
+    def of(edges: Edges, antenna: F64, frame: LaunchFrame, spacing: float) -> EdgePoints:
+        """Middles of equal parts of the edges, so short that they are samples within a ray spacing."""
+        seen = edges.seen(antenna)
+        start, end = edges.start[seen], edges.end[seen]
+        long = np.linalg.norm(project(end, antenna, frame) - project(start, antenna, frame), axis=1)
+        n = np.maximum(np.ceil(long * (PER_SPACING / spacing)), 1.0).astype(np.int64)
+        number = np.repeat(np.arange(len(n)), n)
+        place = (np.arange(len(number)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[number]
+        position = start[number] + (end - start)[number] * place[:, None]
+        zero = np.zeros_like(position)
+        mirror = np.full(len(number), NO_MIRROR)
+        return EdgePoints(
+            position,
+            (end - start)[number] / n[number][:, None],
+            edges.faces[seen][number],
+            mirror,
+            zero,
+            zero,
+        )
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.position)
+
+    def __getitem__(self, which: NDArray[np.bool_]) -> EdgePoints:
+        """Some of them."""
+        own = (self.position, self.step, self.faces, self.mirror, self.normal, self.met)
+        return EdgePoints(*(x[which] for x in own))
+
+    def together(self, others: Sequence[EdgePoints]) -> EdgePoints:
+        """These points, then those of others."""
+        every = (self, *others)
+        names = ("position", "step", "faces", "mirror", "normal", "met")
+        return EdgePoints(*(np.concatenate([getattr(p, name) for p in every]) for name in names))
+
+    @property
+    def above(self) -> F64:
+        """(n,) m, heights above the mirrors."""
+        return np.einsum("nk,nk->n", self.position - self.met, self.normal)
+
+    @property
+    def image(self) -> F64:
+        """(n, 3) m, where the antenna sees the points."""
+        return self.position - 2.0 * self.above[:, None] * self.normal
+
+    @property
+    def image_step(self) -> F64:
+        """(n, 3) m, ``step`` as the antenna sees it."""
+        return self.step - 2.0 * np.einsum("nk,nk->n", self.step, self.normal)[:, None] * self.normal
+
+    def images(self, triangles: F64, antenna: F64, extent: float) -> Iterator[EdgePoints]:
+        """Images in all triangles (n_faces, 3, 3) in which the antenna may see them."""
+        normals = unit_normals(triangles)
+        behind = np.einsum("nk,nk->n", normals, antenna - triangles[:, 0]) < 0.0
+        mirrors, most = np.arange(len(triangles)), max(1, MOST_PAIRS // max(len(self), 1))
+        if len(mirrors) > most:
+            sides = triangles[:, 1:] - triangles[:, :1]
+            area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+            mirrors = np.sort(np.argsort(-area, kind="stable")[:most])
+        for i in mirrors.tolist():
+            found = self._image(i, triangles[i], -normals[i] if behind[i] else normals[i], antenna, extent)
+            if found is not None:
+                yield found
+
+    def _image(self, face: int, corners: F64, n: F64, antenna: F64, extent: float) -> EdgePoints | None:
+        """Images in one triangle (3, 3) with the normal n towards the antenna; None where it shows none."""
+        above = (self.position - corners[0]) @ n
+        inside = above > IN_PLANE * extent
+        if not inside.any():
+            return None
+        height = float((antenna - corners[0]) @ n)
+        # where the line from the antenna to the image meets the mirror
+        share = height / np.where(inside, height + above, 1.0)
+        met = antenna + (self.position - 2.0 * above[:, None] * n - antenna) * share[:, None]
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            inward = np.cross(n, b - a)
+            inward *= np.sign(inward @ (corners.mean(axis=0) - a))
+            inside = inside & ((met - a) @ inward > 0.0)
+        if not inside.any():
+            return None
+        count = int(inside.sum())
+        found = self[inside]
+        return EdgePoints(
+            found.position,
+            found.step,
+            found.faces,
+            np.full(count, face),
+            np.broadcast_to(n, (count, 3)).copy(),
+            met[inside],
+        )
+
+    def velocity(
+        self, offset: F64, gradient: F64, moved: NDArray[np.bool_], mirror_moved: NDArray[np.bool_]
+    ) -> F64:
+        """(n, 3) velocity of the images, m per unit.
+
+        Parameters
+        ----------
+        offset, gradient : (n, 3) m and (n, 3, 3), displacement per unit: of edges (n,) ``moved``, and of mirrors
+            (n,) ``mirror_moved``
+        """
+
+        def of(points: F64, which: NDArray[np.bool_]) -> F64:
+            return (offset + np.einsum("nij,nj->ni", gradient, points)) * which[:, None]
+
+        n, above = self.normal, self.above
+        edge, mirror = of(self.position, moved), of(self.met, mirror_moved)
+        pulled = np.einsum("ni,nij->nj", n, gradient) * mirror_moved[:, None]
+        turn = n * np.einsum("nk,nk->n", n, pulled)[:, None] - pulled
+        nearer = np.einsum("nk,nk->n", edge - mirror, n) + np.einsum(
+            "nk,nk->n", self.position - self.met, turn
+        )
+        return np.asarray(edge - 2.0 * (nearer[:, None] * n + above[:, None] * turn))
+
+
+class Moves(ABC):
+    """Displacements by which points move."""
+
+    @abstractmethod
+    def velocities(self, points: EdgePoints) -> tuple[F64, U32 | None]:
+        """(k, n, 3) m per unit, and the (n, 2) numbers of the shapes that move them.
+
+        None where the displacements are the same for all rays.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Common(Moves):
+    """Displacements that are the same for all rays."""
+
+    displacements: Sequence[Displacement]
+
+    def velocities(self, points: EdgePoints) -> tuple[F64, None]:
+        """See the base class."""
+        out, n = np.zeros((len(self.displacements), len(points), 3)), len(points)
+        for own, d in zip(out, self.displacements, strict=True):
+            own -= d.antenna  # points as the antenna sees them
+            if d.faces is None or d.offset is None:
+                continue
+            gradient = np.zeros((3, 3)) if d.gradient is None else d.gradient
+            moved = d.faces[points.faces[:, 0]]
+            mirror_moved = (points.mirror != NO_MIRROR) & d.faces[points.mirror]
+            own += points.velocity(
+                np.broadcast_to(d.offset, (n, 3)), np.broadcast_to(gradient, (n, 3, 3)), moved, mirror_moved
+            )
+        return out, None
+
+
+class OfShapes(Moves):
+    """Displacements of many shapes, by their numbers."""
+
+    def __init__(self, tangents: SlotTangents) -> None:
+        self.ways = tangents.ways
+        self.n = min(EDGE_SHAPES, tangents.n_slots)
+        self.shape: U32 = np.array(tangents.shape)
+        self.rows = np.array(tangents.rows).reshape(-1, self.ways, ROW // 4, 4)[..., :3]
+
+    def velocities(self, points: EdgePoints) -> tuple[F64, U32]:
+        """See the base class."""
+        edge = self.shape[points.faces[:, 0]]
+        mirror = np.where(points.mirror == NO_MIRROR, np.uint32(NO_SHAPE), self.shape[points.mirror])
+        still = edge == NO_SHAPE
+        second = np.where((mirror == edge) | still, np.uint32(NO_SHAPE), mirror)
+        shapes = np.stack([np.where(still, mirror, edge), second], axis=1)[:, : self.n]
+        out = np.zeros((self.n * self.ways, len(points), 3))
+        for i, own in enumerate(shapes.T):
+            known = own != NO_SHAPE
+            for way in range(self.ways):
+                rows = self.rows[np.where(known, own, 0), way]
+                out[i * self.ways + way] = points.velocity(
+                    rows[:, 0], rows[:, 1:], known & (edge == own), known & (mirror == own)
+                )
+        return out, shapes.astype(np.uint32)

@@ -1,0 +1,364 @@
+"""Derivatives of one number of the raw data by many parameters: one run back, whatever their number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sarmitsuba.arrays import C64, F64, I64
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.exclusive import exclusive, threads
+from sarmitsuba.gradients.edge_points import OfShapes
+from sarmitsuba.gradients.forward_model import At, ForwardModel, per_metre
+from sarmitsuba.gradients.jacobian import Parameters, parameters_of
+from sarmitsuba.gradients.losses import checked
+from sarmitsuba.gradients.moving_edges import edge_lattices
+from sarmitsuba.materials.map_materials import with_parts
+from sarmitsuba.memory import check_fits
+from sarmitsuba.scene.scene import Scene, SceneLike
+from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
+from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
+from sarmitsuba.trace.adjoint_echoes import AdjointGrids, GradientSum
+from sarmitsuba.trace.tangent_slots import MovingShapes, SlotTangents
+
+if TYPE_CHECKING:
+    from sarmitsuba.echo.sub_bands import RangeFilter
+    from sarmitsuba.gradients.losses import Loss
+    from sarmitsuba.simulation.sampling.rays import Rays
+    from sarmitsuba.simulation.tracing import Tracer
+    from sarmitsuba.trace.accumulators import GridAccumulator
+    from sarmitsuba.trace.launch import LaunchGrid
+
+# derivatives that one forward launch carries where their planes are only multiplied with the adjoint data
+AT_ONCE = 8
+# copies of the adjoint grids while they are made, beside the one on the device
+COPIES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Gradient:
+    """Value of a loss of a scene's raw data, and its derivatives.
+
+    Parameters
+    ----------
+    names : of the values, with their units in brackets
+    values : (n,) float64, those of the scene
+    gradient : (n,) float64, of the loss, per unit
+    loss : its value
+    raw : the raw data, without receiver noise
+    memory : bytes of the adjoint grids and of the gradient's numbers
+    """
+
+    names: tuple[str, ...]
+    values: F64
+    gradient: F64
+    loss: float
+    raw: RawData = field(repr=False)
+    memory: int
+
+    def __len__(self) -> int:
+        """Number of values."""
+        return len(self.names)
+
+
+@exclusive
+def gradient(scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F64 | None = None) -> Gradient:
+    r"""Derivatives of a loss of a scene's raw data by any number of parameters.
+
+    With the adjoint data g of the loss, :math:`dL = \Re \sum g^* \, dm`, and the raw data's derivatives of
+    :func:`sarmitsuba.jacobian`, the gradient is
+
+    .. math:: \frac{\partial L}{\partial p_k} = \Re \sum g^* \frac{\partial m}{\partial p_k}
+
+    without any of these: the synthesis of range profiles is linear in the echoes, so its adjoint turns g into a grid
+    from which every echo reads the factor of its own derivative.
+
+    Parameters
+    ----------
+    scene : as loaded, a scene file, or the name of a shipped scene
+    parameters : as for :func:`sarmitsuba.jacobian`
+    loss : function of the raw data, complex64 (channels, pulses, samples), that returns its value and the adjoint data
+        of the same shape; such as :class:`sarmitsuba.gradients.losses.SquaredDifference`
+    values : (n,) of the parameters at which it is taken; None: those of the scene
+
+    Returns
+    -------
+    gradient : with the value of the loss and the raw data
+
+    Raises
+    ------
+    SceneError, RadarError
+        As for :func:`sarmitsuba.jacobian`.
+    DataError
+        The loss gives no finite value, or adjoint data of another shape.
+    ResourceError
+        The adjoint grids do not fit into memory.
+
+    Notes
+    -----
+    Levels, maps of levels, shifts, heights, scales and rotations of shapes take one run back together; other parameters
+    one run for every eight of them. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
+    :class:`Objective` keeps what is planned once.
+    """
+    return Objective(scene, parameters, loss).at(values)
+
+
+class Objective:
+    """Loss of a scene's raw data as a function of parameters: ``objective(values)`` is the value with its gradient.
+
+    As optimisers take it: ``scipy.optimize.minimize(objective, objective.start, jac=True)``. Launch windows, rays,
+    effects and blocks of pulses are those of the scene as it is, so that the loss is a fixed function of the values.
+
+    Parameters
+    ----------
+    scene, parameters, loss : as for :func:`gradient`
+
+    Attributes
+    ----------
+    model : raw data as a function of the values
+    start : (n,) values of the scene
+    """
+
+    def __init__(self, scene: SceneLike, parameters: Parameters, loss: Loss) -> None:
+        scene = Scene.of(scene)
+        self.model, self.loss = ForwardModel(scene, parameters_of(parameters, scene)), loss
+
+    @property
+    def start(self) -> F64:
+        """Values of the scene as it is, (n,)."""
+        return self.model.start
+
+    def __call__(self, values: F64) -> tuple[float, F64]:
+        """Loss and gradient at some values."""
+        found = self.at(values)
+        return found.loss, found.gradient
+
+    @exclusive
+    def at(self, values: F64 | None = None) -> Gradient:
+        """The same with the raw data; None: of the scene as it is."""
+        model = self.model
+        values = model.start if values is None else np.asarray(values, dtype=np.float64)
+        data = model.data(values)
+        value, adjoint = checked(self.loss, data)
+        found, memory = transposed(model, adjoint, values)
+        return Gradient(model.names, values, found, value, model.raw(data), memory)
+
+
+def transposed(model: ForwardModel, adjoint: C64, values: F64 | None = None) -> tuple[F64, int]:
+    r"""Transpose of the Jacobian times data, :math:`\Re J^H g`, and the bytes that it took.
+
+    Parameters
+    ----------
+    model : raw data as a function of n values
+    adjoint : (channels, pulses, samples) complex64, g
+    values : (n,) at which it is taken; None: those of the scene
+
+    Returns
+    -------
+    product, memory : (n,) float64, and the bytes of the adjoint grids and of the gradient's numbers
+    """
+    here = model.placed(values)
+    sizes = [len(p.values(model.scene)) for p in model.parameters]
+    first = np.cumsum([0, *sizes])
+    out = np.zeros(int(first[-1]))
+    scale = float(np.abs(adjoint).max())
+    if not scale > 0.0:
+        return out, 0
+    unit = adjoint * np.float32(1.0 / scale)
+    plan = _ReversePlan.of(model, here)
+    memory = 0
+    if plan.entries:
+        total, memory = _run_back(model, here, plan.tangents, unit)
+        for number, entries in plan.entries.items():
+            starts = np.cumsum([0, *(len(own) for own in entries[:-1])])
+            out[first[number] : first[number + 1]] = np.add.reduceat(total[np.concatenate(entries)], starts)
+    for group in _groups(model, here, [k for k in range(len(sizes)) if k not in plan.entries]):
+        _, planes = model.planes(here, [model.parameters[k] for k in group])
+        rows = np.concatenate([np.arange(first[k], first[k + 1]) for k in group])
+        for row, plane in zip(rows, planes, strict=True):
+            out[row] = _product(unit, plane)
+    return out * scale, memory
+
+
+@dataclass(frozen=True, eq=False)
+class _ReversePlan:
+    """Parameters that one run back serves: tables, and the numbers of the gradient that are summed for each value."""
+
+    tangents: SlotTangents
+    entries: dict[int, list[I64]]
+
+    @staticmethod
+    def of(model: ForwardModel, here: At) -> _ReversePlan:
+        """All parameters of a model whose values are displacements, levels or texels."""
+        scene, traced = here.scene, here.trace_scene
+        mesh = scene.geometry.face_mesh[traced.geometry_faces]
+        shapes = MovingShapes(traced.n_faces)
+        moved: dict[int, list[tuple[int, int]]] = {}
+        levelled: dict[int, list[I64]] = {}
+        texels: dict[int, I64] = {}
+        for k, parameter in enumerate(model.parameters):
+            if not parameter.direct:
+                continue
+            places = [shapes.add(d) for d in parameter.displacements(scene, mesh)]
+            if None not in places and places:
+                moved[k] = [place for place in places if place is not None]
+            levels = [np.array(sorted(numbers), dtype=np.int64) for numbers in parameter.levels(scene)]
+            if levels:
+                levelled[k] = levels
+            own = parameter.texels(scene)
+            if own:
+                texels[k] = here.texels(own)
+        layer = None if traced.surfaces is None else traced.surfaces.levels
+        tangents, numbers = SlotTangents.of(
+            shapes,
+            model.run.plan.max_depth,
+            len(with_parts(scene.materials)) if levelled else 0,
+            0 if layer is None or not texels else len(layer.texels),
+            rates=model.turning,
+        )
+        entries = {k: [numbers[s][[i]] for s, i in own] for k, own in moved.items()}
+        entries |= {k: [tangents.first_material + own for own in sets] for k, sets in levelled.items()}
+        entries |= {k: list(tangents.first_texel + own[:, None]) for k, own in texels.items()}
+        return _ReversePlan(tangents, entries)
+
+
+class AdjointBatches(BatchTracer):
+    """Tracing of batches whose echoes read adjoint grids.
+
+    Derivatives of echoes beside edges are factors of the echoes: they read the grid of amplitudes.
+
+    Parameters
+    ----------
+    tracer, rays : as for the base class
+    tangents : of the tracer
+    total : to which echoes add
+    moves : of edges, where the rays are those beside them; None: lattices
+
+    Attributes
+    ----------
+    first, data : of the next batch: its first pulse, and weighted adjoint data (channels, its pulses, samples)
+    memory : bytes of the largest adjoint grids so far
+    """
+
+    def __init__(
+        self,
+        tracer: Tracer,
+        rays: Rays,
+        tangents: SlotTangents,
+        total: GradientSum,
+        moves: OfShapes | None = None,
+    ) -> None:
+        super().__init__(tracer, rays, len(tracer.sampling.scene.radar.channels), 0)
+        self.tangents, self.total, self.moves = tangents, total, moves
+        self.first, self.data, self.memory = 0, np.zeros((0, 0, 0), dtype=np.complex64), 0
+        for one in {tracer, *tracer.by_frequency}:
+            one.tangents = tangents
+
+    def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
+        """See the base class."""
+        if self.moves is not None:
+            lattices = edge_lattices(self, batch, self.moves)
+        return super().trace(batch, lattices)
+
+    def accumulator(self, pulses: Pulses, share: RangeFilter | None) -> GridAccumulator:
+        """See the base class."""
+        wave = self.tracer.sampling.scene.radar.waveform
+        own = self.data[:, pulses.plan.start - self.first : pulses.plan.stop - self.first]
+        carrier = 4.0 * np.pi * wave.center_frequency / SPEED_OF_LIGHT
+        by_range = partial(per_metre, carrier, share)
+        plain = farther = turning = None
+        if self.moves is not None or self.tangents.n_materials or self.tangents.n_texels:
+            plain = pulses.adjoint(own, share)
+        if self.moves is None and self.tangents.n_shapes:
+            farther = pulses.adjoint(own, by_range)
+            if self.tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
+                turning = pulses.adjoint(own * pulses.plan.tau.astype(np.float32)[:, None], by_range)
+        found = pulses.accumulator(1, self.amplitudes, 0, wave.wavelength, 0)
+        found.adjoint = AdjointGrids(plain, farther, turning, self.total)
+        self.memory = max(self.memory, found.adjoint.n_bytes)
+        return found
+
+    def finished(self, pulses: Pulses, accumulator: GridAccumulator, share: RangeFilter | None) -> C64:
+        """No profiles: the echoes went to the gradient."""
+        return np.zeros((self.n_layers, pulses.plan.stop - pulses.plan.start, 0), dtype=np.complex64)
+
+
+def _run_back(model: ForwardModel, here: At, tangents: SlotTangents, adjoint: C64) -> tuple[F64, int]:
+    """Numbers of the gradient, and bytes of the adjoint grids and of these numbers."""
+    grids, numbers = _grid_bytes(model, here, tangents), 8 * tangents.size * (threads() + 1)
+    check_fits(
+        f"{here.scene.name}: a gradient by {len(model.names)} values",
+        COPIES * grids + numbers + 4 * adjoint.nbytes,
+        "take fewer pulses, or shorter blocks (key_pulse_interval)",
+    )
+    total = GradientSum(tangents.size)
+    runs = [AdjointBatches(model.tracer(here), model.rays, tangents, total)]
+    if tangents.n_shapes:
+        beside = tangents.beside_edges(model.run.plan.max_depth)
+        runs.append(AdjointBatches(model.tracer(here), model.rays, beside, total, OfShapes(tangents)))
+    for batches in runs:
+        _trace_back(model, batches, adjoint)
+    return total.numbers(), max(batches.memory for batches in runs) + 8 * tangents.size
+
+
+def _trace_back(model: ForwardModel, batches: AdjointBatches, adjoint: C64) -> None:
+    """Trace all batches against adjoint data (channels, pulses, samples)."""
+    for batch, pulses, share in model.weighted():
+        own = adjoint[:, pulses]
+        if not own.any():
+            continue
+        batches.first = batch.start
+        batches.data = np.zeros((len(own), batch.stop - batch.start, own.shape[2]), dtype=np.complex64)
+        batches.data[:, : own.shape[1]] = share * own
+        batches.trace(batch)
+
+
+def _grid_bytes(model: ForwardModel, here: At, tangents: SlotTangents) -> int:
+    """Bytes of the largest adjoint grids, of the first, middle and last batch."""
+    batches, sizes = model.batches, []
+    for k in sorted({0, len(batches) // 2, len(batches) - 1}):
+        pulses = _pulses(model, batches[k])
+        sizes.append(8 * int(np.prod(pulses.plan.shape(model.shape[0]))))
+    kinds = bool(tangents.n_materials or tangents.n_texels) + (tangents.n_shapes > 0) + tangents.rates
+    return max(sizes) * kinds
+
+
+def _pulses(model: ForwardModel, batch: Batch) -> Pulses:
+    kind = KeyPulse if batch.together else EveryPulse
+    return kind(model.sampling, batch.start, batch.stop)
+
+
+def _groups(model: ForwardModel, here: At, numbers: Sequence[int]) -> Iterator[list[int]]:
+    """Parameters by number, in groups of few derivatives each."""
+    mesh = here.scene.geometry.face_mesh[here.trace_scene.geometry_faces]
+    group: list[int] = []
+    count = 0
+    for k in numbers:
+        p, scene = model.parameters[k], here.scene
+        n = (
+            len(p.displacements(scene, mesh))
+            + len(p.levels(scene))
+            + len(p.steps(scene))
+            + len(p.texels(scene))
+        )
+        if group and count + n > AT_ONCE:
+            yield group
+            group, count = [], 0
+        group.append(k)
+        count += n
+    if group:
+        yield group
+
+
+def _product(adjoint: C64, plane: C64) -> float:
+    """Real part of the sum of conj(adjoint) plane, in float64."""
+    return sum(
+        float(np.vdot(a.astype(np.complex128), p.astype(np.complex128)).real)
+        for own, other in zip(adjoint, plane, strict=True)
+        for a, p in zip(own, other, strict=True)
+    )

@@ -1,0 +1,203 @@
+"""Gradients of losses by many parameters: against the Jacobian, against differences of whole runs, losses, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sarmitsuba
+from sarmitsuba import Scene, SquaredDifference, focusing_operator, gradient, jacobian, simulate
+from sarmitsuba.arrays import C64
+from sarmitsuba.backend import dr
+from sarmitsuba.errors import DataError, ResourceError, SceneError
+from sarmitsuba.gradients.forward_model import MOST_TEXELS, ForwardModel
+from sarmitsuba.gradients.losses import MultilookDifference, multilooked
+from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.gradients.reverse import Objective, transposed
+from sarmitsuba.materials.material import SurfaceMaps
+from tests.support.differences import relative
+from tests.support.many_bodies import adjoint_of, city, products
+
+# scenes are small, and leave out bounces and edges
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+
+QUAD = {"polarisation": "HH,HV,VH,VV"}
+WIDE = {"wideband": "on", "diffuse_pairs": "off", "edge_diffraction": "off"}
+# drawn scenes, with parameters of every sort
+CASES: dict[str, tuple[dict[str, Any], str]] = {
+    "map": ({"texels": (2, 2)}, "level_map:soil,level:soil,shifts:x"),
+    "raw": ({"settings": {"method": "raw"}, "radar": {"n_pulses": 3}}, "shifts:y,levels"),
+    "raw heights": ({"settings": {"method": "raw"}, "radar": {"n_pulses": 3}}, "heights,rotations"),
+    "quad": ({"radar": QUAD}, "heights,shifts:x,rotations,level:soil"),
+    "metal": ({"kind": "metal"}, "heights,scales,shift:ground:z"),
+    "stripmap": (
+        {"radar": {"mode": "stripmap", "n_pulses": 40}, "settings": {"key_pulse_interval": 8}},
+        "heights,levels,shift:house1:x",
+    ),
+    "sub_bands": (
+        {"kind": "metal", "radar": {"bandwidth": 3e9}, "settings": {"effects": WIDE}},
+        "heights,shifts:x",
+    ),
+    "all": ({}, "gain,clock_offset,track:3:xz,permittivity:wall,rms_height:soil,levels,heights,shifts:z"),
+}
+QUICK = ("map", "raw")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in CASES]
+)
+def test_gradient_is_the_product_of_adjoint_data_and_jacobian(name: str) -> None:
+    given, parameters = CASES[name]
+    depth = 2 if name in QUICK else 3
+    given = given | {"settings": {"max_depth": depth} | given.get("settings", {})}
+    for seed in (1,) if name in QUICK else (2, 3):
+        scene = city(seed, 2 if name in QUICK else 5, pitch=8.0, **given)
+        model = ForwardModel(scene, parse(parameters, scene))
+        assert name != "sub_bands" or model.run.plan.sub_bands > 1
+        data, planes = model.derivative()
+        adjoint = adjoint_of(np.random.default_rng(seed), data)
+        found, memory = transposed(model, adjoint)
+        expected, size = products(adjoint, planes)
+        assert size.all() and memory > 0
+        # tol: float32 sums of adjoint grids and of planes, relative to the norms of both
+        assert np.abs((found - expected) / size).max() < 2e-7
+
+
+def test_levels_of_texels_against_differences_of_whole_runs() -> None:
+    scene = city(5, 1, pitch=10.0, texels=(2, 3), settings={"max_depth": 2})
+    model = ForwardModel(scene, parse("level_map:soil", scene))
+    _, planes = model.derivative()
+    assert len(model.names) == 6 and model.names[4] == "level_map:soil row 1 column 1 [dB]"
+    way = np.random.default_rng(5).standard_normal(6)
+    h = 0.02
+    ends = [model.data(model.start + s * h * way).astype(np.complex128) for s in (1.0, -1.0)]
+    expected = (ends[0] - ends[1]) / (2.0 * h)
+    # tol: differences of second order, (0.02 x 2 x 0.115)^2 / 6, and float32 data over the step
+    assert relative(np.einsum("k,kcps->cps", way, planes.astype(np.complex128)), expected) < 1e-4
+
+
+def test_an_objective_changes_by_its_gradient() -> None:
+    """Levels of a map and of walls, with the loss of data at other values."""
+    scene = city(6, 1, pitch=10.0, texels=(2, 2), settings={"max_depth": 2})
+    model = ForwardModel(scene, parse("level_map:soil,level:wall", scene))
+    rng = np.random.default_rng(6)
+    measured = model.data(model.start + rng.uniform(-2.0, 2.0, len(model.start)))
+    objective = Objective(scene, "level_map:soil,level:wall", SquaredDifference(measured))
+    value, slope = objective(objective.start)
+    way, h = rng.standard_normal(len(slope)), 0.02
+    ends = [objective(objective.start + s * h * way)[0] for s in (1.0, -1.0)]
+    # tol: differences of second order, and float32 data over the step
+    assert (ends[0] - ends[1]) / (2.0 * h) == pytest.approx(slope @ way, rel=1e-3)
+    found = gradient(scene, "level_map:soil,level:wall", SquaredDifference(measured))
+    assert found.loss == value and np.array_equal(found.gradient, slope) and len(found) == 5
+    assert np.array_equal(found.raw.data, simulate(scene).data) and np.array_equal(
+        found.values, objective.start
+    )
+
+
+def test_one_kernel_serves_any_number_of_shapes_and_any_adjoint_data() -> None:
+    def kernels(bodies: int, seed: int) -> set[str]:
+        scene = city(9, bodies, pitch=6.0, settings={"max_depth": 1})
+        model = ForwardModel(scene, parse("shifts:x,levels", scene))
+        adjoint = adjoint_of(np.random.default_rng(seed), model.data())
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            transposed(model, adjoint)
+            return {entry["hash"] for entry in dr.kernel_history() if "hash" in entry}
+
+    assert kernels(2, 1) == kernels(4, 2)
+
+
+def test_zero_adjoint_data_give_zero() -> None:
+    scene = city(4, 1, pitch=8.0, settings={"max_depth": 1})
+    model = ForwardModel(scene, parse("heights,levels", scene))
+    found, memory = transposed(model, np.zeros(model.shape, dtype=np.complex64))
+    assert not found.any() and memory == 0
+
+
+def numbers(rng: np.random.Generator, shape: tuple[int, ...]) -> C64:
+    """Independent complex normal numbers."""
+    return np.asarray(rng.standard_normal(shape) + 1j * rng.standard_normal(shape), dtype=np.complex64)
+
+
+def test_losses_change_by_their_adjoint_data() -> None:
+    rng = np.random.default_rng(8)
+    scene = city(8, 1, pitch=10.0, settings={"max_depth": 1})
+    raw = simulate(scene)
+    operator = focusing_operator(raw, focuser="backprojection")
+    scale = float(np.sqrt(np.mean(np.abs(raw.data) ** 2)))
+    data, other, way = (numbers(rng, raw.data.shape) * np.float32(scale) for _ in range(3))
+    image = (operator @ other.reshape(-1)).reshape(operator.image_shape)
+    losses = [
+        SquaredDifference(other),
+        SquaredDifference(replace(raw, data=other), weights=rng.uniform(0.0, 2.0, raw.data.shape[1:])),
+        MultilookDifference(operator, multilooked(image, (3, 2)), (3, 2)),
+        MultilookDifference(operator, multilooked(image, (2, 2), amplitude=True), (2, 2), amplitude=True),
+    ]
+    for loss in losses:
+        value, adjoint = loss(data)
+        h = np.float32(0.002)
+        ends = [loss(data + s * h * way)[0] for s in (np.float32(1.0), np.float32(-1.0))]
+        expected = (ends[0] - ends[1]) / (2.0 * float(h))
+        found = float(np.vdot(adjoint.astype(np.complex128), way.astype(np.complex128)).real)
+        assert value > 0.0
+        # tol: differences of second order, and float32 data and images over the step
+        assert found == pytest.approx(expected, rel=2e-3)
+
+
+def test_wrong_losses_are_one_line() -> None:
+    scene = city(8, 1, pitch=10.0, settings={"max_depth": 1})
+    shape = simulate(scene).data.shape
+    cases = [
+        (lambda data: (np.nan, data), "its value is nan"),
+        (lambda data: (1.0, data[:, :-1]), "its adjoint has the shape"),
+        (lambda data: (1.0, data * np.nan), "its adjoint is not finite"),
+        (SquaredDifference(np.zeros((1, 2, 3), dtype=np.complex64)), "measured raw data of the shape"),
+    ]
+    for loss, reason in cases:
+        with pytest.raises(DataError, match=reason):
+            gradient(scene, "gain", loss)
+    with pytest.raises(DataError, match="a weight is below 0"):
+        SquaredDifference(np.zeros(shape, dtype=np.complex64), weights=np.full(1, -1.0))
+    with pytest.raises(DataError, match="are not finite"):
+        SquaredDifference(np.full(shape, np.nan, dtype=np.complex64))
+
+
+def with_level(scene: Scene, values: np.ndarray) -> Scene:
+    """The scene with other values in the map of its soil."""
+    changed = [
+        m
+        if m.maps is None or m.maps.level is None
+        else replace(m, maps=SurfaceMaps(replace(m.maps.level, values=values)))
+        for m in scene.materials
+    ]
+    return replace(scene, materials=tuple(changed))
+
+
+def test_wrong_parameters_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = city(8, 1, texels=(2, 2))
+    with pytest.raises(SceneError, match="the material has no sigma0_map"):
+        jacobian(scene, "level_map:wall")
+    with pytest.raises(SceneError, match="texels of 0"):
+        jacobian(with_level(scene, np.zeros((2, 2))), "level_map:soil")
+    side = int(np.sqrt(MOST_TEXELS)) + 1
+    with pytest.raises(SceneError, match=r"take sarmitsuba\.gradient"):
+        jacobian(with_level(scene, np.ones((side, side))), "level_map:soil")
+    with pytest.raises(SceneError, match="no shape rises above the ground"):
+        jacobian(city(8, 0), "heights")
+    objective = Objective(scene, "level_map:soil", lambda data: (0.0, data))
+    monkeypatch.setattr("sarmitsuba.memory.free_memory", lambda: 10**5)
+    with pytest.raises(ResourceError, match="a gradient by 4 values needs"):
+        objective(objective.start)
+
+
+def test_shapes_above_the_ground_are_named() -> None:
+    scene = city(3, 3)
+    assert [p.label for p in parse("heights,shifts:y", scene)] == [
+        *(f"height:house{k}" for k in range(3)),
+        *(f"shift:house{k}:y" for k in range(3)),
+    ]
+    assert sarmitsuba.gradient is gradient
