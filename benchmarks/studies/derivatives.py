@@ -1,15 +1,14 @@
-"""Derivatives of raw data against central differences on drawn scenes, what moving shadows add, and the time they take.
+"""Derivatives of raw data against central differences on drawn scenes, and the time they take.
 
-Usage: python benchmarks/studies/derivatives.py [--count N] [--first SEED] [--kinds KIND ...] [--tables TABLE ...]
-       [--cost] [--json FILE]
+Usage: python benchmarks/studies/derivatives.py [--count N] [--first SEED] [--kinds KIND ...] [--cost]
+       [--json FILE]
 
 For every kind of parameter, boxes on ground are drawn (``tests/support/differences.py``), and the derivative along a
-drawn direction of its values is compared with differences of sixth order of whole runs. The first table is of kinds
-that change no shadow: the error relative to the norm of the derivative. Scenes in which a ray appears or vanishes
-between the runs (rounding at the edges of facets), so that differences of two orders disagree, are counted apart. The
-second is of shapes that move on ground that scatters: the share of the true derivative that is missing, because shadows
-and lit areas move. ``--cost`` prints the time of K derivatives over that of the data alone, both as the median of
-interleaved rounds.
+drawn direction of its values is compared with differences of sixth order of whole runs, in scenes where it changes no
+shadow: the error relative to the norm of the derivative. Scenes in which a ray appears or vanishes between the runs
+(rounding at the edges of facets), so that differences of two orders disagree, are counted apart. Shadows that move are
+compared by ``moving_edges.py``. ``--cost`` prints the time of K derivatives over that of the data alone, both as the
+median of interleaved rounds.
 """
 
 import argparse
@@ -24,7 +23,7 @@ import numpy as np
 
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parsing import parse
-from tests.support.differences import EXACT, MOVING, Compared, compared_all, drawn
+from tests.support.differences import EXACT, Compared, compared_all, drawn
 
 _ = _support
 # sets of parameters whose time is measured
@@ -53,7 +52,6 @@ def main() -> None:
     parser.add_argument(
         "--kinds", nargs="+", default=["alone", "house", "metal", "rough"], help="kinds of scenes"
     )
-    parser.add_argument("--tables", nargs="+", default=["exact", "missing"], help="which tables")
     parser.add_argument("--cost", action="store_true", help="measure times instead")
     parser.add_argument("--json", help="file for the numbers")
     args = parser.parse_args()
@@ -63,22 +61,16 @@ def main() -> None:
         record["cost"] = costs()
     else:
         seeds = range(args.first, args.first + args.count)
-        exact, moving = ([(k, p) for k, p in kinds if k in args.kinds] for kinds in (EXACT, MOVING))
-        if "exact" in args.tables:
-            record["exact"] = table("derivatives that move no shadow: relative error", exact, seeds)
-        if "missing" in args.tables:
-            title = "moving shapes: missing share of the derivative, in all scenes"
-            record["missing"] = table(title, moving, seeds, every=True)
+        kinds = [(kind, parameter) for kind, parameter in EXACT if kind in args.kinds]
+        record["exact"] = table(kinds, seeds)
     if args.json:
         with open(args.json, "w", encoding="utf-8") as file:
             json.dump(record, file, indent=1)
 
 
-def table(
-    title: str, kinds: Sequence[tuple[str, str]], seeds: range, *, every: bool = False
-) -> list[dict[str, object]]:
+def table(kinds: Sequence[tuple[str, str]], seeds: range) -> list[dict[str, object]]:
     """Print one line for each kind of parameter."""
-    print(f"\n{title}, seeds {seeds.start} to {seeds.stop - 1}")
+    print(f"relative errors, seeds {seeds.start} to {seeds.stop - 1}")
     print(
         f"{'scenes':7} {'parameter':38} {'steady':>7} {'median':>9} {'90 %':>9} {'worst':>9}   others' median"
     )
@@ -90,16 +82,15 @@ def table(
             scene = drawn(seed, kind)
             drawn_scenes.append(compared_all(scene, parameters, seed))
         for parameter, own in zip(parameters, zip(*drawn_scenes, strict=True), strict=True):
-            lines.append(line(kind, parameter, own, every))
+            lines.append(line(kind, parameter, own))
     return lines
 
 
-def line(kind: str, parameter: str, found: Sequence[Compared], every: bool) -> dict[str, object]:
-    """Print one line; ``every``: quantiles over all scenes, not the steady ones alone."""
+def line(kind: str, parameter: str, found: Sequence[Compared]) -> dict[str, object]:
+    """Print one line."""
     steady = [c.error for c in found if c.steady]
     others = [c.error for c in found if not c.steady]
-    counted = steady + others if every else steady
-    quantiles = np.quantile(counted, [0.5, 0.9, 1.0]) if counted else np.full(3, np.nan)
+    quantiles = np.quantile(steady, [0.5, 0.9, 1.0]) if steady else np.full(3, np.nan)
     rest = float(np.median(others)) if others else float("nan")
     name = "shift:box" if parameter.startswith("shift") else parameter
     numbers = " ".join(f"{q:9.2e}" for q in quantiles)

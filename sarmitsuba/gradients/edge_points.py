@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64, U32
-from sarmitsuba.mesh.edges import Edges, unit_normals
+from sarmitsuba.mesh.facet_edges import FacetEdges, unit_normals
 from sarmitsuba.trace.launch import LaunchFrame, project
 from sarmitsuba.trace.tangent_slots import EDGE_SHAPES, NO_SHAPE, ROW, SlotTangents
 from sarmitsuba.trace.tangents import Displacement
@@ -47,7 +47,7 @@ class EdgePoints:
     met: F64
 
     @staticmethod
-    def of(edges: Edges, antenna: F64, frame: LaunchFrame, spacing: float) -> EdgePoints:
+    def of(edges: FacetEdges, antenna: F64, frame: LaunchFrame, spacing: float) -> EdgePoints:
         """Middles of equal parts of the edges, so short that they are samples within a ray spacing."""
         seen = edges.seen(antenna)
         start, end = edges.start[seen], edges.end[seen]
@@ -73,29 +73,42 @@ class EdgePoints:
 
     def __getitem__(self, which: NDArray[np.bool_]) -> EdgePoints:
         """Some of them."""
-        own = (self.position, self.step, self.faces, self.mirror, self.normal, self.met)
-        return EdgePoints(*(x[which] for x in own))
+        return EdgePoints(
+            self.position[which],
+            self.step[which],
+            self.faces[which],
+            self.mirror[which],
+            self.normal[which],
+            self.met[which],
+        )
 
     def together(self, others: Sequence[EdgePoints]) -> EdgePoints:
         """These points, then those of others."""
         every = (self, *others)
-        names = ("position", "step", "faces", "mirror", "normal", "met")
-        return EdgePoints(*(np.concatenate([getattr(p, name) for p in every]) for name in names))
+        return EdgePoints(
+            np.concatenate([p.position for p in every]),
+            np.concatenate([p.step for p in every]),
+            np.concatenate([p.faces for p in every]),
+            np.concatenate([p.mirror for p in every]),
+            np.concatenate([p.normal for p in every]),
+            np.concatenate([p.met for p in every]),
+        )
 
     @property
     def above(self) -> F64:
         """(n,) m, heights above the mirrors."""
-        return np.einsum("nk,nk->n", self.position - self.met, self.normal)
+        return np.asarray(np.einsum("nk,nk->n", self.position - self.met, self.normal))
 
     @property
     def image(self) -> F64:
         """(n, 3) m, where the antenna sees the points."""
-        return self.position - 2.0 * self.above[:, None] * self.normal
+        return np.asarray(self.position - 2.0 * self.above[:, None] * self.normal)
 
     @property
     def image_step(self) -> F64:
         """(n, 3) m, ``step`` as the antenna sees it."""
-        return self.step - 2.0 * np.einsum("nk,nk->n", self.step, self.normal)[:, None] * self.normal
+        along = np.einsum("nk,nk->n", self.step, self.normal)
+        return np.asarray(self.step - 2.0 * along[:, None] * self.normal)
 
     def images(self, triangles: F64, antenna: F64, extent: float) -> Iterator[EdgePoints]:
         """Images in all triangles (n_faces, 3, 3) in which the antenna may see them."""
@@ -150,7 +163,7 @@ class EdgePoints:
         """
 
         def of(points: F64, which: NDArray[np.bool_]) -> F64:
-            return (offset + np.einsum("nij,nj->ni", gradient, points)) * which[:, None]
+            return np.asarray((offset + np.einsum("nij,nj->ni", gradient, points)) * which[:, None])
 
         n, above = self.normal, self.above
         edge, mirror = of(self.position, moved), of(self.met, mirror_moved)

@@ -371,7 +371,7 @@ class ForwardModel:
             batches = TangentBatches(tracer, self.rays, self.shape[0] * layers, 0)
             planes = list(self._traced(batches, progress).reshape(layers, *self.shape))
             data, farther = planes[:2]
-            for plane, more in zip(planes[2:], self._beside_edges(here, some.displacements), strict=False):
+            for plane, more in zip(planes[2:], self.beside_edges(here, some.displacements), strict=False):
                 plane += more
             first = 2
             numbers = (len(some.displacements), len(some.levels), len(some.steps), len(some.texels))
@@ -390,7 +390,7 @@ class ForwardModel:
 
         return data, rows()
 
-    def _beside_edges(self, here: At, displacements: Sequence[Displacement]) -> Sequence[C64]:
+    def beside_edges(self, here: At, displacements: Sequence[Displacement]) -> Sequence[C64]:
         """What moving edges add to the derivatives by displacements; nothing where no shape moves."""
         if not any(d.faces is not None for d in displacements):
             return ()
@@ -398,7 +398,8 @@ class ForwardModel:
         plain = [replace(d, turn_rate=0.0) for d in displacements]
         for one in {tracer, *tracer.by_frequency}:
             one.tangents = Tangents.of(plain, (), here.trace_scene.n_faces, 0)
-        return self._traced(EdgeBatches(tracer, self.rays, self.shape[0] * n, 0)).reshape(n, *self.shape)
+        planes = self._traced(EdgeBatches(tracer, self.rays, self.shape[0] * n, 0))
+        return list(planes.reshape(n, *self.shape))
 
     @staticmethod
     def _step_tables(here: At, tracer: Tracer, step: Step) -> StepTables:

@@ -10,7 +10,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F64, U32
 from sarmitsuba.gradients.edge_points import NO_MIRROR, Common, EdgePoints, Moves
-from sarmitsuba.mesh.edges import Edges
+from sarmitsuba.mesh.facet_edges import FacetEdges
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
 from sarmitsuba.trace.launch import EdgeSamples, LatticeLevel, LaunchFrame, LaunchGrid, project
@@ -26,7 +26,7 @@ BESIDE, ROUNDING = 1e-3, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class _Beside:
+class _RaysBeside:
     """Rays on both sides of points from one antenna, first on one side of all: see :class:`EdgeSamples`.
 
     ``place`` : (n, 2) m, in the launch plane
@@ -43,7 +43,7 @@ class _Beside:
     @staticmethod
     def of(
         points: EdgePoints, moves: Moves, antenna: F64, frame: LaunchFrame, spacing: float, extent: float
-    ) -> _Beside:
+    ) -> _RaysBeside:
         """Rays from the antenna (3,), m."""
         ux, uy, center = frame.axis_x[0], frame.axis_y[0], frame.center[0]
         plane = np.cross(ux, uy)
@@ -64,7 +64,7 @@ class _Beside:
         speeds = np.stack([(moved(v) * normal).sum(axis=1) for v in velocities])
         off = max(BESIDE * spacing, ROUNDING * extent) * normal
         weight = length / spacing**2
-        return _Beside(
+        return _RaysBeside(
             np.concatenate([at - off, at + off]),
             np.concatenate([weight, -weight]),
             np.concatenate([normal, normal]),
@@ -93,14 +93,14 @@ def _grid(batches: BatchTracer, lattice: LaunchGrid, antennas: F64, moves: Moves
     frame = lattice.frame or batches.tracer.sampling.window.frame
     extent = batches.tracer.trace_scene.extent
     levels: list[LatticeLevel] = []
-    parts: list[list[_Beside]] = [[] for _ in antennas]
+    parts: list[list[_RaysBeside]] = [[] for _ in antennas]
     first = 0
     for level in lattice.every_level:
         levels.append(replace(level, first=first))
         for points in _points(batches, lattice, frame, antennas[len(antennas) // 2], level.spacing):
             first += 2 * len(points)
             for own, antenna in zip(parts, antennas, strict=True):
-                own.append(_Beside.of(points, moves, antenna, frame, level.spacing, extent))
+                own.append(_RaysBeside.of(points, moves, antenna, frame, level.spacing, extent))
     if not first:
         return None
     every = [part for own in parts for part in own]
@@ -127,9 +127,10 @@ def _points(
     half = np.array([lattice.half_x, lattice.half_y]) + lattice.taper
 
     def within(points: EdgePoints) -> EdgePoints:
-        return points[(np.abs(project(points.image, antenna, frame)) <= half).all(axis=1)]
+        inside = np.abs(project(points.image, antenna, frame)) <= half
+        return points[np.asarray(inside.all(axis=1))]
 
-    points = EdgePoints.of(Edges.of(scene.triangles), antenna, frame, spacing)
+    points = EdgePoints.of(FacetEdges.of(scene.triangles), antenna, frame, spacing)
     yield within(points)
     if batches.tracer.flags.multi_bounce:
         images = list(points.images(scene.triangles, antenna, scene.extent))

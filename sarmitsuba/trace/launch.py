@@ -93,8 +93,8 @@ class EdgeSamples:
 
     Parameters
     ----------
-    weight : (n_rays n_own,) float32, length of the edge that the ray stands for over the square of the rays' spacing, 1/m;
-        negative on the outer side
+    weight : (n_rays n_own,) float32, length of the edge that the ray stands for over the square of the rays' spacing,
+        1/m; negative on the outer side
     normal : (n_rays n_own, 2) float64, unit normals of the edges in the launch plane, outwards
     speeds : (n_displacements, n_rays n_own) float32, of the edges along their normals in the launch plane, m per unit
         of each displacement, or of each way of ``shapes``

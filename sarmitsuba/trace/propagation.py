@@ -13,7 +13,8 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.antenna_weight import fade
 from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
-from sarmitsuba.trace.edge_tangents import EdgeLane, EdgeState
+from sarmitsuba.trace.edge_state import EdgeLane
+from sarmitsuba.trace.edge_tangents import begun
 from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.leg import Surroundings, beam_patterns
 from sarmitsuba.trace.movement import ShadowBoundary
@@ -96,7 +97,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     )
     tangents = None if kernel.tangents is None else kernel.tangents.launched()
     if tangents is not None and grid.edges is not None:
-        tangents = EdgeState.begun(tangents, grid.edges, row, d64, (axis_x, axis_y))
+        tangents = begun(tangents, grid.edges, row, d64, (axis_x, axis_y))
     state = RayState(
         active=dr.full(mi.Bool, True, grid.n_rays * pulses.n_pulses),
         hits=u32(0),

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.edge_tangents import arrived
 from sarmitsuba.trace.tangents import RayTangents
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def mirrored_tangents(
         boundaries.append(boundary)
     edge = ray.tangents.edge
     if edge is not None:
-        edge = edge.at(carried, lane, ray, hit).mirrored(n)
+        edge = arrived(edge, carried, lane, ray, hit).mirrored(n)
     return RayTangents(
         tuple(virtual), tuple(boundaries), tuple(stretches), tuple(velocities), carried.slots, edge
     )

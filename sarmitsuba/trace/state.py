@@ -17,7 +17,7 @@ from sarmitsuba.trace.tubes.tube import TubeExtent  # at run time: Dr.Jit reads 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.antenna_weight import BeamPattern
-    from sarmitsuba.trace.edge_tangents import EdgeLane
+    from sarmitsuba.trace.edge_state import EdgeLane
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
     from sarmitsuba.trace.movement import Movement
     from sarmitsuba.trace.scene_tables import TraceScene

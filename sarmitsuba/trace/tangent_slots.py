@@ -179,7 +179,7 @@ class SlotTangents:
         """Numbers of the gradient."""
         return self.first_texel + self.n_texels
 
-    def carried(self, *, beside_edges: bool) -> CarriedSlots:
+    def carried(self, *, beside_edges: bool = False) -> CarriedSlots:
         """See :class:`sarmitsuba.trace.tangents.TangentPlan`."""
         still = mi.Vector3d(0.0)
         k = self.n_slots * self.ways

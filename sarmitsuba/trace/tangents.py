@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import F64
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.device_arrays import device_array
-from sarmitsuba.trace.edge_tangents import EdgeState  # at run time, like the next
+from sarmitsuba.trace.edge_state import EdgeState  # at run time, like the next
 from sarmitsuba.trace.movement import (
     Movement,
     ShadowBoundary,
@@ -110,7 +110,7 @@ class TangentPlan(Protocol):
     def turns(self) -> tuple[tuple[int, float], ...]:
         """Numbers of the displacements that turn faces, and the largest derivative of a unit normal of each."""
 
-    def carried(self, *, beside_edges: bool) -> Carried:
+    def carried(self, *, beside_edges: bool = False) -> Carried:
         """Numbers for one kernel, as opaque scalars: other values do not compile another kernel."""
 
 
@@ -184,7 +184,7 @@ class Tangents:
         """Numbers recorded for each channel: itself, its derivatives, and those with range rates."""
         return 1 + self.count + (len(self.displacements) if self.rates else 0)
 
-    def carried(self, *, beside_edges: bool) -> CarriedDisplacements:
+    def carried(self, *, beside_edges: bool = False) -> CarriedDisplacements:
         """See :class:`TangentPlan`."""
         return CarriedDisplacements(
             tuple(_vector(d.antenna) for d in self.displacements),

@@ -144,12 +144,6 @@ EXACT = (
     ("rough", "rms_height:soil"),
     ("rough", "correlation_length:wall"),
 )
-# kinds of parameters that move shadows and lit areas, with the drawn scenes in which that matters
-MOVING = tuple(
-    (kind, parameter)
-    for parameter in ("shift:box:x,shift:box:y,shift:box:z", "height:box", "scale:box", "rotation:box")
-    for kind in ("rough", "metal")
-)
 
 
 @dataclass(frozen=True, eq=False)

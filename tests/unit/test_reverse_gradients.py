@@ -62,8 +62,9 @@ def test_gradient_is_the_product_of_adjoint_data_and_jacobian(name: str) -> None
         found, memory = transposed(model, adjoint)
         expected, size = products(adjoint, planes)
         assert size.all() and memory > 0
-        # tol: float32 sums of adjoint grids and of planes, relative to the norms of both
-        assert np.abs((found - expected) / size).max() < 2e-7
+        # tol: float32 sums of adjoint grids and of planes, and weights of rays on both sides of edges, whose returns
+        # cancel to a tenth; relative to the norms of both
+        assert np.abs((found - expected) / size).max() < 1e-6
 
 
 def test_levels_of_texels_against_differences_of_whole_runs() -> None:

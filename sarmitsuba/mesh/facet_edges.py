@@ -15,7 +15,7 @@ from sarmitsuba.mesh.welding import weld
 
 
 @dataclass(frozen=True, eq=False)
-class Edges:
+class FacetEdges:
     """Edges of the facets of a scene.
 
     Parameters
@@ -33,7 +33,7 @@ class Edges:
     faces: I64
 
     @staticmethod
-    def of(triangles: F64) -> Edges:
+    def of(triangles: F64) -> FacetEdges:
         """Edges of triangles (n_faces, 3, 3), m, each once, but for those within a plane."""
         vertex = weld(triangles.reshape(-1, 3))
         first, second = edge_pairs(vertex)
@@ -50,12 +50,12 @@ class Edges:
         own = own[~flat[own]]
         ends = np.roll(triangles, -1, axis=1).reshape(-1, 3)
         faces = np.stack([own, other[own]], axis=1) // 3
-        return Edges(triangles.reshape(-1, 3)[own], ends[own], normal[faces], smooth[own], faces)
+        return FacetEdges(triangles.reshape(-1, 3)[own], ends[own], normal[faces], smooth[own], faces)
 
     def seen(self, antenna: F64) -> NDArray[np.bool_]:
-        """(n,) edges that may bound what is seen from a place (3,), m: any, but of a curved surface its outline alone."""
+        """(n,) edges that may bound what is seen from a place (3,), m: of a curved surface its outline alone."""
         front = np.einsum("nik,nk->ni", self.normals, antenna - self.start) > 0.0
-        return np.where(self.smooth, front[:, 0] != front[:, 1], True)
+        return np.asarray(np.where(self.smooth, front[:, 0] != front[:, 1], True))
 
 
 def unit_normals(triangles: F64) -> F64:
