@@ -126,9 +126,10 @@ def jacobian(
 
     Notes
     -----
-    Ignores the motion of shadow boundaries and of the boundaries of lit areas: derivatives are those of the paths that
-    are found. Of displacements it ignores the change of amplitudes by spreading and beam, which is
-    :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that share one tracing, derivatives of
+    Shadow boundaries and the boundaries of lit areas move with the edges that cast them, in the mean over the place of
+    the ray lattice (:mod:`sarmitsuba.trace.edge_tangents`): on all legs of up to three bounces, but not what hides a
+    diffuse scatterer that is lit over a mirror from the antenna. Of displacements it ignores the change of amplitudes by
+    spreading and beam, which is :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that share one tracing, derivatives of
     slant ranges are linear in time about its key pulse; an aperture of the angle :math:`\theta` leaves
     :math:`\theta^2 / 8` at the ends, 3e-5 at a degree.
     """

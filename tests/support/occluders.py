@@ -26,7 +26,7 @@ from sarmitsuba.trace.tangents import Displacement
 from tests.support.differences import relative
 
 # m: steps over which what is hidden of a wall changes evenly, and its phase along the wall by little
-UPWARDS, SIDEWAYS = 0.2, 0.04
+UPWARDS, SIDEWAYS = 0.1, 0.04
 STEPS = {"height": UPWARDS, "shift": UPWARDS, "scale": 0.02, "rotation": 0.02}
 
 
@@ -35,11 +35,11 @@ def hidden_wall(
 ) -> Scene:
     """A metal wall that faces the radar, smooth or slightly rough ground before it, and a body there.
 
-    The body is a turned box of a material without reflection (its permittivity is 1): it hides parts of the ground and
+    The body is a turned box that returns nothing (its permittivity is 1, its roughness leaves no mirror): it hides parts of the ground and
     the wall on all three legs of their double bounces.
     """
     rng = np.random.default_rng([seed, 0xED6E])
-    metal, black = Material("wall", pec=True), Material("black", permittivity=1.0)
+    metal, black = Material("wall", pec=True), Material("black", permittivity=1.0, rms_height=0.5)
     soil = Material("soil", permittivity=complex(rng.uniform(3.0, 9.0)))
     if rough:
         soil = Material(
