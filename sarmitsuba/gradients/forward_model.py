@@ -72,6 +72,8 @@ class TangentBatches(BatchTracer):
         end = c * (1 + tangents.count)
         if end > moved:
             parts.append(pulses.profiles(grid[moved:end], share))
+        if tangents.pointing and isinstance(pulses, KeyPulse) and pulses.beam:
+            parts[-1][-2 * c : -c] += pulses.by_azimuth(grid[:c], share)
         if tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
             # slant ranges within the block change by those of the key pulse and by the range rate's times the time
             turning = pulses.profiles(grid[end:], partial(_per_metre, carrier, share))
@@ -104,6 +106,7 @@ class _Needed:
     displacements: tuple[Displacement, ...]
     levels: tuple[frozenset[int], ...]
     steps: tuple[Step, ...]
+    pointing: bool = False
     counts: tuple[tuple[int, int, int], ...] = ()
 
     @staticmethod
@@ -118,6 +121,7 @@ class _Needed:
             tuple(chain.from_iterable(moves)),
             tuple(chain.from_iterable(levels)),
             tuple(chain.from_iterable(steps)),
+            any(p.pointing for p in parameters),
             tuple((len(a), len(b), len(c)) for a, b, c in zip(moves, levels, steps, strict=True)),
         )
 
@@ -135,6 +139,7 @@ class _Needed:
                 tuple(chain.from_iterable(moves[k : k + 1])),
                 self.levels[k * MOST : (k + 1) * MOST],
                 self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
+                self.pointing and k == 0,
             )
 
 
@@ -199,6 +204,11 @@ class ForwardModel:
         self.scene = self.run.scene
         self.names = tuple(name for p in self.parameters for name in p.names(self.scene))
         self.start = np.concatenate([p.values(self.scene) for p in self.parameters])
+        if any(p.pointing for p in self.parameters) and not flags.antenna_pattern:
+            raise SceneError(
+                f"{scene.name}: the effect antenna_pattern is off, and pointing changes nothing; switch it on, or "
+                "leave the parameter out"
+            )
         self.statistics = TraceStatistics()
         self.rays = self.run.rays(self.sampling, 0)
         self.batches = self._batches()
@@ -280,7 +290,7 @@ class ForwardModel:
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
         wanted = _Needed.of(self.parameters, self._at(self.start))
-        return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps)
+        return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps) + 2 * wanted.pointing
 
     def derivative(
         self, values: F64 | None = None, progress: Callable[[float], None] | None = None
@@ -293,7 +303,7 @@ class ForwardModel:
             "take fewer parameters, or fewer pulses",
         )
         wanted = _Needed.of(self.parameters, here)
-        found = _Found([], [], [])
+        found, pointed = _Found([], [], []), list[C64]()
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
             tracer = self._tracer(here)
@@ -306,6 +316,7 @@ class ForwardModel:
                     here.trace_scene.n_faces,
                     n_materials,
                     steps,
+                    pointing=some.pointing,
                     rates=any(batch.together and batch.stop - batch.start > 1 for batch in self.batches),
                 )
             assert tracer.tangents is not None
@@ -321,13 +332,14 @@ class ForwardModel:
             ):
                 own += planes[first : first + number]
                 first += number
+            pointed += planes[first:]
         out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
         row = 0
         for parameter, counts in zip(self.parameters, wanted.counts, strict=True):
             radar = here.scene.radar
             own_planes = found.take(counts)
             derivatives = Derivatives(
-                data, farther, *own_planes, radar.waveform.center_frequency, radar.track.time
+                data, farther, *own_planes, pointed, radar.waveform.center_frequency, radar.track.time
             )
             for plane in parameter.derivative(derivatives):
                 out[row] = plane

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from sarmitsuba.arrays import C64, F64, I64
 
@@ -28,6 +28,7 @@ class Derivatives:
     displaced : by each displacement of a parameter
     levelled : by each level of a parameter, per dB
     changed : by each property of a material, per unit
+    pointed : by the azimuth and the elevation angle of the beam, per rad; empty where no parameter asks for them
     center_frequency : Hz
     time : (n_pulses,) s
     """
@@ -37,6 +38,7 @@ class Derivatives:
     displaced: Sequence[C64]
     levelled: Sequence[C64]
     changed: Sequence[C64]
+    pointed: Sequence[C64]
     center_frequency: float
     time: F64
 
@@ -64,9 +66,11 @@ class Parameter(ABC):
     Attributes
     ----------
     label : as in :func:`parse`
+    pointing : whether derivatives by the angles of the beam are needed
     """
 
     label: str
+    pointing: ClassVar[bool] = False
 
     @abstractmethod
     def names(self, scene: Scene) -> tuple[str, ...]:

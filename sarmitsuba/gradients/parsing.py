@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 from sarmitsuba.errors import SceneError
 from sarmitsuba.gradients.material_parameters import PROPERTIES, Level, MaterialProperty, has_level
 from sarmitsuba.gradients.parameter import AXES, Parameter
-from sarmitsuba.gradients.radar_parameters import AntennaTrack, ClockOffset, Gain
+from sarmitsuba.gradients.radar_parameters import AntennaTrack, BeamPointing, ClockOffset, Gain
 from sarmitsuba.gradients.shape_parameters import DEFORMATIONS, Deformation, Shift
 from sarmitsuba.materials.map_materials import with_parts
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sarmitsuba.scene.scene import Scene
 
 
@@ -25,15 +27,11 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
     found: list[Parameter] = []
     for word in filter(None, (part.strip() for part in text.split(","))):
         kind, *rest = word.split(":")
+        radar = _of_radar(kind, rest)
+        if radar is not None:
+            found.append(radar)
+            continue
         match kind, rest:
-            case "gain", []:
-                found.append(Gain())
-            case "clock_offset", []:
-                found.append(ClockOffset())
-            case "track", [n] if n.isdecimal() and int(n) > 0:
-                found.append(AntennaTrack(int(n)))
-            case "track", [n, axes] if n.isdecimal() and int(n) > 0 and axes and set(axes) <= set(AXES):
-                found.append(AntennaTrack(int(n), axes))
             case "level", [material]:
                 found.append(Level(material))
             case "levels", []:
@@ -47,10 +45,28 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
                 found.append(Shift(shape, axis))
             case _:
                 raise SceneError(
-                    f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], level:MATERIAL, "
-                    f"levels, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, shift:SHAPE:AXIS, "
+                    f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], pointing[:KNOTS], "
+                    f"level:MATERIAL, levels, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, shift:SHAPE:AXIS, "
                     f"{', '.join(f'{k}:SHAPE' for k in DEFORMATIONS)}"
                 )
     if not found:
         raise SceneError("parameters: none is given; name at least one, such as gain or levels")
     return tuple(found)
+
+
+def _of_radar(kind: str, rest: Sequence[str]) -> Parameter | None:
+    """Parameter of the radar; None where the words name none."""
+    match kind, rest:
+        case "gain", []:
+            return Gain()
+        case "clock_offset", []:
+            return ClockOffset()
+        case "track", [n] if n.isdecimal() and int(n) > 0:
+            return AntennaTrack(int(n))
+        case "track", [n, axes] if n.isdecimal() and int(n) > 0 and axes and set(axes) <= set(AXES):
+            return AntennaTrack(int(n), axes)
+        case "pointing", []:
+            return BeamPointing()
+        case "pointing", [n] if n.isdecimal() and int(n) > 0:
+            return BeamPointing(int(n))
+    return None

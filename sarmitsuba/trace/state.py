@@ -207,6 +207,7 @@ class Lane:
     needs : m, lower and upper bound of the ray spacing needed by the faces that this ray samples
     pattern : of the receiving antenna, None for an isotropic one
     time : s, float64, of the pulse, where the kernel depends on it; None: everything is as at time zero
+    beam_rates : 1/rad, relative derivatives of the launch's gain by the angles of the beam; None: not recorded
     """
 
     pulse: mi.UInt32
@@ -222,6 +223,7 @@ class Lane:
     needs: tuple[mi.Float, mi.Float]
     pattern: BeamPattern | None
     time: mi.Float64 | None = None
+    beam_rates: tuple[mi.Float, mi.Float] | None = None
 
 
 @dataclass
@@ -459,6 +461,7 @@ class Contribution:
     amplitude_tangents : derivatives of the channels by properties of materials, property by property, then by the
         displacements that turn facets, as amplitude times slant range; None without any
     rate_tangents : derivatives of the range rate by displacements, m/s per unit; None where none is recorded
+    gain_tangents : relative derivatives of the channels by the two angles of the beam, 1/rad; None: not recorded
     """
 
     kind: mi.UInt32
@@ -473,6 +476,7 @@ class Contribution:
     material: mi.UInt32 | None = None
     amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
     rate_tangents: tuple[mi.Float, ...] | None = None
+    gain_tangents: tuple[mi.Float, ...] | None = None
 
     @property
     def placed(self) -> mi.Bool:

@@ -49,5 +49,6 @@ def with_derivatives(carried: Carried, echo: Contribution) -> tuple[mi.Complex2f
         for k in range(len(carried.plan.levels)):
             per_db = dr.select(known & (((bits >> k) & 1) == 1), mi.Float(PER_DB), 0.0)
             out += [a * per_db for a in echo.amplitudes]
+    by_angle = (a * rate for rate in echo.gain_tangents or () for a in echo.amplitudes)
     swings = (a * rate for rate in echo.rate_tangents or () for a in echo.amplitudes)
-    return (*out, *by_property, *swings)
+    return (*out, *by_property, *by_angle, *swings)

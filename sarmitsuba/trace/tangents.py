@@ -104,6 +104,7 @@ class Tangents:
     moved : (n_faces,) bit k: the face is moved by displacement k
     levelled : (n_materials,) bit k: level k applies to the material
     properties : of materials; each gives the derivative of the channels
+    pointing : whether the two angles of the beam give the derivative of the channels, after the properties
     rates : whether each displacement gives the channels times the derivative of the range rate too, after all others
     """
 
@@ -112,6 +113,7 @@ class Tangents:
     moved: mi.UInt32
     levelled: mi.UInt32
     properties: tuple[StepTables, ...] = ()
+    pointing: bool = False
     rates: bool = False
 
     @staticmethod
@@ -122,6 +124,7 @@ class Tangents:
         n_materials: int,
         properties: Sequence[StepTables] = (),
         *,
+        pointing: bool = False,
         rates: bool = False,
     ) -> Tangents:
         """Tables of these parameters on the device."""
@@ -139,6 +142,7 @@ class Tangents:
             device_array(mi.UInt32, moved),
             device_array(mi.UInt32, levelled),
             tuple(properties),
+            pointing,
             rates,
         )
 
@@ -150,7 +154,7 @@ class Tangents:
     @property
     def count(self) -> int:
         """Number of derivatives of each channel, without those of range rates."""
-        return len(self.displacements) + len(self.levels) + len(self.properties)
+        return len(self.displacements) + len(self.levels) + len(self.properties) + 2 * self.pointing
 
     @property
     def recorded(self) -> int:
