@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, product
 
 import numpy as np
 
@@ -27,15 +27,15 @@ from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.source import PointSource, Source
 from sarmitsuba.trace.tangents import MOST, Displacement, StepTables, Tangents
 
 # effects whose echoes have no derivative yet, by the kernel flag that switches them on
 UNSUPPORTED = {
     "motion": "moving objects",
     "water_motion": "water under wind",
-    "edge_diffraction": "edge diffraction",
-    "diffuse_pairs": "pairs of diffuse scatterers",
     "transmission": "transmission through slabs",
 }
 
@@ -223,10 +223,7 @@ class ForwardModel:
         """Batches of the whole track, in blocks as long as the error of the raw data allows."""
         data = np.zeros(self.shape, dtype=np.complex64)
         tracer = self.run.tracer(self.sampling)
-        if len(tracer.sources) > 1:
-            raise SceneError(
-                f"{self.scene.name}: scatterers beside the surfaces cannot be differentiated; leave them out"
-            )
+        check_sources(self.scene, tracer.sources[1:], self.parameters)
         layers = self.run.layers
         blocks = Blocks(tracer, self.rays, layers.layers, data, layers.max_order)
         blocks.settle()
@@ -389,6 +386,30 @@ class ForwardModel:
         return min(later, default=batch.stop)
 
 
+def check_sources(scene: Scene, sources: Sequence[Source], parameters: Sequence[Parameter]) -> None:
+    """Refuse parameters by which the echoes of scatterers beside the surfaces cannot be differentiated.
+
+    Raises
+    ------
+    SceneError : one line: the parameter, the echoes, the remedy
+    """
+    mesh = scene.geometry.face_mesh
+    for source, parameter in product(sources, parameters):
+        moves = any(d.faces is not None for d in parameter.displacements(scene, mesh))
+        changes = bool(parameter.steps(scene))
+        if isinstance(source, PointSource):
+            what = f"of a {source.scatterers.mechanism}"
+            problem = changes and source.depends_on_materials
+        else:
+            what, problem = "of pairs of diffuse scatterers", moves or changes
+            problem = problem or not isinstance(source, PairSource)
+        if problem:
+            raise SceneError(
+                f"{scene.name}: parameter {parameter.label}: the echoes {what} cannot be differentiated by it; leave "
+                "either out, or switch their effect off"
+            )
+
+
 def refuse(scene: Scene) -> None:
     """Refuse scenes whose echoes cannot be differentiated.
 
@@ -403,9 +424,7 @@ def refuse(scene: Scene) -> None:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")
-    if scene.points or scene.has_sources:
-        raise SceneError(
-            f"{name}: points, wires, volumes and scatterers beside the mesh cannot be differentiated; leave them out"
-        )
+    if scene.points:
+        raise SceneError(f"{name}: ideal points cannot be differentiated; leave them out")
     if not scene.geometry.n_faces:
         raise SceneError(f"{name}: there is no mesh whose echoes could be differentiated")

@@ -458,6 +458,7 @@ class Contribution:
     range_tangents : derivatives of the slant range by displacements, m per unit: float64, or complex where amplitudes
         change too, see :mod:`sarmitsuba.trace.range_tangents`; None without any
     material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
+    partner : the same of the other one of a pair; None for all other returns
     amplitude_tangents : derivatives of the channels by properties of materials, property by property, then by the
         displacements that turn facets, as amplitude times slant range; None without any
     rate_tangents : derivatives of the range rate by displacements, m/s per unit; None where none is recorded
@@ -474,6 +475,7 @@ class Contribution:
     point: mi.Vector3d
     range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
     material: mi.UInt32 | None = None
+    partner: mi.UInt32 | None = None
     amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
     rate_tangents: tuple[mi.Float, ...] | None = None
     gain_tangents: tuple[mi.Float, ...] | None = None

@@ -188,6 +188,7 @@ def test_a_beam_that_is_turned_as_a_whole_is_the_sum_of_its_knots_and_is_found_a
     assert found.values == pytest.approx(angles, abs=1e-3 * float(np.abs(angles).max()))
 
 
+@pytest.mark.filterwarnings("ignore:.*antenna_pattern is switched off")
 def test_an_antenna_without_a_beam_has_no_pointing() -> None:
     with pytest.raises(RadarError, match="the antenna is isotropic"):
         jacobian(plate(), "pointing")
