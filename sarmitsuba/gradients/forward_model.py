@@ -16,8 +16,11 @@ from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.material_parameters import with_material
 from sarmitsuba.gradients.parameter import Derivatives, Parameter, Step
+from sarmitsuba.gradients.point_changes import PointChanges
+from sarmitsuba.gradients.radar_parameters import BeamPointing
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Batch, BatchTracer, built
 from sarmitsuba.simulation.blocks import Blocks
@@ -27,9 +30,8 @@ from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.trace.scene_tables import TraceScene
-from sarmitsuba.trace.source import PointSource, Source
+from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.tangents import MOST, Displacement, StepTables, Tangents
 
 # effects whose echoes have no derivative yet, by the kernel flag that switches them on
@@ -110,8 +112,8 @@ class _Needed:
     counts: tuple[tuple[int, int, int], ...] = ()
 
     @staticmethod
-    def of(parameters: Sequence[Parameter], here: _At) -> _Needed:
-        """All that the parameters need, in their order."""
+    def of(parameters: Sequence[Parameter], here: _At, *, beam: bool) -> _Needed:
+        """All that the parameters need, in their order; ``beam``: whether the antenna's pattern counts."""
         scene = here.scene
         mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
         moves = [tuple(p.displacements(scene, mesh)) for p in parameters]
@@ -121,7 +123,7 @@ class _Needed:
             tuple(chain.from_iterable(moves)),
             tuple(chain.from_iterable(levels)),
             tuple(chain.from_iterable(steps)),
-            any(p.pointing for p in parameters),
+            beam and any(p.pointing for p in parameters),
             tuple((len(a), len(b), len(c)) for a, b, c in zip(moves, levels, steps, strict=True)),
         )
 
@@ -197,6 +199,16 @@ class ForwardModel:
                 raise SceneError(
                     f"{scene.name}: {what} cannot be differentiated; switch off the effect {name}, or leave them out"
                 )
+        patterned = scene.radar.antenna.pattern != "isotropic"
+        if (
+            any(isinstance(p, BeamPointing) for p in self.parameters)
+            and patterned
+            and not flags.antenna_pattern
+        ):
+            raise SceneError(
+                f"{scene.name}: the effect antenna_pattern is off, and pointing changes nothing; switch it on, or "
+                "leave the parameter out"
+            )
         if flags.extra:
             raise SceneError(f"{scene.name}: effects of extensions cannot be differentiated; switch them off")
         assert self.run.sampling is not None and self.run.trace_scene is not None
@@ -204,11 +216,6 @@ class ForwardModel:
         self.scene = self.run.scene
         self.names = tuple(name for p in self.parameters for name in p.names(self.scene))
         self.start = np.concatenate([p.values(self.scene) for p in self.parameters])
-        if any(p.pointing for p in self.parameters) and not flags.antenna_pattern:
-            raise SceneError(
-                f"{scene.name}: the effect antenna_pattern is off, and pointing changes nothing; switch it on, or "
-                "leave the parameter out"
-            )
         self.statistics = TraceStatistics()
         self.rays = self.run.rays(self.sampling, 0)
         self.batches = self._batches()
@@ -281,13 +288,30 @@ class ForwardModel:
         """Raw data (channels, pulses, samples) at some values; None: of the scene as it is."""
         here = self._at(self.start if values is None else values)
         layers = self.run.layers
-        return self._traced(BatchTracer(self._tracer(here), self.rays, layers.per_subset, layers.max_order))
+        data = self._traced(BatchTracer(self._tracer(here), self.rays, layers.per_subset, layers.max_order))
+        self._points(here).add(data)
+        return data
+
+    def _points(self, here: _At) -> PointChanges:
+        """Ideal points of the scene."""
+        run = self.run
+        return PointChanges(
+            here.scene, run.plan.flags, here.trace_scene, run.layers.layers, run.plan.sub_bands
+        )
 
     @property
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
-        wanted = _Needed.of(self.parameters, self._at(self.start))
+        wanted = self._needed(self._at(self.start))
         return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps) + 2 * wanted.pointing
+
+    def _needed(self, here: _At) -> _Needed:
+        return _Needed.of(self.parameters, here, beam=self.run.plan.flags.antenna_pattern)
+
+    def _aside(self, radar: Radar) -> F64:
+        """See :class:`Derivatives`."""
+        away = np.linalg.norm(radar.track.position - self.sampling.window.center, axis=1)[:, None]
+        return np.stack([radar.pointing.azimuth_axis / away, radar.pointing.elevation_axis / away])
 
     def derivative(
         self, values: F64 | None = None, progress: Callable[[float], None] | None = None
@@ -299,7 +323,7 @@ class ForwardModel:
             8 * int(np.prod(self.shape)) * (2 * len(self.names) + 4),
             "take fewer parameters, or fewer pulses",
         )
-        wanted = _Needed.of(self.parameters, here)
+        wanted = self._needed(here)
         found, pointed = _Found([], [], []), list[C64]()
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
@@ -330,13 +354,30 @@ class ForwardModel:
                 own += planes[first : first + number]
                 first += number
             pointed += planes[first:]
+        if here.scene.points:
+            points = self._points(here)
+            alone = np.zeros(self.shape, dtype=np.complex64)
+            points.add(alone)
+            points.add(data)
+            farther += points.by_range(alone)
+            for displacement, plane in zip(wanted.displacements, found.displaced, strict=True):
+                if displacement.antenna.any():
+                    plane += points.by_antenna(displacement.antenna, self._aside(here.scene.radar))
+            for axis, plane in enumerate(pointed):
+                plane += points.by_pointing(axis)
         out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
         row = 0
         for parameter, counts in zip(self.parameters, wanted.counts, strict=True):
             radar = here.scene.radar
             own_planes = found.take(counts)
             derivatives = Derivatives(
-                data, farther, *own_planes, pointed, radar.waveform.center_frequency, radar.track.time
+                data,
+                farther,
+                *own_planes,
+                pointed,
+                self._aside(radar),
+                radar.waveform.center_frequency,
+                radar.track.time,
             )
             for plane in parameter.derivative(derivatives):
                 out[row] = plane
@@ -395,19 +436,23 @@ def check_sources(scene: Scene, sources: Sequence[Source], parameters: Sequence[
     """
     mesh = scene.geometry.face_mesh
     for source, parameter in product(sources, parameters):
-        moves = any(d.faces is not None for d in parameter.displacements(scene, mesh))
-        changes = bool(parameter.steps(scene))
-        if isinstance(source, PointSource):
-            what = f"of a {source.scatterers.mechanism}"
-            problem = changes and source.depends_on_materials
-        else:
-            what, problem = "of pairs of diffuse scatterers", moves or changes
-            problem = problem or not isinstance(source, PairSource)
-        if problem:
+        unknown = getattr(source, "unknown", None)
+        if unknown is None:
             raise SceneError(
-                f"{scene.name}: parameter {parameter.label}: the echoes {what} cannot be differentiated by it; leave "
-                "either out, or switch their effect off"
+                f"{scene.name}: an extension's source of echoes cannot be differentiated; leave it out"
             )
+        moves = any(d.faces is not None for d in parameter.displacements(scene, mesh))
+        if (moves and "shapes" in unknown) or (parameter.steps(scene) and "materials" in unknown):
+            raise SceneError(
+                f"{scene.name}: parameter {parameter.label}: the echoes of kind {source_text(source)} cannot be "
+                "differentiated by it; leave either out, or switch their effect off"
+            )
+
+
+def source_text(source: Source) -> str:
+    """Kind of a source, in quotation marks."""
+    scatterers = getattr(source, "scatterers", source)
+    return f'"{getattr(scatterers, "mechanism", "scatterer")}"'
 
 
 def refuse(scene: Scene) -> None:
@@ -424,7 +469,5 @@ def refuse(scene: Scene) -> None:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")
-    if scene.points:
-        raise SceneError(f"{name}: ideal points cannot be differentiated; leave them out")
     if not scene.geometry.n_faces:
         raise SceneError(f"{name}: there is no mesh whose echoes could be differentiated")

@@ -28,7 +28,9 @@ class Derivatives:
     displaced : by each displacement of a parameter
     levelled : by each level of a parameter, per dB
     changed : by each property of a material, per unit
-    pointed : by the azimuth and the elevation angle of the beam, per rad; empty where no parameter asks for them
+    pointed : by the azimuth and the elevation angle of the beam, per rad; empty without a beam, or where not used
+    aside : (2, n_pulses, 3) 1/m, aperture axes in azimuth and elevation over the slant range: angle by which the beam
+        would have to turn to see the scene as a displaced antenna does
     center_frequency : Hz
     time : (n_pulses,) s
     """
@@ -39,6 +41,7 @@ class Derivatives:
     levelled: Sequence[C64]
     changed: Sequence[C64]
     pointed: Sequence[C64]
+    aside: F64
     center_frequency: float
     time: F64
 
@@ -66,7 +69,7 @@ class Parameter(ABC):
     Attributes
     ----------
     label : as in :func:`parse`
-    pointing : whether derivatives by the angles of the beam are needed
+    pointing : whether derivatives by the angles of the beam are used, where the antenna has one
     """
 
     label: str
