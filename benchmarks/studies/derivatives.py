@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=10, help="drawn scenes of each kind")
     parser.add_argument("--first", type=int, default=1000, help="first seed")
     parser.add_argument(
-        "--kinds", nargs="+", default=["alone", "house", "metal", "rough"], help="kinds of scenes"
+        "--kinds", nargs="+", default=["alone", "beam", "house", "metal", "rough"], help="kinds of scenes"
     )
     parser.add_argument("--cost", action="store_true", help="measure times instead")
     parser.add_argument("--json", help="file for the numbers")

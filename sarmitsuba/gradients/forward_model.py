@@ -3,187 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import chain
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64, I64
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.material_parameters import with_material
 from sarmitsuba.gradients.moving_edges import EdgeBatches
+from sarmitsuba.gradients.needed import At, Found, Needed
 from sarmitsuba.gradients.parameter import Derivatives, Parameter, Step
+from sarmitsuba.gradients.point_changes import PointChanges
+from sarmitsuba.gradients.radar_parameters import BeamPointing
+from sarmitsuba.gradients.tangent_batches import TangentBatches
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Batch, BatchTracer, built
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.metadata import raw_metadata
-from sarmitsuba.simulation.pulses import KeyPulse, Pulses
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.tangents import MOST, Displacement, StepTables, Tangents
 
 # effects whose echoes have no derivative yet, by the kernel flag that switches them on
 UNSUPPORTED = {
     "motion": "moving objects",
     "water_motion": "water under wind",
-    "edge_diffraction": "edge diffraction",
-    "diffuse_pairs": "pairs of diffuse scatterers",
     "transmission": "transmission through slabs",
 }
 
 
-# properties of materials, and displacements that turn facets, that one launch carries at most: each needs two more sets
-# of fields in every ray
-MOST_STEPS = 8
 # texels of level maps in a Jacobian at most: 32 are traced at a time
 MOST_TEXELS = 256
-
-
-class TangentBatches(BatchTracer):
-    """Tracing of batches with the derivatives of every echo behind its channels.
-
-    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement, by each
-    level and by each property. In a block of pulses derivatives of range rates times the time from the key pulse belong
-    to those by displacements.
-    """
-
-    @property
-    def amplitudes(self) -> int:
-        """Complex numbers of an echo: channels, and those of every derivative."""
-        return super().amplitudes * self.tangents.recorded
-
-    @property
-    def tangents(self) -> Tangents:
-        """Derivatives that are recorded."""
-        assert isinstance(self.tracer.tangents, Tangents)
-        return self.tracer.tangents
-
-    def of_grid(self, pulses: Pulses, grid: C64, share: RangeFilter | None) -> C64:
-        """See the base class."""
-        tangents = self.tangents
-        radar = self.tracer.sampling.scene.radar
-        c = len(radar.channels)
-        moved = c * (1 + len(tangents.displacements))
-        carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-        farther = pulses.profiles(grid[:moved], partial(per_metre, carrier, share))
-        parts = [pulses.profiles(grid[:c], share), farther]
-        end = c * (1 + tangents.count)
-        if end > moved:
-            parts.append(pulses.profiles(grid[moved:end], share))
-        if tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
-            # slant ranges within the block change by those of the key pulse and by the range rate's times the time
-            turning = pulses.profiles(grid[end:], partial(per_metre, carrier, share))
-            farther[c:] += pulses.plan.tau.astype(np.float32)[:, None] * turning
-        return np.concatenate(parts)
-
-
-def per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
-    """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
-    factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
-    return np.asarray(factor if share is None else factor * share(cycles_per_metre), dtype=np.complex128)
-
-
-@dataclass(frozen=True, eq=False)
-class At:
-    """The scene at some values of the parameters, and its geometry on the device.
-
-    ``displaced`` : whether shapes were displaced with their scatterers, as the tables of the geometry say
-    """
-
-    scene: Scene
-    trace_scene: TraceScene
-    displaced: bool = False
-
-    def texels(self, places: Sequence[tuple[int, int]]) -> I64:
-        """Numbers in the kernel's tables of texels of level maps, given by their materials and numbers there."""
-        surfaces = self.trace_scene.surfaces
-        if not places:
-            return np.zeros(0, dtype=np.int64)
-        assert surfaces is not None and surfaces.levels is not None
-        own = np.array(places)
-        first = {m: surfaces.levels.first_texel(m) for m in set(own[:, 0].tolist())}
-        return np.asarray([first[m] for m in own[:, 0].tolist()] + own[:, 1], dtype=np.int64)
-
-
-@dataclass(frozen=True, eq=False)
-class _Needed:
-    """Derivatives of echoes that parameters need; ``counts``: how many of each of the four sorts, by parameter."""
-
-    displacements: tuple[Displacement, ...]
-    levels: tuple[frozenset[int], ...]
-    steps: tuple[Step, ...]
-    texels: tuple[tuple[int, int], ...] = ()
-    counts: tuple[tuple[int, int, int, int], ...] = ()
-
-    @staticmethod
-    def of(parameters: Sequence[Parameter], here: At) -> _Needed:
-        """All that the parameters need, in their order."""
-        scene = here.scene
-        mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
-        moves = [tuple(p.displacements(scene, mesh)) for p in parameters]
-        levels = [tuple(p.levels(scene)) for p in parameters]
-        steps = [tuple(p.steps(scene)) for p in parameters]
-        texels = [tuple(p.texels(scene)) for p in parameters]
-        return _Needed(
-            tuple(chain.from_iterable(moves)),
-            tuple(chain.from_iterable(levels)),
-            tuple(chain.from_iterable(steps)),
-            tuple(chain.from_iterable(texels)),
-            tuple(
-                (len(a), len(b), len(c), len(d))
-                for a, b, c, d in zip(moves, levels, steps, texels, strict=True)
-            ),
-        )
-
-    def parts(self) -> Iterator[_Needed]:
-        """The same in parts that one launch can carry; at least one, which may be empty."""
-        moves: list[list[Displacement]] = [[]]
-        for displacement in self.displacements:
-            turns = sum(d.turn_rate > 0.0 for d in (*moves[-1], displacement))
-            if len(moves[-1]) == MOST or turns > MOST_STEPS:
-                moves.append([])
-            moves[-1].append(displacement)
-        longest = max(len(self.levels), len(self.texels))
-        n = max(len(moves), -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
-        for k in range(n):
-            yield _Needed(
-                tuple(chain.from_iterable(moves[k : k + 1])),
-                self.levels[k * MOST : (k + 1) * MOST],
-                self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
-                self.texels[k * MOST : (k + 1) * MOST],
-            )
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Derivatives found so far, in the order of a :class:`_Needed`."""
-
-    displaced: list[C64]
-    levelled: list[C64]
-    changed: list[C64]
-    mapped: list[C64]
-
-    @property
-    def sorts(self) -> tuple[list[C64], ...]:
-        """All four."""
-        return self.displaced, self.levelled, self.changed, self.mapped
-
-    def take(self, counts: Sequence[int]) -> list[list[C64]]:
-        """Remove the first of each sort and return them."""
-        taken = []
-        for own, n in zip(self.sorts, counts, strict=True):
-            taken.append(own[:n])
-            del own[:n]
-        return taken
 
 
 class ForwardModel:
@@ -223,6 +82,16 @@ class ForwardModel:
                 raise SceneError(
                     f"{scene.name}: {what} cannot be differentiated; switch off the effect {name}, or leave them out"
                 )
+        patterned = scene.radar.antenna.pattern != "isotropic"
+        if (
+            any(isinstance(p, BeamPointing) for p in self.parameters)
+            and patterned
+            and not flags.antenna_pattern
+        ):
+            raise SceneError(
+                f"{scene.name}: the effect antenna_pattern is off, and pointing changes nothing; switch it on, or "
+                "leave the parameter out"
+            )
         if flags.extra:
             raise SceneError(f"{scene.name}: effects of extensions cannot be differentiated; switch them off")
         assert self.run.sampling is not None and self.run.trace_scene is not None
@@ -244,10 +113,7 @@ class ForwardModel:
         """Batches of the whole track, in blocks as long as the error of the raw data allows."""
         data = np.zeros(self.shape, dtype=np.complex64)
         tracer = self.run.tracer(self.sampling)
-        if len(tracer.sources) > 1:
-            raise SceneError(
-                f"{self.scene.name}: scatterers beside the surfaces cannot be differentiated; leave them out"
-            )
+        check_sources(self.scene, tracer.sources[1:], self.parameters)
         layers = self.run.layers
         blocks = Blocks(tracer, self.rays, layers.layers, data, layers.max_order)
         blocks.settle()
@@ -315,13 +181,31 @@ class ForwardModel:
         """Raw data (channels, pulses, samples) at some values; None: of the scene as it is."""
         here = self.placed(values)
         layers = self.run.layers
-        return self._traced(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
+        data = self._traced(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
+        self._points(here).add(data)
+        return data
+
+    def _points(self, here: At) -> PointChanges:
+        """Ideal points of the scene."""
+        run = self.run
+        return PointChanges(
+            here.scene, run.plan.flags, here.trace_scene, run.layers.layers, run.plan.sub_bands
+        )
 
     @property
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
-        wanted = _Needed.of(self.parameters, self.placed())
-        return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps) + len(wanted.texels)
+        wanted = self._needed(self.placed(), self.parameters)
+        own = len(wanted.displacements) + len(wanted.levels) + len(wanted.steps) + len(wanted.texels)
+        return own + 2 * wanted.pointing
+
+    def _needed(self, here: At, parameters: Sequence[Parameter]) -> Needed:
+        return Needed.of(parameters, here, beam=self.run.plan.flags.antenna_pattern)
+
+    def _aside(self, radar: Radar) -> F64:
+        """See :class:`Derivatives`."""
+        away = np.linalg.norm(radar.track.position - self.sampling.window.center, axis=1)[:, None]
+        return np.stack([radar.pointing.azimuth_axis / away, radar.pointing.elevation_axis / away])
 
     def derivative(
         self, values: F64 | None = None, progress: Callable[[float], None] | None = None
@@ -343,13 +227,13 @@ class ForwardModel:
         self, here: At, parameters: Sequence[Parameter], progress: Callable[[float], None] | None = None
     ) -> tuple[C64, Iterator[C64]]:
         """Raw data and their derivatives by the values of some parameters, one after the other."""
-        wanted = _Needed.of(parameters, here)
+        wanted = self._needed(here, parameters)
         if len(wanted.texels) > MOST_TEXELS:
             raise SceneError(
                 f"{here.scene.name}: a Jacobian by {len(wanted.texels)} texels is traced {MOST} at a time; take "
                 f"sarmitsuba.gradient, which traces once, or a map of at most {MOST_TEXELS}"
             )
-        found = _Found([], [], [], [])
+        found, pointed = Found([], [], [], []), list[C64]()
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
             tracer = self.tracer(here)
@@ -364,6 +248,7 @@ class ForwardModel:
                     n_materials,
                     steps,
                     texels,
+                    pointing=some.pointing,
                     rates=self.turning,
                 )
             assert isinstance(tracer.tangents, Tangents)
@@ -378,14 +263,33 @@ class ForwardModel:
             for own, number in zip(found.sorts, numbers, strict=True):
                 own += planes[first : first + number]
                 first += number
+            pointed += planes[first:]
+        if here.scene.points:
+            points = self._points(here)
+            alone = np.zeros(self.shape, dtype=np.complex64)
+            points.add(alone)
+            points.add(data)
+            farther += points.by_range(alone)
+            for displacement, plane in zip(wanted.displacements, found.displaced, strict=True):
+                if displacement.antenna.any():
+                    plane += points.by_antenna(displacement.antenna, self._aside(here.scene.radar))
+            for axis, plane in enumerate(pointed):
+                plane += points.by_pointing(axis)
         radar = here.scene.radar
 
         def rows() -> Iterator[C64]:
             for parameter, counts in zip(parameters, wanted.counts, strict=True):
-                displaced, levelled, changed, mapped = found.take(counts)
-                frequency, time = radar.waveform.center_frequency, radar.track.time
+                own = found.take(counts)
                 yield from parameter.derivative(
-                    Derivatives(data, farther, displaced, levelled, changed, mapped, frequency, time)
+                    Derivatives(
+                        data,
+                        farther,
+                        *own,
+                        pointed,
+                        self._aside(radar),
+                        radar.waveform.center_frequency,
+                        radar.track.time,
+                    )
                 )
 
         return data, rows()
@@ -448,6 +352,34 @@ class ForwardModel:
         return min(later, default=batch.stop)
 
 
+def check_sources(scene: Scene, sources: Sequence[Source], parameters: Sequence[Parameter]) -> None:
+    """Refuse parameters by which the echoes of scatterers beside the surfaces cannot be differentiated.
+
+    Raises
+    ------
+    SceneError : one line: the parameter, the echoes, the remedy
+    """
+    mesh = scene.geometry.face_mesh
+    for source, parameter in product(sources, parameters):
+        unknown = getattr(source, "unknown", None)
+        if unknown is None:
+            raise SceneError(
+                f"{scene.name}: an extension's source of echoes cannot be differentiated; leave it out"
+            )
+        moves = any(d.faces is not None for d in parameter.displacements(scene, mesh))
+        if (moves and "shapes" in unknown) or (parameter.steps(scene) and "materials" in unknown):
+            raise SceneError(
+                f"{scene.name}: parameter {parameter.label}: the echoes of kind {source_text(source)} cannot be "
+                "differentiated by it; leave either out, or switch their effect off"
+            )
+
+
+def source_text(source: Source) -> str:
+    """Kind of a source, in quotation marks."""
+    scatterers = getattr(source, "scatterers", source)
+    return f'"{getattr(scatterers, "mechanism", "scatterer")}"'
+
+
 def refuse(scene: Scene) -> None:
     """Refuse scenes whose echoes cannot be differentiated.
 
@@ -462,9 +394,5 @@ def refuse(scene: Scene) -> None:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")
-    if scene.points or scene.has_sources:
-        raise SceneError(
-            f"{name}: points, wires, volumes and scatterers beside the mesh cannot be differentiated; leave them out"
-        )
     if not scene.geometry.n_faces:
         raise SceneError(f"{name}: there is no mesh whose echoes could be differentiated")

@@ -128,10 +128,10 @@ def jacobian(
     -----
     Shadow boundaries and the boundaries of lit areas move with the edges that cast them, in the mean over the place of
     the ray lattice (:mod:`sarmitsuba.trace.edge_tangents`): on all legs of up to three bounces, but not what hides a
-    diffuse scatterer that is lit over a mirror from the antenna. Of displacements it ignores the change of amplitudes by
-    spreading and beam, which is :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that share one tracing, derivatives of
-    slant ranges are linear in time about its key pulse; an aperture of the angle :math:`\theta` leaves
-    :math:`\theta^2 / 8` at the ends, 3e-5 at a degree.
+    diffuse scatterer that is lit over a mirror from the antenna. Of displacements it ignores the change of amplitudes
+    by spreading and beam, which is :math:`\lambda / 4 \pi R` of the change of phase. Within a block of pulses that
+    share one tracing, derivatives of slant ranges are linear in time about its key pulse; an aperture of the angle
+    :math:`\theta` leaves :math:`\theta^2 / 8` at the ends, 3e-5 at a degree.
     """
     scene = Scene.of(scene)
     model = ForwardModel(scene, parameters_of(parameters, scene))

@@ -14,10 +14,12 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.exclusive import exclusive, threads
 from sarmitsuba.gradients.edge_points import OfShapes
-from sarmitsuba.gradients.forward_model import At, ForwardModel, per_metre
+from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
 from sarmitsuba.gradients.losses import checked
 from sarmitsuba.gradients.moving_edges import edge_lattices
+from sarmitsuba.gradients.needed import At
+from sarmitsuba.gradients.tangent_batches import per_metre
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene, SceneLike

@@ -186,6 +186,7 @@ class DiffuseReturns:
             rate_tangents=swings,
             slots=slots,
             texels=self.texels,
+            gain_tangents=self.receive.gain_tangents,
         )
         if self.reciprocal is None:
             return straight
@@ -201,6 +202,7 @@ class DiffuseReturns:
                 [terms or [] for _, terms in self.variants], random, self.reciprocal_weight
             ),
             rate_tangents=back_swings,
+            gain_tangents=None if lane.beam_rates is None else tuple(2.0 * x for x in lane.beam_rates),
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, reciprocal, straight)

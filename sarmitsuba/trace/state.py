@@ -209,6 +209,7 @@ class Lane:
     pattern : of the receiving antenna, None for an isotropic one
     time : s, float64, of the pulse, where the kernel depends on it; None: everything is as at time zero
     edge : of a ray beside an edge; None for rays of a lattice
+    beam_rates : 1/rad, relative derivatives of the launch's gain by the angles of the beam; None: not recorded
     """
 
     pulse: mi.UInt32
@@ -225,6 +226,7 @@ class Lane:
     pattern: BeamPattern | None
     time: mi.Float64 | None = None
     edge: EdgeLane | None = None
+    beam_rates: tuple[mi.Float, mi.Float] | None = None
 
 
 @dataclass
@@ -459,12 +461,14 @@ class Contribution:
     range_tangents : derivatives of the slant range by displacements, m per unit: float64, or complex where amplitudes
         change too, see :mod:`sarmitsuba.trace.range_tangents`; None without any
     material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
+    partner : the same of the other one of a pair; None for all other returns
     amplitude_tangents : derivatives of the channels by properties of materials, property by property, then by the
         displacements that turn facets, as amplitude times slant range; None without any
     rate_tangents : derivatives of the range rate by displacements, m/s per unit; None where none is recorded
     slots : numbers of the shapes to which ``range_tangents`` belong; empty where these are the same for all echoes
     texels : numbers of the texels of a level map that a diffuse scatterer's level comes from, with their shares of
         it; of no meaning for other returns; empty without parameters of maps
+    gain_tangents : relative derivatives of the channels by the two angles of the beam, 1/rad; None: not recorded
     """
 
     kind: mi.UInt32
@@ -477,10 +481,12 @@ class Contribution:
     point: mi.Vector3d
     range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
     material: mi.UInt32 | None = None
+    partner: mi.UInt32 | None = None
     amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
     rate_tangents: tuple[mi.Float, ...] | None = None
     slots: tuple[mi.UInt32, ...] = ()
     texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
+    gain_tangents: tuple[mi.Float, ...] | None = None
 
     @property
     def placed(self) -> mi.Bool:

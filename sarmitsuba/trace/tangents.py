@@ -128,6 +128,7 @@ class Tangents:
     properties : of materials; each gives the derivative of the channels
     texels : numbers of texels of level maps, as in :meth:`BitmapLayer.shares`; each gives the derivative of the
         channels by its level in dB
+    pointing : whether the two angles of the beam give the derivative of the channels, after the texels
     rates : whether each displacement gives the channels times the derivative of the range rate too, after all others
     """
 
@@ -137,6 +138,7 @@ class Tangents:
     levelled: mi.UInt32
     properties: tuple[StepTables, ...] = ()
     texels: tuple[int, ...] = ()
+    pointing: bool = False
     rates: bool = False
 
     @staticmethod
@@ -148,6 +150,7 @@ class Tangents:
         properties: Sequence[StepTables] = (),
         texels: Sequence[int] = (),
         *,
+        pointing: bool = False,
         rates: bool = False,
     ) -> Tangents:
         """Tables of these parameters on the device."""
@@ -166,6 +169,7 @@ class Tangents:
             device_array(mi.UInt32, levelled),
             tuple(properties),
             tuple(texels),
+            pointing,
             rates,
         )
 
@@ -177,7 +181,8 @@ class Tangents:
     @property
     def count(self) -> int:
         """Number of derivatives of each channel, without those of range rates."""
-        return len(self.displacements) + len(self.levels) + len(self.properties) + len(self.texels)
+        own = len(self.displacements) + len(self.levels) + len(self.properties) + len(self.texels)
+        return own + 2 * self.pointing
 
     @property
     def recorded(self) -> int:

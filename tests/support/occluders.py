@@ -35,8 +35,8 @@ def hidden_wall(
 ) -> Scene:
     """A metal wall that faces the radar, smooth or slightly rough ground before it, and a body there.
 
-    The body is a turned box that returns nothing (its permittivity is 1, its roughness leaves no mirror): it hides parts of the ground and
-    the wall on all three legs of their double bounces.
+    The body is a turned box that returns nothing (its permittivity is 1, its roughness leaves no mirror): it hides
+    parts of the ground and the wall on all three legs of their double bounces.
     """
     rng = np.random.default_rng([seed, 0xED6E])
     metal, black = Material("wall", pec=True), Material("black", permittivity=1.0, rms_height=0.5)

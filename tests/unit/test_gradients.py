@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +13,6 @@ from sarmitsuba import (
     FilmDescription,
     Material,
     Motion,
-    PointTarget,
     RadarDescription,
     Scene,
     SceneMesh,
@@ -157,17 +155,33 @@ def test_what_is_not_supported_is_refused_in_one_line() -> None:
     cases = [
         (replace(scene, settings=replace(scene.settings, method="image")), RadarError, "makes no raw data"),
         (replace(scene, geometry=moving), SceneError, "moving objects"),
-        (replace(scene, points=(PointTarget("one", np.zeros(3), 1.0),)), SceneError, "points"),
         (replace(scene, radar=replace(scene.radar, receiver=scene.radar.track)), RadarError, "two antennas"),
     ]
     for refused, kind, reason in cases:
         with pytest.raises(kind, match=reason):
             jacobian(refused, "gain")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        edges = drawn(0, "metal")
-        edges = replace(edges, settings=replace(edges.settings, effects={"diffuse_pairs": "off"}))
-        with pytest.raises(
-            SceneError, match="edge diffraction cannot be differentiated; switch off the effect"
-        ):
-            jacobian(edges, "gain")
+
+
+def test_a_beam_that_is_turned_as_a_whole_is_the_sum_of_its_knots_and_is_found_again() -> None:
+    scene = plate(pattern="gaussian", azimuth_beamwidth_deg=0.1, elevation_beamwidth_deg=0.1)
+    whole, knots = (jacobian(scene, text).derivative for text in ("pointing", "pointing:3"))
+    for angle in range(2):
+        # tol: float32 sums
+        assert (
+            relative(knots[3 * angle : 3 * angle + 3].sum(axis=0), whole[angle].astype(np.complex128)) < 1e-5
+        )
+    model = ForwardModel(scene, parse("pointing", scene))
+    angles = np.radians([0.01, -0.02])
+    found = sarmitsuba.fit(scene, model.raw(model.data(angles)), "pointing")
+    # tol: float32 data, whose level changes by some percent
+    assert found.values == pytest.approx(angles, abs=1e-3 * float(np.abs(angles).max()))
+
+
+@pytest.mark.filterwarnings("ignore:.*antenna_pattern is switched off")
+def test_an_antenna_without_a_beam_has_no_pointing() -> None:
+    with pytest.raises(RadarError, match="the antenna is isotropic"):
+        jacobian(plate(), "pointing")
+    scene = plate(pattern="gaussian", azimuth_beamwidth_deg=0.1, elevation_beamwidth_deg=0.1)
+    effects = {**scene.settings.effects, "antenna_pattern": "off"}
+    with pytest.raises(SceneError, match="the effect antenna_pattern is off"):
+        jacobian(replace(scene, settings=replace(scene.settings, effects=effects)), "pointing")
