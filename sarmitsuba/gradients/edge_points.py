@@ -213,7 +213,6 @@ class OfShapes(Moves):
 
     def __init__(self, tangents: SlotTangents) -> None:
         self.ways = tangents.ways
-        self.n = min(EDGE_SHAPES, tangents.n_slots)
         self.shape: U32 = np.array(tangents.shape)
         self.rows = np.array(tangents.rows).reshape(-1, self.ways, ROW // 4, 4)[..., :3]
 
@@ -223,8 +222,8 @@ class OfShapes(Moves):
         mirror = np.where(points.mirror == NO_MIRROR, np.uint32(NO_SHAPE), self.shape[points.mirror])
         still = edge == NO_SHAPE
         second = np.where((mirror == edge) | still, np.uint32(NO_SHAPE), mirror)
-        shapes = np.stack([np.where(still, mirror, edge), second], axis=1)[:, : self.n]
-        out = np.zeros((self.n * self.ways, len(points), 3))
+        shapes = np.stack([np.where(still, mirror, edge), second], axis=1)
+        out = np.zeros((EDGE_SHAPES * self.ways, len(points), 3))
         for i, own in enumerate(shapes.T):
             known = own != NO_SHAPE
             for way in range(self.ways):

@@ -61,6 +61,7 @@ class ForwardModel:
     run : prepared run
     names : of all values
     start : (n,) values of the scene as it is
+    has_scatterers : whether echoes of scatterers beside the surfaces are in the data: of edges, wires, volumes, pairs
     statistics : of the most recent data: where two values have equal numbers of hits and contributions, with the same
         rays, hardly any echo appeared or vanished between them
 
@@ -114,6 +115,7 @@ class ForwardModel:
         data = np.zeros(self.shape, dtype=np.complex64)
         tracer = self.run.tracer(self.sampling)
         check_sources(self.scene, tracer.sources[1:], self.parameters)
+        self.has_scatterers = len(tracer.sources) > 1
         layers = self.run.layers
         blocks = Blocks(tracer, self.rays, layers.layers, data, layers.max_order)
         blocks.settle()
@@ -279,12 +281,15 @@ class ForwardModel:
 
         def rows() -> Iterator[C64]:
             for parameter, counts in zip(parameters, wanted.counts, strict=True):
-                own = found.take(counts)
+                displaced, levelled, changed, mapped = found.take(counts)
                 yield from parameter.derivative(
                     Derivatives(
                         data,
                         farther,
-                        *own,
+                        displaced,
+                        levelled,
+                        changed,
+                        mapped,
                         pointed,
                         self._aside(radar),
                         radar.waveform.center_frequency,
@@ -367,7 +372,8 @@ def check_sources(scene: Scene, sources: Sequence[Source], parameters: Sequence[
                 f"{scene.name}: an extension's source of echoes cannot be differentiated; leave it out"
             )
         moves = any(d.faces is not None for d in parameter.displacements(scene, mesh))
-        if (moves and "shapes" in unknown) or (parameter.steps(scene) and "materials" in unknown):
+        properties = parameter.steps(scene) or parameter.texels(scene)
+        if (moves and "shapes" in unknown) or (properties and "materials" in unknown):
             raise SceneError(
                 f"{scene.name}: parameter {parameter.label}: the echoes of kind {source_text(source)} cannot be "
                 "differentiated by it; leave either out, or switch their effect off"

@@ -15,7 +15,7 @@ from sarmitsuba.radar.attitude import turned
 from sarmitsuba.trace.tangents import PER_DB, Displacement
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from sarmitsuba.scene.scene import Scene
 
@@ -117,7 +117,7 @@ class AntennaTrack(Parameter):
         """See the base class."""
         return [Displacement(np.eye(3)[AXES.index(axis)]) for axis in self.axes]
 
-    def derivative(self, found: Derivatives) -> Iterator[C64]:
+    def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""
         planes = []
         for axis, plane in zip(self.axes, found.displaced, strict=True):

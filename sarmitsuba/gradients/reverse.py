@@ -103,7 +103,8 @@ def gradient(scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F6
 
     Notes
     -----
-    Levels, maps of levels, shifts, heights, scales and rotations of shapes take one run back together; other parameters
+    Levels, maps of levels, shifts, heights, scales and rotations of shapes take one run back together, but where edges,
+    wires, volumes or pairs return echoes too, which have maps of levels alone in it; other parameters
     one run for every eight of them. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
     :class:`Objective` keeps what is planned once.
     """
@@ -204,7 +205,8 @@ class _ReversePlan:
         levelled: dict[int, list[I64]] = {}
         texels: dict[int, I64] = {}
         for k, parameter in enumerate(model.parameters):
-            if not parameter.direct:
+            # echoes of edges, wires and volumes move with shapes that their paths do not meet
+            if not parameter.direct or (model.has_scatterers and not parameter.texels(scene)):
                 continue
             places = [shapes.add(d) for d in parameter.displacements(scene, mesh)]
             if None not in places and places:
@@ -301,7 +303,7 @@ def _run_back(model: ForwardModel, here: At, tangents: SlotTangents, adjoint: C6
     total = GradientSum(tangents.size)
     runs = [AdjointBatches(model.tracer(here), model.rays, tangents, total)]
     if tangents.n_shapes:
-        beside = tangents.beside_edges(model.run.plan.max_depth)
+        beside = tangents.beside_edges()
         runs.append(AdjointBatches(model.tracer(here), model.rays, beside, total, OfShapes(tangents)))
     for batches in runs:
         _trace_back(model, batches, adjoint)

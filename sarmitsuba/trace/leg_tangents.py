@@ -84,7 +84,7 @@ def with_leg_tangents(
             growth = mi.Complex2f(0.0 if shift is None else shift[1])
             ranges.append(with_amplitude(kernel, rate, growth))
     beam = None
-    if carried.plan.pointing:
+    if carried.pointing:
         beams = beam_patterns(kernel, antenna, echo.pulse, legs[0].leaving)
         assert beams is not None
         ends = beams[0].rates(legs[0].leaving), beams[1].received_rates(legs[1].leaving)
@@ -93,7 +93,7 @@ def with_leg_tangents(
     return replace(
         echo,
         range_tangents=tuple(ranges),
-        rate_tangents=tuple(rates) if carried.plan.rates else None,
+        rate_tangents=tuple(rates) if carried.rates else None,
         material=mi.UInt32(NO_MATERIAL) if echo.material is None else echo.material,
         gain_tangents=beam,
         amplitude_tangents=(none,) * (len(kernel.per_unit) * len(echo.amplitudes)) or None,

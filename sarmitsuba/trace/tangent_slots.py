@@ -148,11 +148,11 @@ class SlotTangents:
         every = enumerate(self.turn_rates * self.n_slots)
         return tuple((k, rate) for k, rate in every if rate > 0.0)
 
-    def beside_edges(self, max_depth: int) -> SlotTangents:
+    def beside_edges(self) -> SlotTangents:
         """For rays beside edges: displacements alone, with slots for the shapes of the edge and of its mirror too."""
         return replace(
             self,
-            n_slots=min(max_depth + EDGE_SHAPES, self.n_shapes),
+            n_slots=self.n_slots + EDGE_SHAPES,
             turn_rates=(0.0,) * self.ways,
             rates=False,
             n_materials=0,

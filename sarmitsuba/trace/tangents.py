@@ -233,6 +233,11 @@ class Carried(ABC):
     beside_edges: bool
 
     @property
+    def pointing(self) -> bool:
+        """Whether echoes carry derivatives by the angles of the beam."""
+        return False
+
+    @property
     def slots(self) -> tuple[mi.UInt32, ...]:
         """Numbers of the shapes to which the displacements belong; empty where they are the same for all rays."""
         return ()
@@ -289,6 +294,11 @@ class CarriedDisplacements(Carried):
 
     plan: Tangents
     texels: tuple[mi.UInt32, ...]
+
+    @property
+    def pointing(self) -> bool:
+        """See the base class."""
+        return self.plan.pointing
 
     def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
         """See the base class."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -31,7 +32,7 @@ STEPS = {"height": UPWARDS, "shift": UPWARDS, "scale": 0.02, "rotation": 0.02}
 
 
 def hidden_wall(
-    seed: int, *, method: str = "hybrid", polarisation: str = "VV", pulses: int = 4, rough: bool = False
+    seed: int, *, method: Literal["hybrid", "raw"] = "hybrid", polarisation: str = "VV", pulses: int = 4, rough: bool = False
 ) -> Scene:
     """A metal wall that faces the radar, smooth or slightly rough ground before it, and a body there.
 
@@ -55,13 +56,12 @@ def hidden_wall(
         mode="spotlight",
         polarisation=polarisation,
     )
-    interval = {"key_pulse_interval": pulses} if method == "hybrid" else {}
     settings = TraceSettings(
         method=method,
         gridding_width=8,
         max_depth=3,
         effects={"diffuse_pairs": "off", "edge_diffraction": "off"},
-        **interval,
+        key_pulse_interval=pulses if method == "hybrid" else 0,
     )
     size = 25.0
     flat = np.array([[-size, -size, 0.0], [size, -size, 0.0], [size, size, 0.0], [-size, size, 0.0]])

@@ -18,7 +18,7 @@ from sarmitsuba.gradients.losses import MultilookDifference, multilooked
 from sarmitsuba.gradients.parsing import parse
 from sarmitsuba.gradients.reverse import Objective, transposed
 from sarmitsuba.materials.material import SurfaceMaps
-from tests.support.differences import relative
+from tests.support.differences import drawn, relative
 from tests.support.many_bodies import adjoint_of, city, products
 
 # scenes are small, and leave out bounces and edges
@@ -202,3 +202,18 @@ def test_shapes_above_the_ground_are_named() -> None:
         *(f"shift:house{k}:y" for k in range(3)),
     ]
     assert sarmitsuba.gradient is gradient
+
+
+def test_echoes_of_edges_are_in_the_gradient() -> None:
+    scene = drawn(4, "metal")
+    scene = replace(
+        scene, settings=replace(scene.settings, effects={"diffuse_pairs": "off", "edge_diffraction": "on"})
+    )
+    model = ForwardModel(scene, parse("height:box,shift:box:x,gain", scene))
+    assert model.has_scatterers
+    data, planes = model.derivative()
+    adjoint = adjoint_of(np.random.default_rng(3), data)
+    found, _ = transposed(model, adjoint)
+    expected, size = products(adjoint, planes)
+    # tol: the same planes, summed in float64
+    assert np.abs((found - expected) / size).max() < 1e-12
