@@ -6,8 +6,8 @@ Usage: python benchmarks/studies/reverse.py [--seed N] [--side N] [--steps N] [-
 ``map``: level ground whose sigma0 is a bitmap of fields, a lane and a gentle slope; raw data at 20 dB of signal over
 noise; SciPy's L-BFGS-B with ``sarmitsuba.Objective`` from a flat map. The error of the texels, in dB, beside the
 Cramer-Rao bound (of four patches of texels, from their Jacobians) and beside what the mean of as many looks of unknown
-speckle allows, 10 / ln 10 / sqrt(looks); seconds and memory beside a plain run. ``heights``: boxes in streets. The gradient by
-all their heights against the Jacobian's, and processor time of gradient and Jacobian over that of a plain run.
+speckle allows, 10 / ln 10 / sqrt(looks); seconds and memory beside a plain run. ``heights``: boxes in streets. The
+gradient by all their heights against the Jacobian's, and processor time of both over that of a plain run.
 """
 
 import argparse

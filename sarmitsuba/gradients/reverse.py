@@ -21,7 +21,7 @@ from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.batches import Batch, BatchTracer
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
-from sarmitsuba.trace.adjoint_echoes import AdjointGrids, GradientSum
+from sarmitsuba.trace.adjoint_grids import AdjointGrids, GradientSum
 from sarmitsuba.trace.tangent_slots import MovingShapes, SlotTangents
 
 if TYPE_CHECKING:
