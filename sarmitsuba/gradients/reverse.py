@@ -12,7 +12,7 @@ import numpy as np
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.exclusive import exclusive, threads
+from sarmitsuba.exclusive import backend_lock, exclusive, threads
 from sarmitsuba.gradients.forward_model import At, ForwardModel, per_metre
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
 from sarmitsuba.gradients.losses import checked
@@ -122,8 +122,9 @@ class Objective:
     """
 
     def __init__(self, scene: SceneLike, parameters: Parameters, loss: Loss) -> None:
-        scene = Scene.of(scene)
-        self.model, self.loss = ForwardModel(scene, parameters_of(parameters, scene)), loss
+        with backend_lock():
+            scene = Scene.of(scene)
+            self.model, self.loss = ForwardModel(scene, parameters_of(parameters, scene)), loss
 
     @property
     def start(self) -> F64:
