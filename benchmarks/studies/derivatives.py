@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=10, help="drawn scenes of each kind")
     parser.add_argument("--first", type=int, default=1000, help="first seed")
     parser.add_argument(
-        "--kinds", nargs="+", default=["alone", "house", "metal", "rough"], help="kinds of scenes"
+        "--kinds", nargs="+", default=["alone", "beam", "house", "metal", "rough"], help="kinds of scenes"
     )
     parser.add_argument("--tables", nargs="+", default=["exact", "missing"], help="which tables")
     parser.add_argument("--cost", action="store_true", help="measure times instead")

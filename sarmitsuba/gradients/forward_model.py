@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, product
 
 import numpy as np
 
@@ -27,15 +27,15 @@ from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.trace.scene_tables import TraceScene
+from sarmitsuba.trace.source import PointSource, Source
 from sarmitsuba.trace.tangents import MOST, Displacement, StepTables, Tangents
 
 # effects whose echoes have no derivative yet, by the kernel flag that switches them on
 UNSUPPORTED = {
     "motion": "moving objects",
     "water_motion": "water under wind",
-    "edge_diffraction": "edge diffraction",
-    "diffuse_pairs": "pairs of diffuse scatterers",
     "transmission": "transmission through slabs",
 }
 
@@ -78,6 +78,8 @@ class TangentBatches(BatchTracer):
         end = c * (1 + tangents.count)
         if end > moved:
             parts.append(pulses.profiles(grid[moved:end], share))
+        if tangents.pointing and isinstance(pulses, KeyPulse) and pulses.beam:
+            parts[-1][-2 * c : -c] += pulses.by_azimuth(grid[:c], share)
         if tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
             # slant ranges within the block change by those of the key pulse and by the range rate's times the time
             turning = pulses.profiles(grid[end:], partial(per_metre, carrier, share))
@@ -114,17 +116,18 @@ class At:
 
 
 @dataclass(frozen=True, eq=False)
-class _Needed:
+class Needed:
     """Derivatives of echoes that parameters need; ``counts``: how many of each of the four sorts, by parameter."""
 
     displacements: tuple[Displacement, ...]
     levels: tuple[frozenset[int], ...]
     steps: tuple[Step, ...]
     texels: tuple[tuple[int, int], ...] = ()
+    pointing: bool = False
     counts: tuple[tuple[int, int, int, int], ...] = ()
 
     @staticmethod
-    def of(parameters: Sequence[Parameter], here: At) -> _Needed:
+    def of(parameters: Sequence[Parameter], here: At) -> Needed:
         """All that the parameters need, in their order."""
         scene = here.scene
         mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
@@ -132,18 +135,25 @@ class _Needed:
         levels = [tuple(p.levels(scene)) for p in parameters]
         steps = [tuple(p.steps(scene)) for p in parameters]
         texels = [tuple(p.texels(scene)) for p in parameters]
-        return _Needed(
+        return Needed(
             tuple(chain.from_iterable(moves)),
             tuple(chain.from_iterable(levels)),
             tuple(chain.from_iterable(steps)),
             tuple(chain.from_iterable(texels)),
+            any(p.pointing for p in parameters),
             tuple(
                 (len(a), len(b), len(c), len(d))
                 for a, b, c, d in zip(moves, levels, steps, texels, strict=True)
             ),
         )
 
-    def parts(self) -> Iterator[_Needed]:
+    @property
+    def count(self) -> int:
+        """Derivatives of each channel."""
+        sorts = (self.displacements, self.levels, self.steps, self.texels)
+        return sum(len(own) for own in sorts) + 2 * self.pointing
+
+    def parts(self) -> Iterator[Needed]:
         """The same in parts that one launch can carry; at least one, which may be empty."""
         moves: list[list[Displacement]] = [[]]
         for displacement in self.displacements:
@@ -154,17 +164,18 @@ class _Needed:
         longest = max(len(self.levels), len(self.texels))
         n = max(len(moves), -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
-            yield _Needed(
+            yield Needed(
                 tuple(chain.from_iterable(moves[k : k + 1])),
                 self.levels[k * MOST : (k + 1) * MOST],
                 self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
                 self.texels[k * MOST : (k + 1) * MOST],
+                self.pointing and k == 0,
             )
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Derivatives found so far, in the order of a :class:`_Needed`."""
+    """Derivatives found so far, in the order of a :class:`Needed`."""
 
     displaced: list[C64]
     levelled: list[C64]
@@ -229,6 +240,11 @@ class ForwardModel:
         self.scene = self.run.scene
         self.names = tuple(name for p in self.parameters for name in p.names(self.scene))
         self.start = np.concatenate([p.values(self.scene) for p in self.parameters])
+        if any(p.pointing for p in self.parameters) and not flags.antenna_pattern:
+            raise SceneError(
+                f"{scene.name}: the effect antenna_pattern is off, and pointing changes nothing; switch it on, or "
+                "leave the parameter out"
+            )
         self.statistics = TraceStatistics()
         self.rays = self.run.rays(self.sampling, 0)
         self.batches = self._batches()
@@ -243,10 +259,7 @@ class ForwardModel:
         """Batches of the whole track, in blocks as long as the error of the raw data allows."""
         data = np.zeros(self.shape, dtype=np.complex64)
         tracer = self.run.tracer(self.sampling)
-        if len(tracer.sources) > 1:
-            raise SceneError(
-                f"{self.scene.name}: scatterers beside the surfaces cannot be differentiated; leave them out"
-            )
+        check_sources(self.scene, tracer.sources[1:], self.parameters)
         layers = self.run.layers
         blocks = Blocks(tracer, self.rays, layers.layers, data, layers.max_order)
         blocks.settle()
@@ -319,8 +332,7 @@ class ForwardModel:
     @property
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
-        wanted = _Needed.of(self.parameters, self.placed())
-        return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps) + len(wanted.texels)
+        return Needed.of(self.parameters, self.placed()).count
 
     def derivative(
         self, values: F64 | None = None, progress: Callable[[float], None] | None = None
@@ -342,13 +354,13 @@ class ForwardModel:
         self, here: At, parameters: Sequence[Parameter], progress: Callable[[float], None] | None = None
     ) -> tuple[C64, Iterator[C64]]:
         """Raw data and their derivatives by the values of some parameters, one after the other."""
-        wanted = _Needed.of(parameters, here)
+        wanted = Needed.of(parameters, here)
         if len(wanted.texels) > MOST_TEXELS:
             raise SceneError(
                 f"{here.scene.name}: a Jacobian by {len(wanted.texels)} texels is traced {MOST} at a time; take "
                 f"sarmitsuba.gradient, which traces once, or a map of at most {MOST_TEXELS}"
             )
-        found = _Found([], [], [], [])
+        found, pointed = _Found([], [], [], []), list[C64]()
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
             tracer = self.tracer(here)
@@ -363,6 +375,7 @@ class ForwardModel:
                     n_materials,
                     steps,
                     texels,
+                    pointing=some.pointing,
                     rates=self.turning,
                 )
             assert isinstance(tracer.tangents, Tangents)
@@ -375,6 +388,7 @@ class ForwardModel:
             for own, number in zip(found.sorts, numbers, strict=True):
                 own += planes[first : first + number]
                 first += number
+            pointed += planes[first:]
         radar = here.scene.radar
 
         def rows() -> Iterator[C64]:
@@ -382,7 +396,7 @@ class ForwardModel:
                 displaced, levelled, changed, mapped = found.take(counts)
                 frequency, time = radar.waveform.center_frequency, radar.track.time
                 yield from parameter.derivative(
-                    Derivatives(data, farther, displaced, levelled, changed, mapped, frequency, time)
+                    Derivatives(data, farther, displaced, levelled, changed, mapped, pointed, frequency, time)
                 )
 
         return data, rows()
@@ -434,6 +448,30 @@ class ForwardModel:
         return min(later, default=batch.stop)
 
 
+def check_sources(scene: Scene, sources: Sequence[Source], parameters: Sequence[Parameter]) -> None:
+    """Refuse parameters by which the echoes of scatterers beside the surfaces cannot be differentiated.
+
+    Raises
+    ------
+    SceneError : one line: the parameter, the echoes, the remedy
+    """
+    mesh = scene.geometry.face_mesh
+    for source, parameter in product(sources, parameters):
+        moves = any(d.faces is not None for d in parameter.displacements(scene, mesh))
+        changes = bool(parameter.steps(scene))
+        if isinstance(source, PointSource):
+            what = f"of a {source.scatterers.mechanism}"
+            problem = changes and source.depends_on_materials
+        else:
+            what, problem = "of pairs of diffuse scatterers", moves or changes
+            problem = problem or not isinstance(source, PairSource)
+        if problem:
+            raise SceneError(
+                f"{scene.name}: parameter {parameter.label}: the echoes {what} cannot be differentiated by it; leave "
+                "either out, or switch their effect off"
+            )
+
+
 def refuse(scene: Scene) -> None:
     """Refuse scenes whose echoes cannot be differentiated.
 
@@ -448,9 +486,7 @@ def refuse(scene: Scene) -> None:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")
-    if scene.points or scene.has_sources:
-        raise SceneError(
-            f"{name}: points, wires, volumes and scatterers beside the mesh cannot be differentiated; leave them out"
-        )
+    if scene.points:
+        raise SceneError(f"{name}: ideal points cannot be differentiated; leave them out")
     if not scene.geometry.n_faces:
         raise SceneError(f"{name}: there is no mesh whose echoes could be differentiated")

@@ -29,6 +29,7 @@ class Derivatives:
     levelled : by each level of a parameter, per dB
     changed : by each property of a material, per unit
     mapped : by each texel of a level map, per dB
+    pointed : by the azimuth and the elevation angle of the beam, per rad; empty where no parameter asks for them
     center_frequency : Hz
     time : (n_pulses,) s
     """
@@ -39,6 +40,7 @@ class Derivatives:
     levelled: Sequence[C64]
     changed: Sequence[C64]
     mapped: Sequence[C64]
+    pointed: Sequence[C64]
     center_frequency: float
     time: F64
 
@@ -67,10 +69,12 @@ class Parameter(ABC):
     ----------
     label : as in :func:`parse`
     direct : whether its displacements, levels or texels are those of its values, one for each value
+    pointing : whether derivatives by the angles of the beam are needed
     """
 
     label: str
     direct: ClassVar[bool] = False
+    pointing: ClassVar[bool] = False
 
     @abstractmethod
     def names(self, scene: Scene) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.errors import SceneError
 from sarmitsuba.gradients.material_parameters import PROPERTIES, Level, LevelMap, MaterialProperty, has_level
 from sarmitsuba.gradients.parameter import AXES, Parameter
-from sarmitsuba.gradients.radar_parameters import AntennaTrack, ClockOffset, Gain
+from sarmitsuba.gradients.radar_parameters import AntennaTrack, BeamPointing, ClockOffset, Gain
 from sarmitsuba.gradients.shape_parameters import DEFORMATIONS, Deformation, Shift, bodies
 from sarmitsuba.materials.map_materials import with_parts
 
@@ -33,8 +33,8 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
             own = read(kind, rest, scene) if own is None else own
         if own is None:
             raise SceneError(
-                f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], level:MATERIAL, "
-                f"levels, level_map:MATERIAL, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, "
+                f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], pointing[:KNOTS], "
+                f"level:MATERIAL, levels, level_map:MATERIAL, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, "
                 f"shift:SHAPE:AXIS, {', '.join(f'{k}:SHAPE' for k in DEFORMATIONS)}, shifts:AXIS, "
                 f"{', '.join(f'{k}s' for k in DEFORMATIONS)}"
             )
@@ -54,6 +54,10 @@ def _of_radar(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | Non
             return [AntennaTrack(int(n))]
         case "track", [n, axes] if n.isdecimal() and int(n) > 0 and axes and set(axes) <= set(AXES):
             return [AntennaTrack(int(n), axes)]
+        case "pointing", []:
+            return [BeamPointing()]
+        case "pointing", [n] if n.isdecimal() and int(n) > 0:
+            return [BeamPointing(int(n))]
     return None
 
 

@@ -1,15 +1,17 @@
-"""Parameters of the radar: gain, clock, positions of the antenna."""
+"""Parameters of the radar: gain, clock, positions of the antenna, pointing of its beam."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import RadarError
 from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter
+from sarmitsuba.radar.attitude import turned
 from sarmitsuba.trace.tangents import PER_DB, Displacement
 
 if TYPE_CHECKING:
@@ -96,19 +98,10 @@ class AntennaTrack(Parameter):
         """See the base class."""
         return np.zeros(self.knots * len(self.axes))
 
-    def weights(self, time: F64) -> F64:
-        """(n_pulses, knots) weight of each knot at the pulse times, s."""
-        if self.knots == 1 or len(time) == 1:
-            weights = np.zeros((len(time), self.knots))
-            weights[:, 0] = 1.0
-            return weights
-        at = np.linspace(time[0], time[-1], self.knots)
-        return np.stack([np.interp(time, at, one) for one in np.eye(self.knots)], axis=1)
-
     def offsets(self, time: F64, values: F64) -> F64:
         """(n_pulses, 3) displacement at the pulse times, m."""
         offsets = np.zeros((len(time), 3))
-        weights = self.weights(time)
+        weights = knot_weights(time, self.knots)
         for axis, knots in zip(self.axes, values.reshape(len(self.axes), self.knots), strict=True):
             offsets[:, AXES.index(axis)] = weights @ knots
         return offsets
@@ -125,5 +118,62 @@ class AntennaTrack(Parameter):
 
     def derivative(self, found: Derivatives) -> Iterator[C64]:
         """See the base class."""
-        weights = self.weights(found.time).astype(np.float32)
-        return (plane * one[:, None] for plane in found.displaced for one in weights.T)
+        return at_knots(found.displaced, found.time, self.knots)
+
+
+@dataclass(frozen=True)
+class BeamPointing(Parameter):
+    """Angles of the beam in azimuth (forward) and elevation (upward), rad, as :class:`AntennaTrack` between knots.
+
+    Parameters
+    ----------
+    knots : number of them, which divide the time of the track equally; 1: the same angles at all pulses
+    """
+
+    pointing: ClassVar[bool] = True
+    knots: int = 1
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """See the base class."""
+        return f"pointing:{self.knots}"
+
+    def names(self, scene: Scene) -> tuple[str, ...]:
+        """See the base class."""
+        angles = ("azimuth", "elevation")
+        return tuple(f"pointing {angle} at knot {k} [rad]" for angle in angles for k in range(self.knots))
+
+    def values(self, scene: Scene) -> F64:
+        """See the base class."""
+        if scene.radar.antenna.pattern == "isotropic":
+            raise RadarError(
+                "parameter pointing: the antenna is isotropic and has no beam to turn; give it a pattern"
+            )
+        return np.zeros(2 * self.knots)
+
+    def changed(self, scene: Scene, values: F64) -> Scene:
+        """See the base class."""
+        radar = scene.radar
+        angles = knot_weights(radar.track.time, self.knots) @ values.reshape(2, self.knots).T
+        pointing = turned(radar.pointing, angles)
+        return replace(scene, radar=replace(radar, pointing=pointing))
+
+    def derivative(self, found: Derivatives) -> Iterator[C64]:
+        """See the base class."""
+        return at_knots(found.pointed, found.time, self.knots)
+
+
+def knot_weights(time: F64, knots: int) -> F64:
+    """(n_pulses, knots) weight of each knot, equally spaced over the track, at the pulse times, s."""
+    if knots == 1 or len(time) == 1:
+        weights = np.zeros((len(time), knots))
+        weights[:, 0] = 1.0
+        return weights
+    at = np.linspace(time[0], time[-1], knots)
+    return np.stack([np.interp(time, at, one) for one in np.eye(knots)], axis=1)
+
+
+def at_knots(planes: Sequence[C64], time: F64, knots: int) -> Iterator[C64]:
+    """Derivatives by values at knots, from those by a value common to all pulses; plane by plane."""
+    weights = knot_weights(time, knots).astype(np.float32)
+    return (plane * one[:, None] for plane in planes for one in weights.T)

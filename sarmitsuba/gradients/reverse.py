@@ -13,7 +13,7 @@ from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.exclusive import backend_lock, exclusive, threads
-from sarmitsuba.gradients.forward_model import At, ForwardModel, per_metre
+from sarmitsuba.gradients.forward_model import At, ForwardModel, Needed, per_metre
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
 from sarmitsuba.gradients.losses import checked
 from sarmitsuba.materials.map_materials import with_parts
@@ -99,7 +99,8 @@ def gradient(scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F6
     Notes
     -----
     Levels, maps of levels, shifts, heights, scales and rotations of shapes take one run back together; other parameters
-    one run for every eight of them. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
+    one run for every eight of them, and so do shapes where scatterers beside the surfaces (edges, wires, volumes) are
+    traced. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
     :class:`Objective` keeps what is planned once.
     """
     return Objective(scene, parameters, loss).at(values)
@@ -168,10 +169,11 @@ def transposed(model: ForwardModel, adjoint: C64, values: F64 | None = None) -> 
     if not scale > 0.0:
         return out, 0
     unit = adjoint * np.float32(1.0 / scale)
-    plan = _ReversePlan.of(model, here)
+    tracer = model.tracer(here)
+    plan = _ReversePlan.of(model, here, tracer)
     memory = 0
     if plan.entries:
-        total, memory = _run_back(model, here, plan.tangents, unit)
+        total, memory = _run_back(model, tracer, plan.tangents, unit)
         for number, entries in plan.entries.items():
             starts = np.cumsum([0, *(len(own) for own in entries[:-1])])
             out[first[number] : first[number + 1]] = np.add.reduceat(total[np.concatenate(entries)], starts)
@@ -191,10 +193,12 @@ class _ReversePlan:
     entries: dict[int, list[I64]]
 
     @staticmethod
-    def of(model: ForwardModel, here: At) -> _ReversePlan:
+    def of(model: ForwardModel, here: At, tracer: Tracer) -> _ReversePlan:
         """All parameters of a model whose values are displacements, levels or texels."""
         scene, traced = here.scene, here.trace_scene
         mesh = scene.geometry.face_mesh[traced.geometry_faces]
+        # rays alone carry slots
+        rays_alone = len(tracer.sources) == 1
         shapes = MovingShapes(traced.n_faces)
         moved: dict[int, list[tuple[int, int]]] = {}
         levelled: dict[int, list[I64]] = {}
@@ -202,7 +206,7 @@ class _ReversePlan:
         for k, parameter in enumerate(model.parameters):
             if not parameter.direct:
                 continue
-            places = [shapes.add(d) for d in parameter.displacements(scene, mesh)]
+            places = [shapes.add(d) for d in parameter.displacements(scene, mesh) if rays_alone]
             if None not in places and places:
                 moved[k] = [place for place in places if place is not None]
             levels = [np.array(sorted(numbers), dtype=np.int64) for numbers in parameter.levels(scene)]
@@ -270,16 +274,16 @@ class AdjointBatches(BatchTracer):
         return np.zeros((self.n_layers, pulses.plan.stop - pulses.plan.start, 0), dtype=np.complex64)
 
 
-def _run_back(model: ForwardModel, here: At, tangents: SlotTangents, adjoint: C64) -> tuple[F64, int]:
+def _run_back(model: ForwardModel, tracer: Tracer, tangents: SlotTangents, adjoint: C64) -> tuple[F64, int]:
     """Numbers of the gradient, and bytes of the adjoint grids and of these numbers."""
-    grids, numbers = _grid_bytes(model, here, tangents), 8 * tangents.size * (threads() + 1)
+    grids, numbers = _grid_bytes(model, tangents), 8 * tangents.size * (threads() + 1)
     check_fits(
-        f"{here.scene.name}: a gradient by {len(model.names)} values",
+        f"{model.scene.name}: a gradient by {len(model.names)} values",
         COPIES * grids + numbers + 4 * adjoint.nbytes,
         "take fewer pulses, or shorter blocks (key_pulse_interval)",
     )
     total = GradientSum(tangents.size)
-    batches = AdjointBatches(model.tracer(here), model.rays, tangents, total)
+    batches = AdjointBatches(tracer, model.rays, tangents, total)
     for batch, pulses, share in model.weighted():
         own = adjoint[:, pulses]
         if not own.any():
@@ -291,7 +295,7 @@ def _run_back(model: ForwardModel, here: At, tangents: SlotTangents, adjoint: C6
     return total.numbers(), batches.memory + 8 * tangents.size
 
 
-def _grid_bytes(model: ForwardModel, here: At, tangents: SlotTangents) -> int:
+def _grid_bytes(model: ForwardModel, tangents: SlotTangents) -> int:
     """Bytes of the largest adjoint grids, of the first, middle and last batch."""
     batches, sizes = model.batches, []
     for k in sorted({0, len(batches) // 2, len(batches) - 1}):
@@ -308,17 +312,10 @@ def _pulses(model: ForwardModel, batch: Batch) -> Pulses:
 
 def _groups(model: ForwardModel, here: At, numbers: Sequence[int]) -> Iterator[list[int]]:
     """Parameters by number, in groups of few derivatives each."""
-    mesh = here.scene.geometry.face_mesh[here.trace_scene.geometry_faces]
     group: list[int] = []
     count = 0
     for k in numbers:
-        p, scene = model.parameters[k], here.scene
-        n = (
-            len(p.displacements(scene, mesh))
-            + len(p.levels(scene))
-            + len(p.steps(scene))
-            + len(p.texels(scene))
-        )
+        n = Needed.of([model.parameters[k]], here).count
         if group and count + n > AT_ONCE:
             yield group
             group, count = [], 0

@@ -54,13 +54,18 @@ class PointingError:
         return np.asarray(error)
 
     def flown(self, nominal: Pointing, time: F64) -> Pointing:
-        """The true pointing: the nominal axes turned in azimuth, then in elevation."""
-        azimuth, elevation = self.angles(time).T[..., None]
-        ahead = np.cos(azimuth) * nominal.boresight + np.sin(azimuth) * nominal.azimuth_axis
-        across = np.cos(azimuth) * nominal.azimuth_axis - np.sin(azimuth) * nominal.boresight
-        boresight = np.cos(elevation) * ahead + np.sin(elevation) * nominal.elevation_axis
-        over = np.cos(elevation) * nominal.elevation_axis - np.sin(elevation) * ahead
-        return Pointing(boresight, across, over)
+        """The true pointing."""
+        return turned(nominal, self.angles(time))
+
+
+def turned(nominal: Pointing, angles: F64) -> Pointing:
+    """Pointing with the axes turned by angles (n_pulses, 2), rad: in azimuth, then in elevation."""
+    azimuth, elevation = angles.T[..., None]
+    ahead = np.cos(azimuth) * nominal.boresight + np.sin(azimuth) * nominal.azimuth_axis
+    across = np.cos(azimuth) * nominal.azimuth_axis - np.sin(azimuth) * nominal.boresight
+    boresight = np.cos(elevation) * ahead + np.sin(elevation) * nominal.elevation_axis
+    over = np.cos(elevation) * nominal.elevation_axis - np.sin(elevation) * ahead
+    return Pointing(boresight, across, over)
 
 
 def pointing_error(given: RadarInput) -> PointingError:

@@ -1,7 +1,7 @@
 """Pulses of one batch: antenna states at the traced pulses, grid of their echoes, and range profiles from the grid."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,13 @@ from sarmitsuba.echo.block import BlockPlan, plan_block
 from sarmitsuba.echo.block_synthesis import synthesise, synthesise_adjoint
 from sarmitsuba.echo.direct import DirectPlan, finish, finish_adjoint, plan_direct
 from sarmitsuba.echo.sub_bands import RangeFilter
+from sarmitsuba.radar.attitude import turned
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
+
+# step of the derivative by the azimuth angle of the beam, over the half-power half-width
+AZIMUTH_STEP = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +121,16 @@ class KeyPulse(Pulses):
     def adjoint(self, profiles: C64, share: RangeFilter | None) -> C64:
         """See :class:`Pulses`."""
         return synthesise_adjoint(profiles, self.plan, self.radar, beam=self.beam, share=share)
+
+    def by_azimuth(self, grid: NDArray[np.complexfloating], share: RangeFilter | None) -> C64:
+        """Derivative of :meth:`profiles` by the azimuth angle of the beam, per rad, where the synthesis applies it."""
+        step = AZIMUTH_STEP / self.radar.antenna.per_width[0]
+        ends = []
+        for angle in (-step, step):
+            angles = np.tile([angle, 0.0], (self.radar.track.n_pulses, 1))
+            radar = replace(self.radar, pointing=turned(self.radar.pointing, angles))
+            ends.append(synthesise(grid, self.plan, radar, beam=True, share=share))
+        return np.asarray((ends[1] - ends[0]) * np.float32(0.5 / step))
 
 
 class EveryPulse(Pulses):

@@ -68,10 +68,13 @@ class AdjointEchoes:
             total.add(shape * plan.ways + way, value, echo.active & (shape != NO_SHAPE))
         if echo.material is None or not (plan.n_materials or plan.n_texels):
             return state
-        known = echo.active & (echo.material != NO_MATERIAL)
         level = grids.product(0).real * PER_DB
         if plan.n_materials:
-            total.add(echo.material + dr.opaque(mi.UInt32, plan.first_material), level, known)
+            first = dr.opaque(mi.UInt32, plan.first_material)
+            for material in (echo.material, echo.partner):
+                if material is not None:
+                    total.add(material + first, level, echo.active & (material != NO_MATERIAL))
+        known = echo.active & (echo.material != NO_MATERIAL)
         for texel, share in echo.texels:
             total.add(texel + dr.opaque(mi.UInt32, plan.first_texel), level * share, known)
         return state

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.launch import PulseBatch
 
 
+# step of the derivative of a pattern, over its half-power half-width; two-way amplitude that counts as zero in it
+_STEP, _BLACK = 0.01, 1e-12
 # sines of the directions of two legs closer than this count as equal (float32); azimuth gain that counts as zero
 _APART, _DARK = 1e-6, 1e-3
 
@@ -78,6 +80,38 @@ class BeamPattern:
         own = dr.sqrt(dr.maximum(self._two_way(self.first_sine, zero) * self._two_way(last_sine, zero), 0.0))
         apart = (dr.abs(last_sine - self.first_sine) > _APART) & (mean > _DARK)
         return gain * dr.select(apart, dr.minimum(own / dr.maximum(mean, _DARK), 2.0), 1.0)
+
+    def rates(self, u: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
+        r"""Relative derivatives of :meth:`one_way` by the boresight's angles in azimuth and elevation, 1/rad.
+
+        A turn of the boresight :math:`\mathbf b` changes the sine along its axis by :math:`-\mathbf u \cdot \mathbf b`.
+        That in azimuth is zero where the azimuth pattern is applied later.
+        """
+        azimuth = mi.Float(0.0) if self.later else dr.dot(u, self.azimuth)
+        elevation, turn = dr.dot(u, self.elevation), -0.5 * dr.dot(u, self.boresight)
+        along = mi.Float(0.0) if self.later else self._slope(azimuth, elevation, 0) * turn
+        return along, self._slope(azimuth, elevation, 1) * turn
+
+    def received_rates(self, u: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
+        """The same of :meth:`received`."""
+        azimuth, elevation = self.rates(u)
+        if self.first_sine is None:
+            return azimuth, elevation
+        zero, last = mi.Float(0.0), dr.dot(u, self.azimuth)
+        apart = dr.abs(last - self.first_sine) > _APART
+        ends = 0.5 * (self._slope(self.first_sine, zero, 0) + self._slope(last, zero, 0))
+        change = self._slope(0.5 * (self.first_sine + last), zero, 0) - ends
+        return azimuth + dr.select(apart, change * dr.dot(u, self.boresight), 0.0), elevation
+
+    def _slope(self, sin_azimuth: mi.Float, sin_elevation: mi.Float, axis: int) -> mi.Float:
+        """Derivative of the logarithm of the two-way amplitude by the sine along an axis; zero where it is dark."""
+        step = dr.opaque(mi.Float, _STEP / self.antenna.per_width[axis])
+        aside = (step, mi.Float(0.0)) if axis == 0 else (mi.Float(0.0), step)
+        below = self._two_way(sin_azimuth - aside[0], sin_elevation - aside[1])
+        above = self._two_way(sin_azimuth + aside[0], sin_elevation + aside[1])
+        own = self._two_way(sin_azimuth, sin_elevation)
+        slope = (above - below) * 0.5 / (step * dr.maximum(own, _BLACK))
+        return dr.select(own > _BLACK, slope, 0.0)
 
     def _two_way(self, sin_azimuth: mi.Float, sin_elevation: mi.Float) -> mi.Float:
         """Relative two-way amplitude."""

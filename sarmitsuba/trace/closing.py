@@ -43,19 +43,28 @@ Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
 
 @dataclass(frozen=True, eq=False)
 class Receiver:
-    """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna."""
+    """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna.
+
+    ``gain_tangents`` : of the straight path, see :class:`Contribution`
+    """
 
     basis: dict[str, Receiving]
     gain: mi.Float
+    gain_tangents: tuple[mi.Float, ...] | None = None
 
 
 def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
     """Receiving polarisations and gain of the antenna for a hit; lane and hit are adjusted for the delay in slabs."""
     around = Surroundings.within(kernel)
-    gain = lane.pattern.received(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
+    gain, changes = mi.Float(1.0), None
+    if lane.pattern is not None:
+        gain = lane.pattern.received(-hit.to_antenna)
+        if lane.beam_rates is not None:
+            back = lane.pattern.received_rates(-hit.to_antenna)
+            changes = tuple(x + y for x, y in zip(lane.beam_rates, back, strict=True))
     if around.clear:
         h, v = field.polarisation_basis(-hit.to_antenna, around.up)
-        return Receiver({"H": h, "V": v}, gain), lane, hit
+        return Receiver({"H": h, "V": v}, gain, changes), lane, hit
     through = hit.sees
     if ray.crossed is not None and not kernel.bistatic:
         # a first leg that crossed no slab has a return leg that crosses none
@@ -70,7 +79,7 @@ def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Recei
         leg = lane.antenna - hit.p
         length = dr.norm(leg)
         hit = replace(hit, length_back=length, to_antenna64=leg / length)
-    return Receiver({"H": vectors[0], "V": vectors[1]}, gain), lane, hit
+    return Receiver({"H": vectors[0], "V": vectors[1]}, gain, changes), lane, hit
 
 
 def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Complex2f:
@@ -200,6 +209,7 @@ def close_coherent(
         material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
         amplitude_tangents=_derivatives(kernel, ray, hit, receive, returned.weight),
         rate_tangents=returned.rate_tangents,
+        gain_tangents=receive.gain_tangents,
         slots=() if kernel.tangents is None else kernel.tangents.slots,
     )
 
@@ -279,6 +289,7 @@ def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contributi
         else dr.select(condition, a.material, b.material),
         amplitude_tangents=_chosen(condition, a.amplitude_tangents, b.amplitude_tangents),
         rate_tangents=_chosen(condition, a.rate_tangents, b.rate_tangents),
+        gain_tangents=_chosen(condition, a.gain_tangents, b.gain_tangents),
     )
 
 

@@ -33,6 +33,7 @@ from sarmitsuba.trace.antenna_weight import fade
 from sarmitsuba.trace.diffuse_return import mixed
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, pattern_gain, straight_leg
+from sarmitsuba.trace.leg_tangents import with_leg_tangents
 from sarmitsuba.trace.pair_search import FACING, SurfacePairs, off_surface
 from sarmitsuba.trace.propagation import antenna_of
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
@@ -220,7 +221,7 @@ class PairSource:
             mixed(second.between_fields(home.sent(channel[1]), between[channel[0]]), b.random) * factor
             for channel in closed
         ]
-        return Contribution(
+        echo = Contribution(
             kind=mi.UInt32(SCATTERER),
             order=mi.UInt32(2),
             pulse=pulse,
@@ -229,7 +230,10 @@ class PairSource:
             amplitudes=tuple(field.recorded(closed, values, flags.channels)),
             active=out.seen & home.seen,
             point=0.5 * (a.point + b.point),
+            material=None if kernel.tangents is None else a.material & MATERIAL_MASK,
+            partner=None if kernel.tangents is None else b.material & MATERIAL_MASK,
         )
+        return with_leg_tangents(kernel, antenna, echo, (out, home))
 
 
 def _rows(pairs: SurfacePairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

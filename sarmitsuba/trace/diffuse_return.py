@@ -181,6 +181,7 @@ class DiffuseReturns:
                 [terms for terms, _ in self.variants], random, self.straight_weight
             ),
             rate_tangents=swings,
+            gain_tangents=self.receive.gain_tangents,
             slots=slots,
             texels=self.texels,
         )
@@ -198,6 +199,7 @@ class DiffuseReturns:
                 [terms or [] for _, terms in self.variants], random, self.reciprocal_weight
             ),
             rate_tangents=back_swings,
+            gain_tangents=None if lane.beam_rates is None else tuple(2.0 * x for x in lane.beam_rates),
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, reciprocal, straight)

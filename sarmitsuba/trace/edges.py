@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,16 @@ from sarmitsuba.mesh.thin_rims import metal_edges
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.trace import field
-from sarmitsuba.trace.intersector import intersector
+from sarmitsuba.trace.intersector import intersector, query_ray
 from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.plate_rims import PlateRim, sinc
 from sarmitsuba.trace.sheet_waves import FAR, SheetWave
 from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.wedge_strips import FringeStrip, WedgeFace
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.leg_tangents import Shift
 
 # longest piece of an edge, wavelengths, unless the rays of surfaces are farther apart, or the resolution cell is
 # smaller: visibility is decided piece by piece
@@ -36,6 +40,8 @@ PROBES = 8
 ROUND = 1.25
 # bisection steps for the width of a sheet
 BISECTIONS = 14
+# phase integral of a piece, over its length, that counts as zero in its derivative
+LEAST_SINC = 1e-2
 # widths of the gap between two faces at which shadow rays from their edge start
 GAPS = 2.0
 # places along all edges at which the widths of sheets are found, or one on each piece where there are fewer
@@ -235,6 +241,54 @@ class FringeCurrents(Scatterers):
         normal, thickness = mi.Vector3f(up.x, up.y, up.z), dr.gather(mi.Float, self._thickness, index)
         off = 0.5 * thickness + dr.select(thickness > 0.0, clearance, 0.0)
         return start + normal * dr.copysign(off, dr.dot(direction, normal))
+
+    def shifts(
+        self, kernel: Kernel, index: mi.UInt32, incident: Leg, scattered: Leg
+    ) -> Sequence[Shift | None]:
+        r"""Velocities of the edges of shapes that are displaced, and how their lengths and phase integrals grow.
+
+        With the derivatives :math:`\dot l = l \, \hat z \cdot A \hat z` and :math:`\dot z = A \hat z` across the edge,
+        and :math:`x = \tfrac12 k l w, w = (\hat d - \hat s) \cdot \hat z`, the factor :math:`l \, \mathrm{sinc} \, x`
+        grows by :math:`\cos x \, \dot l + \tfrac12 k l^2 \, \mathrm{sinc}' x \, \dot w`.
+
+        Notes
+        -----
+        Ignores that the angles of the waves to the faces change.
+        """
+        carried = kernel.tangents
+        assert carried is not None
+        if all(offset is None for offset in carried.offset):
+            return ()
+        first, second = (self._row(index, i) for i in range(2))
+        inward, normal = (mi.Vector3f(row.x, row.y, row.z) for row in (first, second))
+        middle, length = self.point(index), second.w
+        step = 4.0 * kernel.constants.clearance
+        if self._thickness is not None:
+            step = step + 0.5 * dr.gather(mi.Float, self._thickness, index)
+        down = query_ray(mi.Vector3f(middle) + (inward + normal) * step, -normal)
+        found = kernel.scene.mi_scene.ray_intersect_preliminary(down, coherent=True, active=mi.Bool(True))
+        there, face = found.is_valid(), found.prim_index
+        along = mi.Vector3d(dr.cross(inward, normal))
+        wave = mi.Vector3d(incident.to_antenna + scattered.to_antenna)
+        half = 0.5 * kernel.constants.wavenumber * length
+        x = half * mi.Float(dr.dot(wave, along))
+        s, c = dr.sincos(x)
+        value = dr.select(dr.abs(x) < 1e-3, 1.0, s / dr.select(x == 0.0, 1.0, x))
+        slope = dr.select(dr.abs(x) < 1e-3, -x / 3.0, (c - value) / dr.select(x == 0.0, 1.0, x))
+        kept = dr.abs(value) > LEAST_SINC
+        shifts: list[Shift | None] = []
+        for k, offset in enumerate(carried.offset):
+            movement = carried.movement(k, face, middle, there)
+            if offset is None or movement is None:
+                shifts.append(None)
+                continue
+            turned = carried.turned(k, along)
+            longer = dr.dot(turned, along)
+            bend = mi.Float(dr.dot(wave, turned - along * longer))
+            growth = (c * mi.Float(longer) + half * slope * bend) / dr.select(kept, value, 1.0)
+            moves = carried.moves(k, face, there) & kept
+            shifts.append((movement.velocity, dr.select(moves, growth, 0.0)))
+        return shifts
 
     def amplitude(
         self,

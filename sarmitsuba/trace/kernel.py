@@ -173,7 +173,8 @@ def _bounce(
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)
     ray = past_foci(there, hit)
     if kernel.variants:
-        ray = replace(ray, variants=tuple(past_foci(v, hit).fields for v in variant_rays(there)))
+        others = (through_passages(kernel, v, hit) for v in variant_rays(there))
+        ray = replace(ray, variants=tuple(past_foci(other, hit).fields for other in others))
     tube_here = footprint(kernel, lane, ray, hit)
     if tube_here.lost is not None:
         hit = hit.without(tube_here.lost)

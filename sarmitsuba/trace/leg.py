@@ -136,6 +136,24 @@ class Surroundings:
 
 
 @dataclass(frozen=True, eq=False)
+class LegMirror:
+    """Mirror of a leg.
+
+    Parameters
+    ----------
+    face : row of the scene's tables
+    point, normal : float64, m, a point of it, and its unit normal
+    antenna, velocity : float64, m and m/s, place of the antenna from the point, and its velocity
+    """
+
+    face: mi.UInt32
+    point: mi.Vector3d
+    normal: mi.Vector3d
+    antenna: mi.Vector3d
+    velocity: mi.Vector3d
+
+
+@dataclass(frozen=True, eq=False)
 class Leg:
     """Leg between a scatterer and an antenna, straight or over one mirror.
 
@@ -148,7 +166,8 @@ class Leg:
     rate : float64, m/s, its change
     seen : lanes in which the leg is not occluded
     h, v : complex vectors at the scatterer of a unit wave sent in H and V
-    over_ground : whether the leg has a mirror
+    across : float64, 1/s, velocity of the antenna or its image across the leg, over its length
+    mirror : None for a straight leg
     """
 
     to_antenna64: mi.Vector3d
@@ -159,7 +178,13 @@ class Leg:
     seen: mi.Bool
     h: field.ComplexVector
     v: field.ComplexVector
-    over_ground: bool = False
+    across: mi.Vector3d
+    mirror: LegMirror | None = None
+
+    @property
+    def over_ground(self) -> bool:
+        """Whether the leg has a mirror."""
+        return self.mirror is not None
 
     def sent(self, letter: str) -> field.ComplexVector:
         """Field at the scatterer of a unit wave sent in a polarisation of the transmitter."""
@@ -200,7 +225,8 @@ def straight_leg(
         leg = leg + mi.Vector3d(shift)
         length = dr.norm(leg)
         to64 = leg / length
-    return Leg(to64, to, -to, length, dr.dot(to64, velocity), seen, h, v)
+    rate = dr.dot(to64, velocity)
+    return Leg(to64, to, -to, length, rate, seen, h, v, (velocity - to64 * rate) / length)
 
 
 def antenna_basis(around: Surroundings, to: mi.Vector3f) -> tuple[field.ComplexVector, field.ComplexVector]:

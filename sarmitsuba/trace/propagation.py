@@ -90,6 +90,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         nudge=dr.normalize(edge_a) * dr.opaque(f32, NUDGE * kernel.scene.extent),
         needs=needs,
         pattern=None if beams is None else beams[1],
+        beam_rates=beams[0].rates(d) if beams and kernel.tangents and kernel.tangents.pointing else None,
         time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),
     )
     state = RayState(

@@ -22,14 +22,16 @@ if TYPE_CHECKING:
     Swings = tuple[mi.Float, ...] | None
 
 
-def _normal_rate(carried: Carried, k: int, hit: Hit, n: mi.Vector3d) -> mi.Vector3d | None:
+def normal_rate(
+    carried: Carried, k: int, face: mi.UInt32, active: mi.Bool, n: mi.Vector3d
+) -> mi.Vector3d | None:
     r"""Derivative of a facet's unit normal, :math:`-A^T n + n (n \cdot A n)`; None where it is zero."""
     rows = carried.gradient[k]
     if rows is None:
         return None
     pulled = rows[0] * n.x + rows[1] * n.y + rows[2] * n.z
     rate = n * dr.dot(n, pulled) - pulled
-    return dr.select(carried.moves(k, hit.face, hit.active), rate, mi.Vector3d(0.0))
+    return dr.select(carried.moves(k, face, active), rate, mi.Vector3d(0.0))
 
 
 def turned_hit(carried: Carried, k: int, ray: RayState, hit: Hit, step: mi.Float) -> Hit:
@@ -45,7 +47,7 @@ def turned_hit(carried: Carried, k: int, ray: RayState, hit: Hit, step: mi.Float
     assert ray.tangents is not None
     d, virtual, along = hit.direction64, ray.tangents.virtual[k], mi.Float64(step)
     d = dr.normalize(d - (virtual - d * dr.dot(virtual, d)) * (along / hit.length))
-    n, turn = hit.normal64, _normal_rate(carried, k, hit, hit.normal64)
+    n, turn = hit.normal64, normal_rate(carried, k, hit.face, hit.active, hit.normal64)
     if turn is not None:
         n = dr.normalize(n + turn * along)
     direction, normal = mi.Vector3f(d), mi.Vector3f(n)
@@ -97,7 +99,7 @@ def mirrored_tangents(
         movement = carried.movement(k, hit.face, hit.p, hit.active)
         towards = velocity if movement is None else velocity - movement.velocity
         image = velocity - n * (2.0 * dr.dot(towards, n))
-        turn = _normal_rate(carried, k, hit, n)
+        turn = normal_rate(carried, k, hit.face, hit.active, n)
         if turn is not None:
             image -= 2.0 * (turn * dr.dot(from_hit, n) + n * dr.dot(from_hit, turn))
         virtual.append(image)
@@ -199,11 +201,11 @@ def of_tube(
             whole, change = closing.integral, changes.pop(0)
             there = dr.squared_norm(whole) > 1e-24
             growth += dr.select(there, change / dr.select(there, whole, 1.0), 0.0)
-        found.append(_with_amplitude(kernel, 0.5 * rate, growth))
+        found.append(with_amplitude(kernel, 0.5 * rate, growth))
     return tuple(found), None if seen is None else tuple(swings)
 
 
-def _with_amplitude(kernel: Kernel, rate: mi.Float64, growth: mi.Complex2f) -> mi.Complex2f:
+def with_amplitude(kernel: Kernel, rate: mi.Float64, growth: mi.Complex2f) -> mi.Complex2f:
     """Complex derivative of a slant range, from its own and the relative one of the amplitude."""
     per = growth * (0.5 / kernel.constants.wavenumber)
     return mi.Complex2f(mi.Float(rate) - per.imag, per.real)
@@ -268,7 +270,7 @@ def of_scatterer(
         if carried.gradient[k] is not None:
             # the power of a cell grows with its area
             growth = mi.Complex2f(0.5 * _surface_rate(carried, k, hit))
-            rates = [_with_amplitude(kernel, rate, growth) for rate in rates]
+            rates = [with_amplitude(kernel, rate, growth) for rate in rates]
         straight.append(rates[0])
         reciprocal.append(rates[1])
     if not carried.rates:

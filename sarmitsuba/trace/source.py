@@ -17,7 +17,8 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.closing import selected
 from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.kernel import TraceCounts
-from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
+from sarmitsuba.trace.leg import Leg, LegMirror, Surroundings, antenna_basis, pattern_gain, straight_leg
+from sarmitsuba.trace.leg_tangents import with_leg_tangents
 from sarmitsuba.trace.propagation import antenna_of, hit_point, reflected
 from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.stage import KernelRecording, mirrored
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
     from sarmitsuba.trace.kernel import Accumulator, LaneArrays
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
+    from sarmitsuba.trace.leg_tangents import Shift
 
 # lanes of one launch; bounds its memory
 MAX_LANES = 4_000_000
@@ -138,6 +140,12 @@ class Scatterers(ABC):
         Its phase is not contained in :meth:`amplitude`.
         """
         return None
+
+    def shifts(
+        self, kernel: Kernel, index: mi.UInt32, incident: Leg, scattered: Leg
+    ) -> Sequence[Shift | None]:
+        """Velocities and growths by the displacements of a kernel; empty: the scatterers stay at rest."""
+        return ()
 
     def at(self, wavelength: float) -> Scatterers:
         """The same scatterers at another wavelength, m: itself, where the kernel's wavenumber is all that changes."""
@@ -283,7 +291,9 @@ class PointSource:
                 length = length + dr.dot(mi.Vector3d(along), mi.Vector3d(shift))
         image_velocity = velocity - n64 * (2.0 * dr.dot(velocity, n64))
         rate = dr.dot(to64, image_velocity)
-        return Leg(to64, to, -to_antenna, length, rate, seen, fields[0], fields[1], over_ground=True)
+        across = (image_velocity - to64 * rate) / length
+        ground = LegMirror(before.face, before.point, n64, position - before.point, velocity)
+        return Leg(to64, to, -to_antenna, length, rate, seen, fields[0], fields[1], across, ground)
 
     def _return(
         self,
@@ -311,7 +321,7 @@ class PointSource:
         nearer = self.scatterers.nearer(index, out, home)
         if nearer is not None:
             slant_range = slant_range - mi.Float64(nearer)
-        return Contribution(
+        echo = Contribution(
             kind=mi.UInt32(SCATTERER),
             order=mi.UInt32(order),
             pulse=pulse,
@@ -321,6 +331,13 @@ class PointSource:
             active=out.seen & home.seen,
             point=point,
         )
+        shifts = () if kernel.tangents is None else self.scatterers.shifts(kernel, index, out, home)
+        return with_leg_tangents(kernel, antenna, echo, (out, home), shifts)
+
+    @property
+    def depends_on_materials(self) -> bool:
+        """Whether properties of the materials of surfaces change the echoes."""
+        return self.max_order > 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,6 +345,7 @@ class _Ground:
     """First hit of a ray from a scatterer: point, normal facing the ray, the facet's own normal (float64), material."""
 
     found: mi.Bool
+    face: mi.UInt32
     point: mi.Vector3d
     normal: mi.Vector3d
     own: mi.Vector3d
@@ -350,7 +368,7 @@ class _Ground:
         row = None
         if scene.slabs is not None:
             row = SlabRow.of(scene.slabs.table, material, valid)
-        return _Ground(valid, p, n64, own, properties, row)
+        return _Ground(valid, found.prim_index, p, n64, own, properties, row)
 
 
 def _added(

@@ -207,6 +207,7 @@ class Lane:
     needs : m, lower and upper bound of the ray spacing needed by the faces that this ray samples
     pattern : of the receiving antenna, None for an isotropic one
     time : s, float64, of the pulse, where the kernel depends on it; None: everything is as at time zero
+    beam_rates : 1/rad, relative derivatives of the launch's gain by the angles of the beam; None: not recorded
     """
 
     pulse: mi.UInt32
@@ -222,6 +223,7 @@ class Lane:
     needs: tuple[mi.Float, mi.Float]
     pattern: BeamPattern | None
     time: mi.Float64 | None = None
+    beam_rates: tuple[mi.Float, mi.Float] | None = None
 
 
 @dataclass
@@ -456,9 +458,11 @@ class Contribution:
     range_tangents : derivatives of the slant range by displacements, m per unit: float64, or complex where amplitudes
         change too, see :mod:`sarmitsuba.trace.range_tangents`; None without any
     material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
+    partner : the same of the other one of a pair; None for all other returns
     amplitude_tangents : derivatives of the channels by properties of materials, property by property, then by the
         displacements that turn facets, as amplitude times slant range; None without any
     rate_tangents : derivatives of the range rate by displacements, m/s per unit; None where none is recorded
+    gain_tangents : relative derivatives of the channels by the two angles of the beam, 1/rad; None: not recorded
     slots : numbers of the shapes to which ``range_tangents`` belong; empty where these are the same for all echoes
     texels : numbers of the texels of a level map that a diffuse scatterer's level comes from, with their shares of
         it; of no meaning for other returns; empty without parameters of maps
@@ -474,8 +478,10 @@ class Contribution:
     point: mi.Vector3d
     range_tangents: tuple[mi.Float64 | mi.Complex2f, ...] | None = None
     material: mi.UInt32 | None = None
+    partner: mi.UInt32 | None = None
     amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
     rate_tangents: tuple[mi.Float, ...] | None = None
+    gain_tangents: tuple[mi.Float, ...] | None = None
     slots: tuple[mi.UInt32, ...] = ()
     texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
 

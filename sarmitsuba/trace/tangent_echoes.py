@@ -44,15 +44,20 @@ def with_derivatives(carried: CarriedDisplacements, echo: Contribution) -> tuple
         for j in range(c):
             out[c * (1 + k) + j] += by_turn[c * i + j]
     if carried.plan.levels:
-        known = echo.material != NO_MATERIAL
-        bits = dr.gather(mi.UInt32, carried.plan.levelled, echo.material, echo.active & known)
+        materials = [echo.material] if echo.partner is None else [echo.material, echo.partner]
+        bits = []
+        for material in materials:
+            known = material != NO_MATERIAL
+            found = dr.gather(mi.UInt32, carried.plan.levelled, material, echo.active & known)
+            bits.append(dr.select(known, found, 0))
         for k in range(len(carried.plan.levels)):
-            per_db = dr.select(known & (((bits >> k) & 1) == 1), mi.Float(PER_DB), 0.0)
+            per_db = sum((mi.Float((own >> k) & 1) for own in bits), mi.Float(0.0)) * PER_DB
             out += [a * per_db for a in echo.amplitudes]
     out += by_property
     for number in carried.texels:
         share = sum((dr.select(texel == number, part, 0.0) for texel, part in echo.texels), mi.Float(0.0))
         per_db = dr.select(echo.material != NO_MATERIAL, share * PER_DB, 0.0)
         out += [a * per_db for a in echo.amplitudes]
+    by_angle = (a * rate for rate in echo.gain_tangents or () for a in echo.amplitudes)
     swings = (a * rate for rate in echo.rate_tangents or () for a in echo.amplitudes)
-    return (*out, *swings)
+    return (*out, *by_angle, *swings)

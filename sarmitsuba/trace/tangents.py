@@ -125,6 +125,7 @@ class Tangents:
     properties : of materials; each gives the derivative of the channels
     texels : numbers of texels of level maps, as in :meth:`BitmapLayer.shares`; each gives the derivative of the
         channels by its level in dB
+    pointing : whether the two angles of the beam give the derivative of the channels, after the properties
     rates : whether each displacement gives the channels times the derivative of the range rate too, after all others
     """
 
@@ -134,6 +135,7 @@ class Tangents:
     levelled: mi.UInt32
     properties: tuple[StepTables, ...] = ()
     texels: tuple[int, ...] = ()
+    pointing: bool = False
     rates: bool = False
 
     @staticmethod
@@ -145,6 +147,7 @@ class Tangents:
         properties: Sequence[StepTables] = (),
         texels: Sequence[int] = (),
         *,
+        pointing: bool = False,
         rates: bool = False,
     ) -> Tangents:
         """Tables of these parameters on the device."""
@@ -163,6 +166,7 @@ class Tangents:
             device_array(mi.UInt32, levelled),
             tuple(properties),
             tuple(texels),
+            pointing,
             rates,
         )
 
@@ -174,7 +178,8 @@ class Tangents:
     @property
     def count(self) -> int:
         """Number of derivatives of each channel, without those of range rates."""
-        return len(self.displacements) + len(self.levels) + len(self.properties) + len(self.texels)
+        own = (self.displacements, self.levels, self.properties, self.texels)
+        return sum(len(sort) for sort in own) + 2 * self.pointing
 
     @property
     def recorded(self) -> int:
@@ -191,6 +196,7 @@ class Tangents:
                 for d in self.displacements
             ),
             tuple(k for k, _ in self.turns),
+            self.pointing,
             self.rates,
             bool(self.texels),
             self,
@@ -210,6 +216,7 @@ class Carried(ABC):
     ----------
     antenna, offset, gradient : of each displacement, see :class:`Displacement`; None where nothing of it moves
     turning : numbers of those that turn faces
+    pointing : whether echoes carry derivatives by the angles of the beam
     rates : whether echoes carry derivatives of their range rates
     mapped : whether echoes carry the shares of texels in their level
     """
@@ -218,6 +225,7 @@ class Carried(ABC):
     offset: tuple[mi.Vector3d | None, ...]
     gradient: tuple[tuple[mi.Vector3d, ...] | None, ...]
     turning: tuple[int, ...]
+    pointing: bool
     rates: bool
     mapped: bool
 

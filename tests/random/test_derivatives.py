@@ -18,6 +18,7 @@ LARGEST = {"scale:box": 2e-3, "rotation:box": 2e-3}
         ("alone", ("shift:box:x,shift:box:y,shift:box:z",)),
         pytest.param("alone", ("height:box",), marks=pytest.mark.slow),
         ("house", ("rotation:box",)),
+        ("beam", ("pointing",)),
         pytest.param("house", ("height:box",), marks=pytest.mark.slow),
     ],
 )
@@ -26,7 +27,7 @@ def test_derivatives_are_those_of_whole_runs(kind: str, parameters: tuple[str, .
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["rough", "metal", "alone", "house"])
+@pytest.mark.parametrize("kind", ["rough", "metal", "alone", "house", "beam"])
 def test_derivatives_are_those_of_whole_runs_in_many_scenes(kind: str) -> None:
     check(kind, tuple(parameter for scenes, parameter in EXACT if scenes == kind), range(3, 103))
 

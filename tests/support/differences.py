@@ -30,6 +30,9 @@ CHANNELS = ("HH", "VV", "HH,HV,VH,VV")
 # kinds of scenes with automatic blocks of pulses
 AUTOMATIC = ("alone", "house")
 
+# step of the differences of the beam's angles, in half-widths
+BEAM = 0.05
+
 # relative difference of differences of fourth and sixth order up to which the data are smooth over the steps
 SMOOTH = 2e-4
 
@@ -62,7 +65,8 @@ def drawn(seed: int, kind: str, pulses: int = 6) -> Scene:
     pulses : all in one block; ``alone`` and ``house`` have about 37, in automatic blocks
     kind : ``rough``: both scatter diffusely, with mirrors; ``metal``: metal on smooth ground, with mirrors; ``alone``:
         a rough box whose ground returns nothing to the radar, without mirrors: nothing that a moving box could shadow;
-        ``house``: the same with a roof, at a drawn heading, in drawn channels, in spotlight or stripmap mode
+        ``house``: the same with a roof, at a drawn heading, in drawn channels, in spotlight or stripmap mode;
+        ``beam``: as ``rough``, in a beam as wide as the scene
     """
     rng = np.random.default_rng([seed, 0x6A61C])
     eps = rng.uniform(3.0, 9.0, 2) - 1j * rng.uniform(0.1, 2.0, 2)
@@ -77,7 +81,7 @@ def drawn(seed: int, kind: str, pulses: int = 6) -> Scene:
     soil = Material("soil", permittivity=complex(eps[1]))
     if kind == "metal":
         wall = Material("wall", pec=True)
-    elif kind == "rough":
+    elif kind in ("rough", "beam"):
         soil = Material(
             "soil",
             permittivity=complex(eps[1]),
@@ -101,6 +105,14 @@ def drawn(seed: int, kind: str, pulses: int = 6) -> Scene:
             heading_deg=float(rng.uniform(0.0, 360.0)),
             polarisation=str(rng.choice(CHANNELS)),
             mode=str(rng.choice(["spotlight", "stripmap"])),
+        )
+    if kind == "beam":
+        width = np.degrees(rng.uniform(0.4, 1.2, 2) * 22.0 / radar.slant_range)
+        radar = replace(
+            radar,
+            pattern=str(rng.choice(["gaussian", "rectangular"])),
+            azimuth_beamwidth_deg=float(width[0]),
+            elevation_beamwidth_deg=float(width[1]),
         )
     if kind in AUTOMATIC:
         radar = replace(radar, n_pulses=0, azimuth_resolution=1.3)
@@ -133,6 +145,7 @@ EXACT = (
     ("house", "rotation:box"),
     ("metal", "track:2"),
     ("metal", "permittivity:soil"),
+    ("beam", "pointing"),
     ("rough", "gain"),
     ("rough", "clock_offset"),
     ("rough", "track:2"),
@@ -205,6 +218,8 @@ def step(model: ForwardModel, number: int) -> float:
     kind, unit = name.split(":")[0], name.rsplit("[", 1)[1].rstrip("]")
     if kind == "loss":
         return LOSS
+    if kind.startswith("pointing"):
+        return BEAM / model.scene.radar.antenna.per_width[0]
     if kind in ("permittivity", "rms_height", "correlation_length"):
         return SHARE * value
     return {"m": METRES, "s": SECONDS, "dB": DECIBELS, "rad": RADIANS, "1": METRES / 4.0}[unit]

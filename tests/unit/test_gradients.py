@@ -171,3 +171,28 @@ def test_what_is_not_supported_is_refused_in_one_line() -> None:
             SceneError, match="edge diffraction cannot be differentiated; switch off the effect"
         ):
             jacobian(edges, "gain")
+
+
+def test_a_beam_that_is_turned_as_a_whole_is_the_sum_of_its_knots_and_is_found_again() -> None:
+    scene = plate(pattern="gaussian", azimuth_beamwidth_deg=0.1, elevation_beamwidth_deg=0.1)
+    whole, knots = (jacobian(scene, text).derivative for text in ("pointing", "pointing:3"))
+    for angle in range(2):
+        # tol: float32 sums
+        assert (
+            relative(knots[3 * angle : 3 * angle + 3].sum(axis=0), whole[angle].astype(np.complex128)) < 1e-5
+        )
+    model = ForwardModel(scene, parse("pointing", scene))
+    angles = np.radians([0.01, -0.02])
+    found = sarmitsuba.fit(scene, model.raw(model.data(angles)), "pointing")
+    # tol: float32 data, whose level changes by some percent
+    assert found.values == pytest.approx(angles, abs=1e-3 * float(np.abs(angles).max()))
+
+
+@pytest.mark.filterwarnings("ignore:.*antenna_pattern is switched off")
+def test_an_antenna_without_a_beam_has_no_pointing() -> None:
+    with pytest.raises(RadarError, match="the antenna is isotropic"):
+        jacobian(plate(), "pointing")
+    scene = plate(pattern="gaussian", azimuth_beamwidth_deg=0.1, elevation_beamwidth_deg=0.1)
+    effects = {**scene.settings.effects, "antenna_pattern": "off"}
+    with pytest.raises(SceneError, match="the effect antenna_pattern is off"):
+        jacobian(replace(scene, settings=replace(scene.settings, effects=effects)), "pointing")
