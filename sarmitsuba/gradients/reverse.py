@@ -12,6 +12,7 @@ import numpy as np
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import backend_lock, exclusive, threads
 from sarmitsuba.gradients.forward_model import At, ForwardModel, Needed, per_metre
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
@@ -142,6 +143,10 @@ class Objective:
         """The same with the raw data; None: of the scene as it is."""
         model = self.model
         values = model.start if values is None else np.asarray(values, dtype=np.float64)
+        if values.shape != model.start.shape:
+            raise SceneError(
+                f"gradient: {values.size} values for {len(model.start)} parameters; give one for each"
+            )
         data = model.data(values)
         value, adjoint = checked(self.loss, data)
         found, memory = transposed(model, adjoint, values)
@@ -168,7 +173,7 @@ def transposed(model: ForwardModel, adjoint: C64, values: F64 | None = None) -> 
     scale = float(np.abs(adjoint).max())
     if not scale > 0.0:
         return out, 0
-    unit = adjoint * np.float32(1.0 / scale)
+    unit = (adjoint.astype(np.complex128) / scale).astype(np.complex64)
     tracer = model.tracer(here)
     plan = _ReversePlan.of(model, here, tracer)
     memory = 0

@@ -205,6 +205,8 @@ def test_wrong_parameters_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SceneError, match="no shape rises above the ground"):
         jacobian(city(8, 0), "heights")
     objective = Objective(scene, "level_map:soil", lambda data: (0.0, data))
+    with pytest.raises(SceneError, match="3 values for 4 parameters"):
+        objective(objective.start[:3])
     monkeypatch.setattr("sarmitsuba.memory.free_memory", lambda: 10**5)
     with pytest.raises(ResourceError, match="a gradient by 4 values needs"):
         objective(objective.start)
