@@ -3,34 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import chain, product
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64, I64
+from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.material_parameters import with_material
+from sarmitsuba.gradients.needed import At, Found, Needed
 from sarmitsuba.gradients.parameter import Derivatives, Parameter, Step
+from sarmitsuba.gradients.point_changes import PointChanges
+from sarmitsuba.gradients.radar_parameters import BeamPointing
+from sarmitsuba.gradients.tangent_batches import TangentBatches
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Batch, BatchTracer, built
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.metadata import raw_metadata
-from sarmitsuba.simulation.pulses import KeyPulse, Pulses
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.trace.diffuse_pairs import PairSource
-from sarmitsuba.trace.scene_tables import TraceScene
-from sarmitsuba.trace.source import PointSource, Source
-from sarmitsuba.trace.tangents import MOST, Displacement, StepTables, Tangents
+from sarmitsuba.trace.source import Source
+from sarmitsuba.trace.tangents import MOST, StepTables, Tangents
 
 # effects whose echoes have no derivative yet, by the kernel flag that switches them on
 UNSUPPORTED = {
@@ -40,160 +40,8 @@ UNSUPPORTED = {
 }
 
 
-# properties of materials, and displacements that turn facets, that one launch carries at most: each needs two more sets
-# of fields in every ray
-MOST_STEPS = 8
 # texels of level maps in a Jacobian at most: 32 are traced at a time
 MOST_TEXELS = 256
-
-
-class TangentBatches(BatchTracer):
-    """Tracing of batches with the derivatives of every echo behind its channels.
-
-    The layers of a batch are the channels, their derivatives by a common slant range, by each displacement, by each
-    level and by each property. In a block of pulses derivatives of range rates times the time from the key pulse belong
-    to those by displacements.
-    """
-
-    @property
-    def amplitudes(self) -> int:
-        """Complex numbers of an echo: channels, and those of every derivative."""
-        return super().amplitudes * self.tangents.recorded
-
-    @property
-    def tangents(self) -> Tangents:
-        """Derivatives that are recorded."""
-        assert isinstance(self.tracer.tangents, Tangents)
-        return self.tracer.tangents
-
-    def of_grid(self, pulses: Pulses, grid: C64, share: RangeFilter | None) -> C64:
-        """See the base class."""
-        tangents = self.tangents
-        radar = self.tracer.sampling.scene.radar
-        c = len(radar.channels)
-        moved = c * (1 + len(tangents.displacements))
-        carrier = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-        farther = pulses.profiles(grid[:moved], partial(per_metre, carrier, share))
-        parts = [pulses.profiles(grid[:c], share), farther]
-        end = c * (1 + tangents.count)
-        if end > moved:
-            parts.append(pulses.profiles(grid[moved:end], share))
-        if tangents.pointing and isinstance(pulses, KeyPulse) and pulses.beam:
-            parts[-1][-2 * c : -c] += pulses.by_azimuth(grid[:c], share)
-        if tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
-            # slant ranges within the block change by those of the key pulse and by the range rate's times the time
-            turning = pulses.profiles(grid[end:], partial(per_metre, carrier, share))
-            farther[c:] += pulses.plan.tau.astype(np.float32)[:, None] * turning
-        return np.concatenate(parts)
-
-
-def per_metre(carrier: float, share: RangeFilter | None, cycles_per_metre: F64) -> C128:
-    """Factor on the spectrum of range profiles that differentiates by the slant range, rad/m."""
-    factor = -1j * (carrier + 2.0 * np.pi * cycles_per_metre)
-    return np.asarray(factor if share is None else factor * share(cycles_per_metre), dtype=np.complex128)
-
-
-@dataclass(frozen=True, eq=False)
-class At:
-    """The scene at some values of the parameters, and its geometry on the device.
-
-    ``displaced`` : whether shapes were displaced with their scatterers, as the tables of the geometry say
-    """
-
-    scene: Scene
-    trace_scene: TraceScene
-    displaced: bool = False
-
-    def texels(self, places: Sequence[tuple[int, int]]) -> I64:
-        """Numbers in the kernel's tables of texels of level maps, given by their materials and numbers there."""
-        surfaces = self.trace_scene.surfaces
-        if not places:
-            return np.zeros(0, dtype=np.int64)
-        assert surfaces is not None and surfaces.levels is not None
-        own = np.array(places)
-        first = {m: surfaces.levels.first_texel(m) for m in set(own[:, 0].tolist())}
-        return np.asarray([first[m] for m in own[:, 0].tolist()] + own[:, 1], dtype=np.int64)
-
-
-@dataclass(frozen=True, eq=False)
-class Needed:
-    """Derivatives of echoes that parameters need; ``counts``: how many of each of the four sorts, by parameter."""
-
-    displacements: tuple[Displacement, ...]
-    levels: tuple[frozenset[int], ...]
-    steps: tuple[Step, ...]
-    texels: tuple[tuple[int, int], ...] = ()
-    pointing: bool = False
-    counts: tuple[tuple[int, int, int, int], ...] = ()
-
-    @staticmethod
-    def of(parameters: Sequence[Parameter], here: At) -> Needed:
-        """All that the parameters need, in their order."""
-        scene = here.scene
-        mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
-        moves = [tuple(p.displacements(scene, mesh)) for p in parameters]
-        levels = [tuple(p.levels(scene)) for p in parameters]
-        steps = [tuple(p.steps(scene)) for p in parameters]
-        texels = [tuple(p.texels(scene)) for p in parameters]
-        return Needed(
-            tuple(chain.from_iterable(moves)),
-            tuple(chain.from_iterable(levels)),
-            tuple(chain.from_iterable(steps)),
-            tuple(chain.from_iterable(texels)),
-            any(p.pointing for p in parameters),
-            tuple(
-                (len(a), len(b), len(c), len(d))
-                for a, b, c, d in zip(moves, levels, steps, texels, strict=True)
-            ),
-        )
-
-    @property
-    def count(self) -> int:
-        """Derivatives of each channel."""
-        sorts = (self.displacements, self.levels, self.steps, self.texels)
-        return sum(len(own) for own in sorts) + 2 * self.pointing
-
-    def parts(self) -> Iterator[Needed]:
-        """The same in parts that one launch can carry; at least one, which may be empty."""
-        moves: list[list[Displacement]] = [[]]
-        for displacement in self.displacements:
-            turns = sum(d.turn_rate > 0.0 for d in (*moves[-1], displacement))
-            if len(moves[-1]) == MOST or turns > MOST_STEPS:
-                moves.append([])
-            moves[-1].append(displacement)
-        longest = max(len(self.levels), len(self.texels))
-        n = max(len(moves), -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
-        for k in range(n):
-            yield Needed(
-                tuple(chain.from_iterable(moves[k : k + 1])),
-                self.levels[k * MOST : (k + 1) * MOST],
-                self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
-                self.texels[k * MOST : (k + 1) * MOST],
-                self.pointing and k == 0,
-            )
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Derivatives found so far, in the order of a :class:`Needed`."""
-
-    displaced: list[C64]
-    levelled: list[C64]
-    changed: list[C64]
-    mapped: list[C64]
-
-    @property
-    def sorts(self) -> tuple[list[C64], ...]:
-        """All four."""
-        return self.displaced, self.levelled, self.changed, self.mapped
-
-    def take(self, counts: Sequence[int]) -> list[list[C64]]:
-        """Remove the first of each sort and return them."""
-        taken = []
-        for own, n in zip(self.sorts, counts, strict=True):
-            taken.append(own[:n])
-            del own[:n]
-        return taken
 
 
 class ForwardModel:
@@ -233,6 +81,16 @@ class ForwardModel:
                 raise SceneError(
                     f"{scene.name}: {what} cannot be differentiated; switch off the effect {name}, or leave them out"
                 )
+        patterned = scene.radar.antenna.pattern != "isotropic"
+        if (
+            any(isinstance(p, BeamPointing) for p in self.parameters)
+            and patterned
+            and not flags.antenna_pattern
+        ):
+            raise SceneError(
+                f"{scene.name}: the effect antenna_pattern is off, and pointing changes nothing; switch it on, or "
+                "leave the parameter out"
+            )
         if flags.extra:
             raise SceneError(f"{scene.name}: effects of extensions cannot be differentiated; switch them off")
         assert self.run.sampling is not None and self.run.trace_scene is not None
@@ -240,11 +98,6 @@ class ForwardModel:
         self.scene = self.run.scene
         self.names = tuple(name for p in self.parameters for name in p.names(self.scene))
         self.start = np.concatenate([p.values(self.scene) for p in self.parameters])
-        if any(p.pointing for p in self.parameters) and not flags.antenna_pattern:
-            raise SceneError(
-                f"{scene.name}: the effect antenna_pattern is off, and pointing changes nothing; switch it on, or "
-                "leave the parameter out"
-            )
         self.statistics = TraceStatistics()
         self.rays = self.run.rays(self.sampling, 0)
         self.batches = self._batches()
@@ -327,12 +180,30 @@ class ForwardModel:
         """Raw data (channels, pulses, samples) at some values; None: of the scene as it is."""
         here = self.placed(values)
         layers = self.run.layers
-        return self._traced(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
+        data = self._traced(BatchTracer(self.tracer(here), self.rays, layers.per_subset, layers.max_order))
+        self._points(here).add(data)
+        return data
+
+    def _points(self, here: At) -> PointChanges:
+        """Ideal points of the scene."""
+        run = self.run
+        return PointChanges(
+            here.scene, run.plan.flags, here.trace_scene, run.layers.layers, run.plan.sub_bands
+        )
 
     @property
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
-        return Needed.of(self.parameters, self.placed()).count
+        return self.needed(self.parameters, self.placed()).count
+
+    def needed(self, parameters: Sequence[Parameter], here: At) -> Needed:
+        """Derivatives of echoes that parameters need."""
+        return Needed.of(parameters, here, beam=self.run.plan.flags.antenna_pattern)
+
+    def _aside(self, radar: Radar) -> F64:
+        """See :class:`Derivatives`."""
+        away = np.linalg.norm(radar.track.position - self.sampling.window.center, axis=1)[:, None]
+        return np.stack([radar.pointing.azimuth_axis / away, radar.pointing.elevation_axis / away])
 
     def derivative(
         self, values: F64 | None = None, progress: Callable[[float], None] | None = None
@@ -354,13 +225,13 @@ class ForwardModel:
         self, here: At, parameters: Sequence[Parameter], progress: Callable[[float], None] | None = None
     ) -> tuple[C64, Iterator[C64]]:
         """Raw data and their derivatives by the values of some parameters, one after the other."""
-        wanted = Needed.of(parameters, here)
+        wanted = self.needed(parameters, here)
         if len(wanted.texels) > MOST_TEXELS:
             raise SceneError(
                 f"{here.scene.name}: a Jacobian by {len(wanted.texels)} texels is traced {MOST} at a time; take "
                 f"sarmitsuba.gradient, which traces once, or a map of at most {MOST_TEXELS}"
             )
-        found, pointed = _Found([], [], [], []), list[C64]()
+        found, pointed = Found([], [], [], []), list[C64]()
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
             tracer = self.tracer(here)
@@ -390,13 +261,27 @@ class ForwardModel:
                 first += number
             pointed += planes[first:]
         radar = here.scene.radar
+        aside = self._aside(radar)
+        if here.scene.points:
+            points = self._points(here)
+            alone = np.zeros(self.shape, dtype=np.complex64)
+            points.add(alone)
+            points.add(data)
+            farther += points.by_range(alone)
+            for displacement, plane in zip(wanted.displacements, found.displaced, strict=True):
+                if displacement.antenna.any():
+                    plane += points.by_antenna(displacement.antenna, aside)
+            for axis, plane in enumerate(pointed):
+                plane += points.by_pointing(axis)
 
         def rows() -> Iterator[C64]:
             for parameter, counts in zip(parameters, wanted.counts, strict=True):
                 displaced, levelled, changed, mapped = found.take(counts)
                 frequency, time = radar.waveform.center_frequency, radar.track.time
                 yield from parameter.derivative(
-                    Derivatives(data, farther, displaced, levelled, changed, mapped, pointed, frequency, time)
+                    Derivatives(
+                        data, farther, displaced, levelled, changed, mapped, pointed, aside, frequency, time
+                    )
                 )
 
         return data, rows()
@@ -457,19 +342,23 @@ def check_sources(scene: Scene, sources: Sequence[Source], parameters: Sequence[
     """
     mesh = scene.geometry.face_mesh
     for source, parameter in product(sources, parameters):
-        moves = any(d.faces is not None for d in parameter.displacements(scene, mesh))
-        changes = bool(parameter.steps(scene))
-        if isinstance(source, PointSource):
-            what = f"of a {source.scatterers.mechanism}"
-            problem = changes and source.depends_on_materials
-        else:
-            what, problem = "of pairs of diffuse scatterers", moves or changes
-            problem = problem or not isinstance(source, PairSource)
-        if problem:
+        unknown = getattr(source, "unknown", None)
+        if unknown is None:
             raise SceneError(
-                f"{scene.name}: parameter {parameter.label}: the echoes {what} cannot be differentiated by it; leave "
-                "either out, or switch their effect off"
+                f"{scene.name}: an extension's source of echoes cannot be differentiated; leave it out"
             )
+        moves = any(d.faces is not None for d in parameter.displacements(scene, mesh))
+        if (moves and "shapes" in unknown) or (parameter.steps(scene) and "materials" in unknown):
+            raise SceneError(
+                f"{scene.name}: parameter {parameter.label}: the echoes of kind {source_text(source)} cannot be "
+                "differentiated by it; leave either out, or switch their effect off"
+            )
+
+
+def source_text(source: Source) -> str:
+    """Kind of a source, in quotation marks."""
+    scatterers = getattr(source, "scatterers", source)
+    return f'"{getattr(scatterers, "mechanism", "scatterer")}"'
 
 
 def refuse(scene: Scene) -> None:
@@ -486,7 +375,5 @@ def refuse(scene: Scene) -> None:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")
-    if scene.points:
-        raise SceneError(f"{name}: ideal points cannot be differentiated; leave them out")
     if not scene.geometry.n_faces:
         raise SceneError(f"{name}: there is no mesh whose echoes could be differentiated")

@@ -29,7 +29,9 @@ class Derivatives:
     levelled : by each level of a parameter, per dB
     changed : by each property of a material, per unit
     mapped : by each texel of a level map, per dB
-    pointed : by the azimuth and the elevation angle of the beam, per rad; empty where no parameter asks for them
+    pointed : by the azimuth and the elevation angle of the beam, per rad; empty without a beam, or where not used
+    aside : (2, n_pulses, 3) 1/m, aperture axes in azimuth and elevation over the slant range: angle by which the beam
+        would have to turn to see the scene as a displaced antenna does
     center_frequency : Hz
     time : (n_pulses,) s
     """
@@ -41,6 +43,7 @@ class Derivatives:
     changed: Sequence[C64]
     mapped: Sequence[C64]
     pointed: Sequence[C64]
+    aside: F64
     center_frequency: float
     time: F64
 
@@ -69,7 +72,7 @@ class Parameter(ABC):
     ----------
     label : as in :func:`parse`
     direct : whether its displacements, levels or texels are those of its values, one for each value
-    pointing : whether derivatives by the angles of the beam are needed
+    pointing : whether derivatives by the angles of the beam are used, where the antenna has one
     """
 
     label: str

@@ -82,6 +82,7 @@ class AntennaTrack(Parameter):
     axes : of the scene frame, some of ``xyz``
     """
 
+    pointing: ClassVar[bool] = True
     knots: int = 1
     axes: str = AXES
 
@@ -118,7 +119,13 @@ class AntennaTrack(Parameter):
 
     def derivative(self, found: Derivatives) -> Iterator[C64]:
         """See the base class."""
-        return at_knots(found.displaced, found.time, self.knots)
+        planes = []
+        for axis, plane in zip(self.axes, found.displaced, strict=True):
+            total = plane
+            for angle, turned_beam in zip(found.aside[..., AXES.index(axis)], found.pointed, strict=False):
+                total = total + angle.astype(np.float32)[:, None] * turned_beam
+            planes.append(total)
+        return at_knots(planes, found.time, self.knots)
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,11 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import backend_lock, exclusive, threads
-from sarmitsuba.gradients.forward_model import At, ForwardModel, Needed, per_metre
+from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
 from sarmitsuba.gradients.losses import checked
+from sarmitsuba.gradients.needed import At
+from sarmitsuba.gradients.tangent_batches import per_metre
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene, SceneLike
@@ -320,7 +322,7 @@ def _groups(model: ForwardModel, here: At, numbers: Sequence[int]) -> Iterator[l
     group: list[int] = []
     count = 0
     for k in numbers:
-        n = Needed.of([model.parameters[k]], here).count
+        n = model.needed([model.parameters[k]], here).count
         if group and count + n > AT_ONCE:
             yield group
             group, count = [], 0

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -96,6 +96,9 @@ class PairSource:
     """
 
     mechanism = "diffuse pair"
+
+    # kinds of parameters whose derivatives are not known: shapes that move have other pairs
+    unknown: ClassVar[frozenset[str]] = frozenset({"materials", "shapes"})
 
     def __init__(self, pairs: SurfacePairs) -> None:
         self.n, self.face = pairs.n, pairs.face

@@ -335,9 +335,9 @@ class PointSource:
         return with_leg_tangents(kernel, antenna, echo, (out, home), shifts)
 
     @property
-    def depends_on_materials(self) -> bool:
-        """Whether properties of the materials of surfaces change the echoes."""
-        return self.max_order > 1
+    def unknown(self) -> frozenset[str]:
+        """Kinds of parameters whose derivatives are not known: the materials of the ground, where legs go over it."""
+        return frozenset({"materials"} if self.max_order > 1 else ())
 
 
 @dataclass(frozen=True, eq=False)

@@ -220,6 +220,8 @@ def step(model: ForwardModel, number: int) -> float:
         return LOSS
     if kind.startswith("pointing"):
         return BEAM / model.scene.radar.antenna.per_width[0]
+    if kind == "thickness":
+        return METRES / 8.0
     if kind in ("permittivity", "rms_height", "correlation_length"):
         return SHARE * value
     return {"m": METRES, "s": SECONDS, "dB": DECIBELS, "rad": RADIANS, "1": METRES / 4.0}[unit]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +13,6 @@ from sarmitsuba import (
     FilmDescription,
     Material,
     Motion,
-    PointTarget,
     RadarDescription,
     Scene,
     SceneMesh,
@@ -157,20 +155,11 @@ def test_what_is_not_supported_is_refused_in_one_line() -> None:
     cases = [
         (replace(scene, settings=replace(scene.settings, method="image")), RadarError, "makes no raw data"),
         (replace(scene, geometry=moving), SceneError, "moving objects"),
-        (replace(scene, points=(PointTarget("one", np.zeros(3), 1.0),)), SceneError, "points"),
         (replace(scene, radar=replace(scene.radar, receiver=scene.radar.track)), RadarError, "two antennas"),
     ]
     for refused, kind, reason in cases:
         with pytest.raises(kind, match=reason):
             jacobian(refused, "gain")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        edges = drawn(0, "metal")
-        edges = replace(edges, settings=replace(edges.settings, effects={"diffuse_pairs": "off"}))
-        with pytest.raises(
-            SceneError, match="edge diffraction cannot be differentiated; switch off the effect"
-        ):
-            jacobian(edges, "gain")
 
 
 def test_a_beam_that_is_turned_as_a_whole_is_the_sum_of_its_knots_and_is_found_again() -> None:

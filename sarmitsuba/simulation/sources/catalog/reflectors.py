@@ -103,6 +103,11 @@ class _Several:
 
     each: tuple[_OfKind, ...]
 
+    @property
+    def unknown(self) -> frozenset[str]:
+        """See :class:`PointSource`."""
+        return frozenset().union(*(one.source.unknown for one in self.each))
+
     def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
         return [
             _PartOf(part.grid, part.first, part.count, part.rays, of_kind.every_pulse, number)
