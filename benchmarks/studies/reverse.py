@@ -7,8 +7,7 @@ Usage: python benchmarks/studies/reverse.py [--seed N] [--side N] [--steps N] [-
 noise; SciPy's L-BFGS-B with ``sarmitsuba.Objective`` from a flat map. The error of the texels, in dB, beside the
 Cramer-Rao bound (of four patches of texels, from their Jacobians) and beside what the mean of as many looks of unknown
 speckle allows, 10 / ln 10 / sqrt(looks); seconds and memory beside a plain run. ``heights``: boxes in streets. The
-gradient by all their heights against the Jacobian's, and processor time of gradient and Jacobian over that of a plain
-run.
+gradient by all their heights against the Jacobian's, and processor time of both over that of a plain run.
 """
 
 import argparse
@@ -145,7 +144,7 @@ def found_map(seed: int, side: int, steps: int, figure: str | None) -> dict[str,
         options={"maxiter": steps, "ftol": 1e-12},
     )
     seconds = time.process_time() - start
-    found = done.x.reshape(side, side)
+    found, after = done.x.reshape(side, side), peak_memory()
     bound, patch = patch_bounds(scene, truth, power * samples)
     left = [objective.at(x).loss for x in (model.start, done.x, truth.reshape(-1))]
     speckle = looks_bound(scene)
@@ -161,7 +160,7 @@ def found_map(seed: int, side: int, steps: int, figure: str | None) -> dict[str,
         f"plain run {plain:.2f} s, loss and gradient {both:.2f} s ({both / plain:.2f}), {done.nfev} of them in "
         f"{seconds:.0f} s of processor time\n"
         f"adjoint grids and gradient {memory / 1e6:.1f} MB; peak memory {before / 1e6:.0f} MB with plain runs, "
-        f"{peak_memory() / 1e6:.0f} MB with all\n"
+        f"{after / 1e6:.0f} MB with gradients\n"
     )
     if figure:
         plot(truth, model.start.reshape(side, side), found, figure)

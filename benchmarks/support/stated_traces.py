@@ -14,7 +14,8 @@ from stated_row import Row
 
 from sarmitsuba.analysis.quality.error_budget import error_budget
 from sarmitsuba.arrays import C128, F64
-from sarmitsuba.echo.block import plan_block, spread_reference, synthesise
+from sarmitsuba.echo.block import plan_block, spread_reference
+from sarmitsuba.echo.block_synthesis import synthesise
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage

@@ -61,7 +61,6 @@ class ForwardModel:
     run : prepared run
     names : of all values
     start : (n,) values of the scene as it is
-    has_scatterers : whether echoes of scatterers beside the surfaces are in the data: of edges, wires, volumes, pairs
     statistics : of the most recent data: where two values have equal numbers of hits and contributions, with the same
         rays, hardly any echo appeared or vanished between them
 
@@ -115,7 +114,6 @@ class ForwardModel:
         data = np.zeros(self.shape, dtype=np.complex64)
         tracer = self.run.tracer(self.sampling)
         check_sources(self.scene, tracer.sources[1:], self.parameters)
-        self.has_scatterers = len(tracer.sources) > 1
         layers = self.run.layers
         blocks = Blocks(tracer, self.rays, layers.layers, data, layers.max_order)
         blocks.settle()
@@ -197,11 +195,10 @@ class ForwardModel:
     @property
     def carried(self) -> int:
         """Derivatives of each channel that the kernel carries: a track needs one for each axis, however many knots."""
-        wanted = self._needed(self.placed(), self.parameters)
-        own = len(wanted.displacements) + len(wanted.levels) + len(wanted.steps) + len(wanted.texels)
-        return own + 2 * wanted.pointing
+        return self.needed(self.parameters, self.placed()).count
 
-    def _needed(self, here: At, parameters: Sequence[Parameter]) -> Needed:
+    def needed(self, parameters: Sequence[Parameter], here: At) -> Needed:
+        """Derivatives of echoes that parameters need."""
         return Needed.of(parameters, here, beam=self.run.plan.flags.antenna_pattern)
 
     def _aside(self, radar: Radar) -> F64:
@@ -229,7 +226,7 @@ class ForwardModel:
         self, here: At, parameters: Sequence[Parameter], progress: Callable[[float], None] | None = None
     ) -> tuple[C64, Iterator[C64]]:
         """Raw data and their derivatives by the values of some parameters, one after the other."""
-        wanted = self._needed(here, parameters)
+        wanted = self.needed(parameters, here)
         if len(wanted.texels) > MOST_TEXELS:
             raise SceneError(
                 f"{here.scene.name}: a Jacobian by {len(wanted.texels)} texels is traced {MOST} at a time; take "
@@ -266,6 +263,8 @@ class ForwardModel:
                 own += planes[first : first + number]
                 first += number
             pointed += planes[first:]
+        radar = here.scene.radar
+        aside = self._aside(radar)
         if here.scene.points:
             points = self._points(here)
             alone = np.zeros(self.shape, dtype=np.complex64)
@@ -274,26 +273,17 @@ class ForwardModel:
             farther += points.by_range(alone)
             for displacement, plane in zip(wanted.displacements, found.displaced, strict=True):
                 if displacement.antenna.any():
-                    plane += points.by_antenna(displacement.antenna, self._aside(here.scene.radar))
+                    plane += points.by_antenna(displacement.antenna, aside)
             for axis, plane in enumerate(pointed):
                 plane += points.by_pointing(axis)
-        radar = here.scene.radar
 
         def rows() -> Iterator[C64]:
             for parameter, counts in zip(parameters, wanted.counts, strict=True):
                 displaced, levelled, changed, mapped = found.take(counts)
+                frequency, time = radar.waveform.center_frequency, radar.track.time
                 yield from parameter.derivative(
                     Derivatives(
-                        data,
-                        farther,
-                        displaced,
-                        levelled,
-                        changed,
-                        mapped,
-                        pointed,
-                        self._aside(radar),
-                        radar.waveform.center_frequency,
-                        radar.track.time,
+                        data, farther, displaced, levelled, changed, mapped, pointed, aside, frequency, time
                     )
                 )
 

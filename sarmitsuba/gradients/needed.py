@@ -1,4 +1,4 @@
-"""Derivatives of echoes that parameters need, in parts that one launch can carry."""
+"""Derivatives of echoes that parameters need, in parts that one launch carries, and those found."""
 
 from __future__ import annotations
 
@@ -72,6 +72,12 @@ class Needed:
                 for a, b, c, d in zip(moves, levels, steps, texels, strict=True)
             ),
         )
+
+    @property
+    def count(self) -> int:
+        """Derivatives of each channel."""
+        sorts = (self.displacements, self.levels, self.steps, self.texels)
+        return sum(len(own) for own in sorts) + 2 * self.pointing
 
     def parts(self) -> Iterator[Needed]:
         """The same in parts that one launch can carry; at least one, which may be empty."""

@@ -15,7 +15,7 @@ from sarmitsuba.radar.attitude import turned
 from sarmitsuba.trace.tangents import PER_DB, Displacement
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from sarmitsuba.scene.scene import Scene
 
@@ -117,7 +117,7 @@ class AntennaTrack(Parameter):
         """See the base class."""
         return [Displacement(np.eye(3)[AXES.index(axis)]) for axis in self.axes]
 
-    def derivative(self, found: Derivatives) -> Sequence[C64]:
+    def derivative(self, found: Derivatives) -> Iterator[C64]:
         """See the base class."""
         planes = []
         for axis, plane in zip(self.axes, found.displaced, strict=True):
@@ -165,7 +165,7 @@ class BeamPointing(Parameter):
         pointing = turned(radar.pointing, angles)
         return replace(scene, radar=replace(radar, pointing=pointing))
 
-    def derivative(self, found: Derivatives) -> Sequence[C64]:
+    def derivative(self, found: Derivatives) -> Iterator[C64]:
         """See the base class."""
         return at_knots(found.pointed, found.time, self.knots)
 
@@ -180,7 +180,7 @@ def knot_weights(time: F64, knots: int) -> F64:
     return np.stack([np.interp(time, at, one) for one in np.eye(knots)], axis=1)
 
 
-def at_knots(planes: Sequence[C64], time: F64, knots: int) -> list[C64]:
+def at_knots(planes: Sequence[C64], time: F64, knots: int) -> Iterator[C64]:
     """Derivatives by values at knots, from those by a value common to all pulses; plane by plane."""
     weights = knot_weights(time, knots).astype(np.float32)
-    return [plane * one[:, None] for plane in planes for one in weights.T]
+    return (plane * one[:, None] for plane in planes for one in weights.T)

@@ -12,7 +12,8 @@ import numpy as np
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.exclusive import exclusive, threads
+from sarmitsuba.errors import SceneError
+from sarmitsuba.exclusive import backend_lock, exclusive, threads
 from sarmitsuba.gradients.edge_points import OfShapes
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
@@ -25,7 +26,7 @@ from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
-from sarmitsuba.trace.adjoint_echoes import AdjointGrids, GradientSum
+from sarmitsuba.trace.adjoint_grids import AdjointGrids, GradientSum
 from sarmitsuba.trace.tangent_slots import MovingShapes, SlotTangents
 
 if TYPE_CHECKING:
@@ -103,9 +104,9 @@ def gradient(scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F6
 
     Notes
     -----
-    Levels, maps of levels, shifts, heights, scales and rotations of shapes take one run back together, but where edges,
-    wires, volumes or pairs return echoes too, which have maps of levels alone in it; other parameters
-    one run for every eight of them. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
+    Levels, maps of levels, shifts, heights, scales and rotations of shapes take one run back together; other parameters
+    one run for every eight of them, and so do shapes where scatterers beside the surfaces (edges, wires, volumes) are
+    traced. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
     :class:`Objective` keeps what is planned once.
     """
     return Objective(scene, parameters, loss).at(values)
@@ -128,8 +129,9 @@ class Objective:
     """
 
     def __init__(self, scene: SceneLike, parameters: Parameters, loss: Loss) -> None:
-        scene = Scene.of(scene)
-        self.model, self.loss = ForwardModel(scene, parameters_of(parameters, scene)), loss
+        with backend_lock():
+            scene = Scene.of(scene)
+            self.model, self.loss = ForwardModel(scene, parameters_of(parameters, scene)), loss
 
     @property
     def start(self) -> F64:
@@ -146,6 +148,10 @@ class Objective:
         """The same with the raw data; None: of the scene as it is."""
         model = self.model
         values = model.start if values is None else np.asarray(values, dtype=np.float64)
+        if values.shape != model.start.shape:
+            raise SceneError(
+                f"gradient: {values.size} values for {len(model.start)} parameters; give one for each"
+            )
         data = model.data(values)
         value, adjoint = checked(self.loss, data)
         found, memory = transposed(model, adjoint, values)
@@ -172,8 +178,9 @@ def transposed(model: ForwardModel, adjoint: C64, values: F64 | None = None) -> 
     scale = float(np.abs(adjoint).max())
     if not scale > 0.0:
         return out, 0
-    unit = adjoint * np.float32(1.0 / scale)
-    plan = _ReversePlan.of(model, here)
+    unit = (adjoint.astype(np.complex128) / scale).astype(np.complex64)
+    tracer = model.tracer(here)
+    plan = _ReversePlan.of(model, here, tracer)
     memory = 0
     if plan.entries:
         total, memory = _run_back(model, here, plan.tangents, unit)
@@ -196,19 +203,20 @@ class _ReversePlan:
     entries: dict[int, list[I64]]
 
     @staticmethod
-    def of(model: ForwardModel, here: At) -> _ReversePlan:
+    def of(model: ForwardModel, here: At, tracer: Tracer) -> _ReversePlan:
         """All parameters of a model whose values are displacements, levels or texels."""
         scene, traced = here.scene, here.trace_scene
         mesh = scene.geometry.face_mesh[traced.geometry_faces]
+        # rays alone carry slots
+        rays_alone = len(tracer.sources) == 1
         shapes = MovingShapes(traced.n_faces)
         moved: dict[int, list[tuple[int, int]]] = {}
         levelled: dict[int, list[I64]] = {}
         texels: dict[int, I64] = {}
         for k, parameter in enumerate(model.parameters):
-            # echoes of edges, wires and volumes move with shapes that their paths do not meet
-            if not parameter.direct or (model.has_scatterers and not parameter.texels(scene)):
+            if not parameter.direct:
                 continue
-            places = [shapes.add(d) for d in parameter.displacements(scene, mesh)]
+            places = [shapes.add(d) for d in parameter.displacements(scene, mesh) if rays_alone]
             if None not in places and places:
                 moved[k] = [place for place in places if place is not None]
             levels = [np.array(sorted(numbers), dtype=np.int64) for numbers in parameter.levels(scene)]
@@ -294,9 +302,9 @@ class AdjointBatches(BatchTracer):
 
 def _run_back(model: ForwardModel, here: At, tangents: SlotTangents, adjoint: C64) -> tuple[F64, int]:
     """Numbers of the gradient, and bytes of the adjoint grids and of these numbers."""
-    grids, numbers = _grid_bytes(model, here, tangents), 8 * tangents.size * (threads() + 1)
+    grids, numbers = _grid_bytes(model, tangents), 8 * tangents.size * (threads() + 1)
     check_fits(
-        f"{here.scene.name}: a gradient by {len(model.names)} values",
+        f"{model.scene.name}: a gradient by {len(model.names)} values",
         COPIES * grids + numbers + 4 * adjoint.nbytes,
         "take fewer pulses, or shorter blocks (key_pulse_interval)",
     )
@@ -322,7 +330,7 @@ def _trace_back(model: ForwardModel, batches: AdjointBatches, adjoint: C64) -> N
         batches.trace(batch)
 
 
-def _grid_bytes(model: ForwardModel, here: At, tangents: SlotTangents) -> int:
+def _grid_bytes(model: ForwardModel, tangents: SlotTangents) -> int:
     """Bytes of the largest adjoint grids, of the first, middle and last batch."""
     batches, sizes = model.batches, []
     for k in sorted({0, len(batches) // 2, len(batches) - 1}):
@@ -339,17 +347,10 @@ def _pulses(model: ForwardModel, batch: Batch) -> Pulses:
 
 def _groups(model: ForwardModel, here: At, numbers: Sequence[int]) -> Iterator[list[int]]:
     """Parameters by number, in groups of few derivatives each."""
-    mesh = here.scene.geometry.face_mesh[here.trace_scene.geometry_faces]
     group: list[int] = []
     count = 0
     for k in numbers:
-        p, scene = model.parameters[k], here.scene
-        n = (
-            len(p.displacements(scene, mesh))
-            + len(p.levels(scene))
-            + len(p.steps(scene))
-            + len(p.texels(scene))
-        )
+        n = model.needed([model.parameters[k]], here).count
         if group and count + n > AT_ONCE:
             yield group
             group, count = [], 0

@@ -1,4 +1,4 @@
-"""Batches whose echoes are recorded with their derivatives."""
+"""Batches of pulses traced with the derivatives of every echo behind its channels."""
 
 from __future__ import annotations
 

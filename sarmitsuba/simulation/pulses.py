@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, F64
-from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise, synthesise_adjoint
+from sarmitsuba.echo.block import BlockPlan, plan_block
+from sarmitsuba.echo.block_synthesis import synthesise, synthesise_adjoint
 from sarmitsuba.echo.direct import DirectPlan, finish, finish_adjoint, plan_direct
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.radar.attitude import turned

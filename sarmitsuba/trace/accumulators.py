@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sarmitsuba.echo.block import BlockPlan
     from sarmitsuba.echo.direct import DirectPlan
     from sarmitsuba.echo.gridding import GriddingKernel
-    from sarmitsuba.trace.adjoint_echoes import AdjointGrids
+    from sarmitsuba.trace.adjoint_grids import AdjointGrids
     from sarmitsuba.trace.source import Launch
     from sarmitsuba.trace.state import Contribution
 

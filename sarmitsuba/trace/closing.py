@@ -212,8 +212,8 @@ def close_coherent(
         material=None if kernel.tangents is None else mi.UInt32(NO_MATERIAL),
         amplitude_tangents=_derivatives(kernel, ray, hit, receive, returned.weight),
         rate_tangents=returned.rate_tangents,
-        slots=() if kernel.tangents is None else kernel.tangents.slots,
         gain_tangents=receive.gain_tangents,
+        slots=() if kernel.tangents is None else kernel.tangents.slots,
     )
 
 

@@ -184,9 +184,9 @@ class DiffuseReturns:
                 [terms for terms, _ in self.variants], random, self.straight_weight
             ),
             rate_tangents=swings,
+            gain_tangents=self.receive.gain_tangents,
             slots=slots,
             texels=self.texels,
-            gain_tangents=self.receive.gain_tangents,
         )
         if self.reciprocal is None:
             return straight

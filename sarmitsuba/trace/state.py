@@ -465,10 +465,9 @@ class Contribution:
     amplitude_tangents : derivatives of the channels by properties of materials, property by property, then by the
         displacements that turn facets, as amplitude times slant range; None without any
     rate_tangents : derivatives of the range rate by displacements, m/s per unit; None where none is recorded
-    slots : numbers of the shapes to which ``range_tangents`` belong; empty where these are the same for all echoes
-    texels : numbers of the texels of a level map that a diffuse scatterer's level comes from, with their shares of
-        it; of no meaning for other returns; empty without parameters of maps
     gain_tangents : relative derivatives of the channels by the two angles of the beam, 1/rad; None: not recorded
+    slots : numbers of the shapes to which ``range_tangents`` belong; empty: the same for all echoes
+    texels : numbers and shares of the texels that the level of a diffuse scatterer comes from; empty: not needed
     """
 
     kind: mi.UInt32
@@ -484,9 +483,9 @@ class Contribution:
     partner: mi.UInt32 | None = None
     amplitude_tangents: tuple[mi.Complex2f, ...] | None = None
     rate_tangents: tuple[mi.Float, ...] | None = None
+    gain_tangents: tuple[mi.Float, ...] | None = None
     slots: tuple[mi.UInt32, ...] = ()
     texels: tuple[tuple[mi.UInt32, mi.Float], ...] = ()
-    gain_tangents: tuple[mi.Float, ...] | None = None
 
     @property
     def placed(self) -> mi.Bool:

@@ -188,6 +188,7 @@ class SlotTangents:
             (still,) * k,
             tuple(None if flat else (still,) * 3 for flat in self.translated) * self.n_slots,
             tuple(k for k, _ in self.turns),
+            False,
             self.rates,
             self.n_texels > 0,
             beside_edges,

@@ -128,7 +128,7 @@ class Tangents:
     properties : of materials; each gives the derivative of the channels
     texels : numbers of texels of level maps, as in :meth:`BitmapLayer.shares`; each gives the derivative of the
         channels by its level in dB
-    pointing : whether the two angles of the beam give the derivative of the channels, after the texels
+    pointing : whether the two angles of the beam give the derivative of the channels, after the properties
     rates : whether each displacement gives the channels times the derivative of the range rate too, after all others
     """
 
@@ -181,8 +181,8 @@ class Tangents:
     @property
     def count(self) -> int:
         """Number of derivatives of each channel, without those of range rates."""
-        own = len(self.displacements) + len(self.levels) + len(self.properties) + len(self.texels)
-        return own + 2 * self.pointing
+        own = (self.displacements, self.levels, self.properties, self.texels)
+        return sum(len(sort) for sort in own) + 2 * self.pointing
 
     @property
     def recorded(self) -> int:
@@ -199,6 +199,7 @@ class Tangents:
                 for d in self.displacements
             ),
             tuple(k for k, _ in self.turns),
+            self.pointing,
             self.rates,
             bool(self.texels),
             beside_edges,
@@ -219,6 +220,7 @@ class Carried(ABC):
     ----------
     antenna, offset, gradient : of each displacement, see :class:`Displacement`; None where nothing of it moves
     turning : numbers of those that turn faces
+    pointing : whether echoes carry derivatives by the angles of the beam
     rates : whether echoes carry derivatives of their range rates
     mapped : whether echoes carry the shares of texels in their level
     beside_edges : whether rays are those beside edges, see :mod:`sarmitsuba.trace.edge_tangents`
@@ -228,14 +230,10 @@ class Carried(ABC):
     offset: tuple[mi.Vector3d | None, ...]
     gradient: tuple[tuple[mi.Vector3d, ...] | None, ...]
     turning: tuple[int, ...]
+    pointing: bool
     rates: bool
     mapped: bool
     beside_edges: bool
-
-    @property
-    def pointing(self) -> bool:
-        """Whether echoes carry derivatives by the angles of the beam."""
-        return False
 
     @property
     def slots(self) -> tuple[mi.UInt32, ...]:
@@ -294,11 +292,6 @@ class CarriedDisplacements(Carried):
 
     plan: Tangents
     texels: tuple[mi.UInt32, ...]
-
-    @property
-    def pointing(self) -> bool:
-        """See the base class."""
-        return self.plan.pointing
 
     def moves(self, k: int, face: mi.UInt32, active: mi.Bool) -> mi.Bool:
         """See the base class."""

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from sarmitsuba.echo import direct
-from sarmitsuba.echo.block import choose_block_length, plan_block, spread_reference, synthesise
+from sarmitsuba.echo.block import choose_block_length, plan_block, spread_reference
+from sarmitsuba.echo.block_synthesis import synthesise
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.track import Track
 

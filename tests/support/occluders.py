@@ -32,7 +32,12 @@ STEPS = {"height": UPWARDS, "shift": UPWARDS, "scale": 0.02, "rotation": 0.02}
 
 
 def hidden_wall(
-    seed: int, *, method: Literal["hybrid", "raw"] = "hybrid", polarisation: str = "VV", pulses: int = 4, rough: bool = False
+    seed: int,
+    *,
+    method: Literal["hybrid", "raw"] = "hybrid",
+    polarisation: str = "VV",
+    pulses: int = 4,
+    rough: bool = False,
 ) -> Scene:
     """A metal wall that faces the radar, smooth or slightly rough ground before it, and a body there.
 

@@ -7,7 +7,7 @@ import pytest
 
 from sarmitsuba import RadarDescription
 from sarmitsuba.arrays import C64, C128, F64
-from sarmitsuba.echo import block, direct
+from sarmitsuba.echo import block, block_synthesis, direct
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.radar.radar import Radar
 
@@ -64,8 +64,8 @@ def test_adjoints_satisfy_their_equation(seed: int, mode: str) -> None:
     every = direct.plan_direct(radar, 3, 9, BOX, width)
     for share in filters(radar):
         x, y = noise(rng, plan.shape(2)), noise(rng, (2, 32, radar.window.n_samples))
-        forward = block.synthesise(x, plan, radar, beam=mode == "stripmap", share=share)
-        back = block.synthesise_adjoint(y, plan, radar, beam=mode == "stripmap", share=share)
+        forward = block_synthesis.synthesise(x, plan, radar, beam=mode == "stripmap", share=share)
+        back = block_synthesis.synthesise_adjoint(y, plan, radar, beam=mode == "stripmap", share=share)
         assert back.shape == x.shape and back.dtype == np.complex64
         size = float(np.linalg.norm(forward) * np.linalg.norm(y))
         # tol: float32 transforms, relative to the product of the norms

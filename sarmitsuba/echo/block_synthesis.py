@@ -1,4 +1,4 @@
-"""Grid over range and range rate of a block to the spectra of its pulses, by a matrix for every frequency."""
+"""Profiles of a block's pulses from its grid over range and range rate, and the adjoint of this map."""
 
 from __future__ import annotations
 
@@ -13,18 +13,111 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.block_beam import azimuth_gain
-from sarmitsuba.echo.gridding import gridding_kernel
+from sarmitsuba.echo.gridding import gridding_kernel, to_window, to_window_adjoint
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 from sarmitsuba.echo.threads import parallel_map
 
 if TYPE_CHECKING:
     from sarmitsuba.echo.block import BlockPlan
+    from sarmitsuba.echo.sub_bands import RangeFilter
     from sarmitsuba.radar.radar import Radar
 
 # cycles per cell: flat to just past the band's edge at 1/4, then down: the inner response stays within 40 cells
 _ROLL = (0.256, 0.32)
+_GROUP = 2**24  # complex cells of the layers synthesised together: 128 MB a buffer
 # terms of the Taylor series in the frequency
 _TERMS = 4
+
+
+def synthesise(
+    grid: NDArray[np.complexfloating],
+    plan: BlockPlan,
+    radar: Radar,
+    *,
+    beam: bool = False,
+    share: RangeFilter | None = None,
+) -> C64:
+    r"""Range-compressed profiles of a block's pulses from a filled grid.
+
+    .. math:: S(f, t) = e^{-j 4 \pi f_c R_{ref}(t) / c} \sum_j G(f, \dot R_j) \,
+              e^{-j 4 \pi (f_c + f) \dot R_j \tau / c} \, e^{-j 4 \pi f_c b(\dot R_j, t) / c} / \hat\phi
+
+    then, along range, the factor ``exp(-j 4 pi fc a(R, t) / c)`` and the shift by a; a and b are the range and
+    range-rate parts of the curvature.
+
+    Parameters
+    ----------
+    grid : (n_layers, n_range, n_range_rate) complex, any strides
+    beam : whether to apply every pulse's azimuth pattern, which the grid then does not contain
+    share : factor on the spectrum, of one of several traced frequencies; None: one
+
+    Returns
+    -------
+    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw_data.RawData`
+    """
+    group = max(1, _GROUP // (plan.n_inner * max(plan.n_range_rate, plan.n_pulses)))
+    if len(grid) > group:
+        groups = (grid[i : i + group] for i in range(0, len(grid), group))
+        return np.concatenate([synthesise(part, plan, radar, beam=beam, share=share) for part in groups])
+    spectrum = RangeRateMatrices.of(plan, radar, beam=beam).pulses(grid)
+    bent = Bending.of(plan, radar)
+    slope = spectrum * bent.slope
+    inner = scipy.fft.ifft(spectrum, axis=-1, workers=-1, overwrite_x=True)
+    inner -= bent.shift * scipy.fft.ifft(slope, axis=-1, workers=-1, overwrite_x=True)
+    inner *= bent.turn
+    cell, n_samples = radar.waveform.range_cell, radar.window.n_samples
+    return to_window(inner, bent.offset, plan.fine, cell, n_samples, share=share)
+
+
+def synthesise_adjoint(
+    profiles: C64, plan: BlockPlan, radar: Radar, *, beam: bool = False, share: RangeFilter | None = None
+) -> C64:
+    """Adjoint of :func:`synthesise`: grids (n_layers, n_range, n_range_rate) from profiles (n_layers, K, n_samples)."""
+    bent = Bending.of(plan, radar)
+    inner = to_window_adjoint(
+        profiles, bent.offset, plan.fine, radar.waveform.range_cell, plan.n_inner, share=share
+    )
+    inner *= bent.turn.conj()
+    spectrum = scipy.fft.fft(inner, axis=-1, norm="forward", workers=-1)
+    inner *= bent.shift
+    spectrum -= bent.slope.conj() * scipy.fft.fft(
+        inner, axis=-1, norm="forward", workers=-1, overwrite_x=True
+    )
+    return RangeRateMatrices.of(plan, radar, beam=beam).adjoint(spectrum)
+
+
+@dataclass(frozen=True, eq=False)
+class Bending:
+    """Curvature of the slant ranges in the profiles of a block, as the synthesis applies it.
+
+    Parameters
+    ----------
+    shift : (K, n_inner) float32, m, by which profiles are shifted to first order: p(r - a) = p - a dp/dr
+    slope : (n_inner,) complex64, factor on the spectrum that gives dp/dr
+    turn : (K, n_inner) complex64, factor on the shifted profiles
+    offset : (K,) float64, m, range of the window's first sample less that of the profiles' first
+    """
+
+    shift: NDArray[np.float32]
+    slope: C64
+    turn: C64
+    offset: F64
+
+    @staticmethod
+    def of(plan: BlockPlan, radar: Radar) -> Bending:
+        """Curvature of a block."""
+        wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
+        first = plan.range0 - plan.guard * plan.range_step
+        bins = first + plan.range_step * np.arange(plan.n_inner)
+        reference = radar.slant_range(plan.reference, slice(plan.start, plan.stop))
+        reference_phase = np.mod(wavenumber * reference, 2.0 * np.pi)
+        bend = plan.curvature.of_range(bins)
+        return Bending(
+            bend.astype(np.float32),
+            (2j * np.pi / plan.range_step * scipy.fft.fftfreq(plan.n_inner)).astype(np.complex64),
+            unit_phasor(-wavenumber * bend - reference_phase[:, None]),
+            radar.window.start_range[plan.start : plan.stop] - reference - first,
+        )
 
 
 @dataclass(frozen=True, eq=False)
