@@ -196,9 +196,8 @@ class Common(Moves):
         """See the base class."""
         out, n = np.zeros((len(self.displacements), len(points), 3)), len(points)
         for own, d in zip(out, self.displacements, strict=True):
-            own -= d.antenna  # points as the antenna sees them
             if d.faces is None or d.offset is None:
-                continue
+                continue  # the parallax of an antenna is a displacement over the slant range
             gradient = np.zeros((3, 3)) if d.gradient is None else d.gradient
             moved = d.faces[points.faces[:, 0]]
             mirror_moved = (points.mirror != NO_MIRROR) & d.faces[points.mirror]
