@@ -32,6 +32,7 @@ COSTS = (
     ("track, 3 axes", "track:8"),
     ("shift, 3 axes", "shift:box:x,shift:box:y,shift:box:z"),
     ("height", "height:box"),
+    ("rotation", "rotation:box"),
     ("permittivity of 2", "permittivity:wall,permittivity:soil"),
     (
         "8 properties",

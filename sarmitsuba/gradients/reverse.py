@@ -125,7 +125,6 @@ class Objective:
     Attributes
     ----------
     model : raw data as a function of the values
-    start : (n,) values of the scene
     """
 
     def __init__(self, scene: SceneLike, parameters: Parameters, loss: Loss) -> None:

@@ -458,8 +458,7 @@ class Contribution:
     amplitudes : one complex float32 per channel, without the phase of the slant range
     active : lanes that have the echo
     point : float64, m, scene frame; phase centre on the surface of the hit
-    range_tangents : derivatives of the slant range by displacements, m per unit: float64, or complex where amplitudes
-        change too, see :mod:`sarmitsuba.trace.range_tangents`; None without any
+    range_tangents : derivatives of the slant range by displacements, m per unit, see :mod:`.range_tangents`; or None
     material : number of the material of a diffuse scatterer, ``NO_MATERIAL`` for other returns; None without parameters
     partner : the same of the other one of a pair; None for all other returns
     amplitude_tangents : derivatives of the channels by properties of materials, property by property, then by the
