@@ -16,7 +16,7 @@ from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
-from sarmitsuba.gradients.radar_parameters import AntennaTrack
+from sarmitsuba.gradients.radar_parameters import AntennaTrack, knot_weights
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 # damping relative to the diagonal of the normal equations: first, and by what it grows and falls
@@ -342,7 +342,7 @@ def _coarse_track(model: ForwardModel, measured: C64, start: F64) -> F64:
     radar, time = model.scene.radar, model.scene.radar.track.time
     away = radar.track.position - model.sampling.window.center
     away /= np.linalg.norm(away, axis=1, keepdims=True)
-    weights = track.weights(time)
+    weights = knot_weights(time, track.knots)
     rows = np.concatenate([weights * away[:, "xyz".index(axis), None] for axis in track.axes], axis=1)
     rows, farther = rows[lit], farther[lit]
     small = ACROSS * np.eye(rows.shape[1])
