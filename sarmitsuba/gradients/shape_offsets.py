@@ -48,8 +48,10 @@ class Part(Parameter):
     ----------
     mesh : number
     faces : (n_faces,) bool, of the traced scene
+    center : (3,) m, middle of the faces
     towards : (3,) unit vector to the antenna at the middle of the track
     velocity : (n_values, 3) of the part, m per unit of each value of the model
+    alike : whether its points move nearly alike
     """
 
     mesh: int
@@ -57,7 +59,13 @@ class Part(Parameter):
     center: F64
     towards: F64
     velocity: F64
+    alike: bool
     label: str = "part"
+
+    @property
+    def factor(self) -> F64:
+        """(n_values,) change of the slant range by each value, m per unit."""
+        return np.asarray(-self.velocity @ self.towards)
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """See the base class."""
@@ -89,61 +97,75 @@ class Offset:
     range, azimuth : m, along the line of sight (farther) and along the track; azimuth is NaN where it was not looked for
     sigma : (2,) standard deviations of both, m
     peak : power of the correlation's peak over the mean power elsewhere
-    cycle : m, offset of the nearest carrier phase from ``range``
-    gain : complex ratio of the part's echoes in the data over the model's
+    carrier : m, the range that the phase of the carrier says, nearest to ``range``
+    unmoved : m, the range that it says nearest to 0
+    energy : of the part's echoes in the model
+    share : of it that the data hold without an offset, in phase
     """
 
     range: float
     azimuth: float
     sigma: tuple[float, float]
     peak: float
-    cycle: float
-    gain: complex
+    carrier: float
+    unmoved: float
+    energy: float
+    share: float
 
 
-def moving_parts(model: ForwardModel, values: F64) -> list[Part]:
-    """Parts of the shapes that parameters displace: those that move fastest, and all the rest of translated shapes."""
+def moving_parts(model: ForwardModel, values: F64, *, whole: bool = False) -> list[Part]:
+    """Parts of the shapes that values of the model displace.
+
+    A translated shape is one part. A deformed one is the part that moves fastest and, if other values displace it too,
+    the rest. ``whole``: every shape is one part.
+    """
     corners, mesh = model.traced_faces(values)
-    scene = model.at(values)
-    antenna = scene.radar.track.position
-    middle = antenna[len(antenna) // 2]
-    velocity = np.zeros((len(model.names), *corners.shape))
-    deformed = set()
-    row = 0
-    for parameter in model.parameters:
-        n = len(parameter.names(scene))
-        moves = parameter.displacements(scene, mesh)
-        if len(moves) == n:
-            for k, move in enumerate(moves):
-                if move.faces is None or move.offset is None:
-                    continue
-                field = move.offset + (0.0 if move.gradient is None else corners @ move.gradient.T)
-                velocity[row + k] = np.where(move.faces[:, None, None], field, 0.0)
-                if move.gradient is not None:
-                    deformed |= set(np.unique(mesh[move.faces]).tolist())
-        row += n
+    velocity, deformed = _velocities(model, values, corners, mesh)
     speed = np.linalg.norm(velocity, axis=-1)  # values, faces, corners
+    antenna = model.scene.radar.track.position
+    middle = antenna[len(antenna) // 2]
     parts = []
     for number in np.unique(mesh[speed.max(axis=(0, 2)) > 0.0]):
         own = mesh == number
-        groups = [own]
-        if int(number) in deformed:
-            varies = max(
-                range(len(speed)), key=lambda k: float(np.ptp(speed[k, own])) if speed[k, own].size else 0.0
-            )
+        groups = [(own, True)]
+        if deformed[own].any() and not whole:
+            varies = int(np.argmax([np.ptp(one[own]) for one in speed]))
             fast = own & (speed[varies].min(axis=1) >= FASTEST * speed[varies, own].max())
-            groups = [g for g in (fast, own & ~fast) if g.any()]
-            if speed[:, own].any(axis=(1, 2)).sum() == 1 and fast.any():
-                groups = [fast]
-        for faces in groups:
-            area = np.linalg.norm(
-                np.cross(corners[faces, 1] - corners[faces, 0], corners[faces, 2] - corners[faces, 0]), axis=1
-            )
-            center = np.average(corners[faces].mean(axis=1), axis=0, weights=area)
-            mean = np.average(velocity[:, faces].mean(axis=2), axis=1, weights=area)
-            towards = middle - center
-            parts.append(Part(int(number), faces, center, towards / np.linalg.norm(towards), mean))
+            alone = int((speed[:, own].max(axis=(1, 2)) > 0.0).sum()) == 1
+            groups = [(fast, True)] if alone and fast.any() else [(fast, True), (own & ~fast, False)]
+        for faces, alike in groups:
+            if faces.any():
+                parts.append(_part(int(number), faces, corners[faces], velocity[:, faces], middle, alike))
     return parts
+
+
+def _velocities(model: ForwardModel, values: F64, corners: F64, mesh: I64) -> tuple[F64, NDArray[np.bool_]]:
+    """(n_values, n_faces, 3, 3) m per unit: velocities of the faces' corners; (n_faces,) whether a value deforms them."""
+    scene = model.at(values)
+    velocity, deformed = np.zeros((len(model.names), *corners.shape)), np.zeros(len(mesh), dtype=np.bool_)
+    row = 0
+    for parameter in model.parameters:
+        for k, move in enumerate(parameter.displacements(scene, mesh)):
+            if move.faces is None or move.offset is None:
+                continue
+            field = move.offset + (0.0 if move.gradient is None else corners @ move.gradient.T)
+            velocity[row + k] = np.where(move.faces[:, None, None], field, 0.0)
+            if move.gradient is not None:
+                deformed |= move.faces
+        row += len(parameter.names(scene))
+    return velocity, deformed
+
+
+def _part(
+    mesh: int, faces: NDArray[np.bool_], corners: F64, velocity: F64, antenna: F64, alike: bool
+) -> Part:
+    """Part of some faces: corners (n, 3, 3) m and their velocities (n_values, n, 3, 3)."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    center = np.average(corners.mean(axis=1), axis=0, weights=area)
+    towards = antenna - center
+    mean = np.average(velocity.mean(axis=2), axis=1, weights=area)
+    return Part(mesh, faces, center, towards / np.linalg.norm(towards), mean, alike)
 
 
 def echoes(model: ForwardModel, values: F64, parts: Sequence[Part]) -> tuple[C64, C128]:
@@ -160,8 +182,11 @@ def frequencies(samples: int, spacing: float) -> F64:
     return np.asarray(np.fft.fftfreq(samples, d=2.0 * spacing / SPEED_OF_LIGHT), dtype=np.float64)
 
 
-def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float | None = None) -> Offset | None:
-    """Offset of a part from the spectra of the data and of its echoes (channels, pulses, frequencies); None: no echo."""
+def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float = REACH) -> Offset | None:
+    """Offset of a part from the spectra of the data and of its echoes (channels, pulses, frequencies); None: no echo.
+
+    ``reach`` : cells of range and azimuth that are looked at
+    """
     radar = model.scene.radar
     n, spacing = radar.window.n_samples, radar.window.sample_spacing
     cell = radar.waveform.range_cell
@@ -176,7 +201,7 @@ def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float 
     size = n * fine
     best, best_at, powers = -1.0, (0.0, 0.0), []
     positions = np.fft.fftfreq(size) * size * spacing / fine
-    near = np.abs(positions) <= (REACH * cell if reach is None else reach * cell)
+    near, wide = np.abs(positions) <= reach * cell, np.abs(positions) <= REACH * cell
     half = n // 2
     for s in azimuths:
         total = (cross * np.exp(1j * np.outer(along, k) * s)).sum(axis=0) if s else cross.sum(axis=0)
@@ -184,7 +209,7 @@ def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float 
         padded[: n - half] = total[: n - half]
         padded[size - half :] = total[n - half :]
         power = np.abs(np.fft.ifft(padded) * size) ** 2
-        powers.append(power[near])
+        powers.append(power[wide])
         at = int(np.argmax(power[near]))
         if power[near][at] > best:
             best, best_at = float(power[near][at]), (float(positions[near][at]), float(s))
@@ -221,12 +246,14 @@ def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float 
         s if len(azimuths) > 1 else float("nan"),
         (float(noise / spread), float(noise / spread_s) if spread_s > 0.0 else float("inf")),
         peak,
-        -float(np.angle(c)) / mean_k,
-        c / energy,
+        r - float(np.angle(c)) / mean_k,
+        -float(np.angle(cross.sum())) / mean_k,
+        energy,
+        float(cross.sum().real) / energy,
     )
 
 
-def _azimuths(radar, part: Part, reach: float | None) -> tuple[F64, F64]:
+def _azimuths(radar, part: Part, reach: float) -> tuple[F64, F64]:
     """(n_pulses,) component of the directions to the antenna along the track, and the offsets to look at, m."""
     away = radar.track.position - part.center
     away /= np.linalg.norm(away, axis=1, keepdims=True)
@@ -237,8 +264,7 @@ def _azimuths(radar, part: Part, reach: float | None) -> tuple[F64, F64]:
     if not (moves.any() and wide > 0.0):
         return along, np.zeros(1)
     cell = radar.waveform.wavelength / (2.0 * wide)
-    limit = REACH if reach is None else reach
-    steps = int(np.ceil(limit * FINE_AZIMUTH))
+    steps = int(np.ceil(reach * FINE_AZIMUTH))
     return along, np.arange(-steps, steps + 1) * cell / FINE_AZIMUTH
 
 
