@@ -31,6 +31,10 @@ SETTLED = 1.0 / 32.0
 DRAWS = 400
 # standard deviation of the carrier's phase at least, as a length in wavelengths: other shapes' echoes that are off
 LEAST_CYCLE = 1.0 / 60.0
+# changes by other cycles of phase that are tried at most at a time, and how often
+TRIED, RETRIES = 12, 3
+# share of confirmed echoes from which no other cycles are tried, and by which another one must be better
+SURE, BETTER = 0.97, 0.02
 # weight of parts whose points move differently, by their standard deviation
 UNEQUAL = 4.0
 
@@ -88,35 +92,80 @@ class Measured:
 def coarse_shapes(looks: Sequence[Look], start: F64) -> tuple[F64, F64]:
     """Values with those that displace shapes moved by the offsets of their echoes, and standard deviations.
 
-    Shapes whose echoes are in phase with the data at the start stay within their cycle. The standard deviation is that
-    of the offsets' envelopes, before the phase of the carrier sharpens them: infinite for values that nothing was found
-    of, 0 for those of shapes in phase, NaN for those that displace no shape.
+    Shapes whose echoes are in phase with the data at the start stay within their cycle at first. In the end, shapes
+    whose echoes the data do not confirm try the cycles beside theirs. The standard deviation is that of the offsets'
+    envelopes, before the phase of the carrier sharpens them: infinite for values that nothing was found of, NaN for
+    those that displace no shape.
     """
     values, spread = np.array(start), np.full(len(start), np.nan)
     in_phase: set[int] = set()
     for number, reach in enumerate(ROUNDS):
         found = [one for look in looks for one in measured_offsets(look, values, reach)]
-        meshes = sorted({one.part.mesh for one in found})
+        if not found:
+            return values, spread
         if number == 0:
-            in_phase = {m for m in meshes if shared(found, m) > IN_PHASE}
+            in_phase = {mesh for mesh in _meshes(found) if shared(found, mesh) > IN_PHASE}
         change, farthest = np.zeros(len(values)), 0.0
-        for mesh in meshes:
-            own = [one for one in found if one.part.mesh == mesh]
-            rows = [row for one in own for row in one.rows(mesh in in_phase, number > 0)]
-            moved = np.flatnonzero(np.abs([one.part.velocity for one in own]).max(axis=(0, 2)))
-            step, sigma = _solved(rows, moved)
-            change[moved], spread[moved] = step, 0.0 if mesh in in_phase else sigma
+        for mesh in _meshes(found):
+            moved, rows = _equations(found, mesh, mesh in in_phase, number > 0)
+            steps, spread[moved] = solutions(rows, moved)
+            change[moved] = steps[0]
             farthest = max([farthest, *(abs(float(row.factor @ change)) for row in rows)])
-        values += change
+        values = values + change
         if farthest < SETTLED * looks[0].model.scene.radar.waveform.wavelength:
             break
-    return values, spread
+    return _other_cycles(looks, values), spread
 
 
-def measured_offsets(look: Look, values: F64, reach: float) -> list[Measured]:
-    """Offsets of all parts of a look, from what the model leaves of the data where it explains some of them."""
+def _other_cycles(looks: Sequence[Look], values: F64) -> F64:
+    """Values of shapes that the data do not confirm with the cycles of phase that they confirm most."""
+    share = confirmed(looks, values)
+    for _ in range(RETRIES):
+        doubtful = np.flatnonzero(share < SURE)
+        if not len(doubtful):
+            break
+        found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[1], doubtful)]
+        others = []
+        for mesh in _meshes(found):
+            moved, rows = _equations(found, mesh, False, True)
+            others.append((moved, solutions(rows, moved)[0]))
+        best, better = np.array(values), False
+        for k in range(max((len(steps) for _, steps in others), default=0)):
+            tried = np.array(values)
+            for moved, steps in others:
+                tried[moved] += steps[min(k, len(steps) - 1)]
+            new = confirmed(looks, tried, doubtful)
+            for moved, _ in others:
+                if (new[moved] > share[moved] + BETTER).all():
+                    best[moved], share[moved], better = tried[moved], new[moved], True
+        if not better:
+            break
+        values = best
+    return values
+
+
+def _meshes(found: Sequence[Measured]) -> list[int]:
+    return sorted({one.part.mesh for one in found})
+
+
+def _equations(
+    found: Sequence[Measured], mesh: int, in_phase: bool, carrier: bool
+) -> tuple[NDArray[np.intp], list[Row]]:
+    """Numbers of the values that displace a shape, and their equations, see :meth:`Measured.rows`."""
+    own = [one for one in found if one.part.mesh == mesh]
+    rows = [row for one in own for row in one.rows(in_phase, carrier)]
+    return np.flatnonzero(np.abs([one.part.velocity for one in own]).max(axis=(0, 2))), rows
+
+
+def measured_offsets(
+    look: Look, values: F64, reach: float, numbers: NDArray[np.intp] | None = None
+) -> list[Measured]:
+    """Offsets of all parts of a look, from what the model leaves of the data where it explains some of them.
+
+    ``numbers`` : only of parts that one of these values moves
+    """
     model = look.model
-    parts = moving_parts(model, values)
+    parts = _of_values(moving_parts(model, values), numbers)
     if not parts:
         return []
     modelled, spectra = echoes(model, values, parts)
@@ -131,20 +180,25 @@ def measured_offsets(look: Look, values: F64, reach: float) -> list[Measured]:
     return found
 
 
+def _of_values(parts: list[Part], numbers: NDArray[np.intp] | None) -> list[Part]:
+    return parts if numbers is None else [part for part in parts if part.moves[numbers].any()]
+
+
 def shared(found: Sequence[Measured], mesh: int) -> float:
     """Share of the echoes of a shape that data and model have in common, in phase, over all looks."""
     own = [one.found for one in found if one.part.mesh == mesh]
     return sum(one.share * one.energy for one in own) / sum(one.energy for one in own)
 
 
-def _solved(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
-    """Changes of some values and standard deviations of the envelopes' part.
+def solutions(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[list[F64], F64]:
+    """Changes of some values, the likeliest first, and standard deviations from the unambiguous equations.
 
-    The cycles of phase are those of the drawn changes, spread as the envelopes say, with the least sum of squares.
+    The changes differ in the cycles of phase: those nearest to drawn changes, which spread as the unambiguous equations
+    say; by the least sum of squares.
     """
     clear = [row for row in rows if not row.period]
     if not clear:
-        return np.zeros(len(numbers)), np.full(len(numbers), np.inf)
+        return [np.zeros(len(numbers))], np.full(len(numbers), np.inf)
     matrix, right = _weighed(clear, numbers)
     inverse = np.linalg.pinv(matrix, rcond=1e-6)
     first, covariance = inverse @ right, inverse @ inverse.T
@@ -152,20 +206,23 @@ def _solved(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
     sigma[np.diag(inverse @ matrix) < 0.5] = np.inf
     cyclic = [row for row in rows if row.period]
     if not cyclic:
-        return first, sigma
+        return [first], sigma
     draws = np.random.default_rng(0).multivariate_normal(first, covariance, DRAWS, method="eigh")
-    best, least = first, np.inf
+    seen: dict[tuple[int, ...], tuple[float, F64]] = {}
     for drawn in [first, *draws]:
-        unwrapped = []
-        for row in cyclic:
-            cycles = np.round((float(row.factor[numbers] @ drawn) - row.offset) / row.period)
-            unwrapped.append(replace(row, offset=row.offset + float(cycles) * row.period))
-        matrix, right = _weighed([*clear, *unwrapped], numbers)
-        solved = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
-        square = float(np.sum((matrix @ solved - right) ** 2))
-        if square < least:
-            best, least = solved, square
-    return best, sigma
+        cycles = tuple(
+            round((float(row.factor[numbers] @ drawn) - row.offset) / row.period) for row in cyclic
+        )
+        if cycles not in seen:
+            unwrapped = [
+                replace(row, offset=row.offset + n * row.period)
+                for n, row in zip(cycles, cyclic, strict=True)
+            ]
+            matrix, right = _weighed([*clear, *unwrapped], numbers)
+            solved = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
+            seen[cycles] = float(np.sum((matrix @ solved - right) ** 2)), solved
+    ordered = sorted(seen.values(), key=lambda one: one[0])
+    return [solved for _, solved in ordered[:TRIED]], sigma
 
 
 def _weighed(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
@@ -174,15 +231,15 @@ def _weighed(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
     return matrix, np.array([row.offset / row.sigma for row in rows])
 
 
-def confirmed(looks: Sequence[Look], values: F64) -> F64:
+def confirmed(looks: Sequence[Look], values: F64, numbers: NDArray[np.intp] | None = None) -> F64:
     """(n_values,) share of the echoes of the shape that each value moves which data and model have in common, in phase.
 
     1 where model and data are alike, less where they are off by cycles of phase, as only part of the shape's echoes
-    agree then; NaN for values that move no shape.
+    agree then; NaN for values that move no shape. ``numbers``: only for shapes that one of these values moves.
     """
     both, alone = np.zeros(len(values)), np.zeros(len(values))
     for look in looks:
-        parts = moving_parts(look.model, values, whole=True)
+        parts = _of_values(moving_parts(look.model, values, whole=True), numbers)
         if not parts:
             continue
         modelled, spectra = echoes(look.model, values, parts)
@@ -191,7 +248,6 @@ def confirmed(looks: Sequence[Look], values: F64) -> F64:
             energy = float(np.sum(np.abs(own) ** 2)) / look.noise.variance(left / np.sqrt(left.shape[-1]))
             if energy > 0.0:
                 share = 1.0 + float(np.vdot(own, left).real / np.sum(np.abs(own) ** 2))
-                moved = part.velocity.any(axis=1)
-                both[moved] += energy * share
-                alone[moved] += energy
+                both[part.moves] += energy * share
+                alone[part.moves] += energy
     return np.where(alone > 0.0, both / np.where(alone > 0.0, alone, 1.0), np.nan)

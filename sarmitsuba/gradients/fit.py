@@ -17,6 +17,9 @@ from sarmitsuba.gradients.least_squares import Prior, Problem, Solution, known_p
 from sarmitsuba.gradients.looks import Look, looks_of
 from sarmitsuba.scene.scene import Scene, SceneLike
 
+# share of confirmed echoes below which a value may be off by cycles of phase
+CONFIRMED = 0.9
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -87,6 +90,9 @@ class Fit:
             lines.append(line + (f"  {share:9.2f}" if moves else ""))
         said = "converged" if self.converged else "not converged"
         lines.append(f"{said} after {len(self.costs) - 1} steps, residual {self.costs[-1]:.3g} W")
+        doubtful = [name for name, share in zip(self.names, self.confirmed, strict=True) if share < CONFIRMED]
+        if doubtful:
+            lines.append(f"not confirmed by the phases of the data: {', '.join(doubtful)}")
         return "\n".join(lines)
 
 
@@ -192,6 +198,10 @@ def _result(looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], 
     model, values = looks[0].model, found.values
     pairs = list(zip(looks, found.differences, strict=True))
     covariance = found.covariance(np.array([look.noise.shown(d) for look, d in pairs]), known)
+    share = confirmed(looks, values)
+    # off by cycles of phase, perhaps: as exact as the envelopes are
+    doubtful = share < CONFIRMED
+    covariance[doubtful, doubtful] += spread[doubtful] ** 2
     bound: F64 = np.full(len(values), np.nan)
     if all(look.noise.stated > 0.0 for look in looks):
         stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
@@ -202,7 +212,7 @@ def _result(looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], 
         values,
         covariance,
         bound,
-        confirmed(looks, values),
+        share,
         found.costs,
         found.converged,
         tuple(look.residual(d) for look, d in pairs),

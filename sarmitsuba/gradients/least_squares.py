@@ -147,7 +147,9 @@ def minimised(
             converged = True
             break
         damping *= FALLS
-        bent = max(_bent(*one) for one in zip(jacobians, [change] * len(left), differences, left, strict=True))
+        bent = max(
+            _bent(*one) for one in zip(jacobians, [change] * len(left), differences, left, strict=True)
+        )
         values, differences, converged = tried, left, cost - new < LEAST_CHANGE * cost
         costs.append(energy(differences))
         if progress is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.arrays import C64, C128
 from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SceneError

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 # share of the greatest speed from which all corners of a face count as moving with the fastest part of a shape
 FASTEST = 0.75
+# share of the rms velocity of its points that the mean must have for a part to move together
+TOGETHER = 0.5
 # share of a velocity that must lie along the track for offsets along it to be looked for
 ALONG = 0.05
 # farthest offsets looked for, in cells of range and azimuth
@@ -50,7 +52,8 @@ class Part(Parameter):
     faces : (n_faces,) bool, of the traced scene
     center : (3,) m, middle of the faces
     towards : (3,) unit vector to the antenna at the middle of the track
-    velocity : (n_values, 3) of the part, m per unit of each value of the model
+    velocity : (n_values, 3) of the part, m per unit of each value of the model; 0 where its points move apart
+    moves : (n_values,) whether a value moves any point of the part
     alike : whether its points move nearly alike
     """
 
@@ -59,6 +62,7 @@ class Part(Parameter):
     center: F64
     towards: F64
     velocity: F64
+    moves: NDArray[np.bool_]
     alike: bool
     label: str = "part"
 
@@ -165,7 +169,10 @@ def _part(
     center = np.average(corners.mean(axis=1), axis=0, weights=area)
     towards = antenna - center
     mean = np.average(velocity.mean(axis=2), axis=1, weights=area)
-    return Part(mesh, faces, center, towards / np.linalg.norm(towards), mean, alike)
+    square = np.average((velocity**2).sum(axis=3).mean(axis=2), axis=1, weights=area)
+    together = np.linalg.norm(mean, axis=1) >= TOGETHER * np.sqrt(square)
+    towards /= np.linalg.norm(towards)
+    return Part(mesh, faces, center, towards, mean * together[:, None], square > 0.0, alike)
 
 
 def echoes(model: ForwardModel, values: F64, parts: Sequence[Part]) -> tuple[C64, C128]:
@@ -220,7 +227,9 @@ def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float 
         phase = np.exp(1j * (k[None] * (r + s * along[:, None])))
         turned = cross * phase
         c = turned.sum()
-        rows = [k[None] - k.mean() + 0.0 * along[:, None]] + ([k[None] * along[:, None]] if len(azimuths) > 1 else [])
+        rows = [k[None] - k.mean() + 0.0 * along[:, None]] + (
+            [k[None] * along[:, None]] if len(azimuths) > 1 else []
+        )
         first = np.array([(1j * x * turned).sum() for x in rows])
         second = np.array([[-(x * y * turned).sum() for y in rows] for x in rows])
         g = 2.0 * (c.conjugate() * first).real

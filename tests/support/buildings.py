@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,7 +32,7 @@ def building(rng: np.random.Generator, place: F64, height: float) -> tuple[F64, 
     v = (0.5 * v + [0.0, 0.0, 0.5]) * [*size, height]
     c, s = np.cos(turn), np.sin(turn)
     return v @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [*place, 0.0], f
- 
+
 
 def names(count: int) -> list[str]:
     """Names of the buildings."""
@@ -45,7 +44,15 @@ def heights(seed: int, count: int) -> F64:
     return np.random.default_rng([seed, 0xB1]).uniform(5.0, 12.0, count)
 
 
-def town(seed: int, count: int, of_heights: F64, look: int, noise_temperature: float = 0.0, speckle: int = 0, **more) -> Scene:
+def town(
+    seed: int,
+    count: int,
+    of_heights: F64,
+    look: int,
+    noise_temperature: float = 0.0,
+    speckle: int = 0,
+    **more,
+) -> Scene:
     """Boxes of rough concrete and rough metal on a grid of plots, on rough soil, as one look sees them.
 
     Parameters
@@ -58,8 +65,12 @@ def town(seed: int, count: int, of_heights: F64, look: int, noise_temperature: f
     rng = np.random.default_rng([seed, 0xB0])
     columns = int(np.ceil(np.sqrt(count)))
     rows = -(-count // columns)
-    soil = Material("soil", permittivity=8.0 - 1.0j, rms_height=0.01, diffuse_law="lambert", diffuse_level_db=-17.0)
-    concrete = Material("concrete", permittivity=5.3 - 0.3j, rms_height=0.004, diffuse_law="lambert", diffuse_level_db=-11.0)
+    soil = Material(
+        "soil", permittivity=8.0 - 1.0j, rms_height=0.01, diffuse_law="lambert", diffuse_level_db=-17.0
+    )
+    concrete = Material(
+        "concrete", permittivity=5.3 - 0.3j, rms_height=0.004, diffuse_law="lambert", diffuse_level_db=-11.0
+    )
     metal = Material("metal", pec=True, rms_height=0.004, diffuse_law="lambert", diffuse_level_db=-9.0)
     meshes = []
     for k, name in enumerate(names(count)):
@@ -72,17 +83,22 @@ def town(seed: int, count: int, of_heights: F64, look: int, noise_temperature: f
     meshes.append(SceneMesh(flat, np.array([[0, 1, 2], [0, 2, 3]]), soil, "ground"))
     heading, look_angle = LOOKS[look]
     extent = PLOT * max(columns, rows) + 10.0
-    radar = dict(
-        slant_range=5000.0,
-        look_angle_deg=look_angle,
-        heading_deg=heading,
-        center_frequency=9.65e9,
-        bandwidth=200e6,
-        azimuth_resolution=1.0,
-        aim_x=0.0, aim_y=0.0, aim_z=0.0,
-        mode="spotlight",
-        noise_temperature=noise_temperature,
-    ) | more
+    radar = (
+        dict(
+            slant_range=5000.0,
+            look_angle_deg=look_angle,
+            heading_deg=heading,
+            center_frequency=9.65e9,
+            bandwidth=200e6,
+            azimuth_resolution=1.0,
+            aim_x=0.0,
+            aim_y=0.0,
+            aim_z=0.0,
+            mode="spotlight",
+            noise_temperature=noise_temperature,
+        )
+        | more
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return build_scene(
