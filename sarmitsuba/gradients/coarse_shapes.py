@@ -130,6 +130,26 @@ def coarse_shapes(looks: Sequence[Look], start: F64) -> tuple[F64, F64]:
     return other_cycles(looks, values)[0], spread
 
 
+def checked_offsets(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
+    """Values with shapes moved to other cycles of phase where the envelopes of their echoes say so, and deviations.
+
+    Where the shapes are nearly in place their echoes tell it better than at first.
+    """
+    found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[-1])]
+    changed, spread = np.array(values), np.full(len(values), np.nan)
+    for mesh in _meshes(found):
+        moved, rows = _equations(found, mesh, False, True)
+        steps, spread[moved] = solutions(rows, moved)
+        step = np.zeros(len(values))
+        step[moved] = steps[0]
+        cycle = 0.25 * looks[0].model.scene.radar.waveform.wavelength
+        if max((abs(float(row.factor @ step)) for row in rows), default=0.0) > cycle and _possible(
+            looks, values, moved, steps[0]
+        ):
+            changed = changed + step
+    return changed, spread
+
+
 def other_cycles(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
     """Values of shapes that the data do not confirm with the cycles of phase that they confirm most, and the shares."""
     share = confirmed(looks, values)

@@ -10,7 +10,7 @@ import numpy as np
 from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.gradients.coarse_shapes import coarse_shapes, other_cycles
+from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, other_cycles
 from sarmitsuba.gradients.coarse_track import coarse_track
 from sarmitsuba.gradients.jacobian import Parameters
 from sarmitsuba.gradients.least_squares import Prior, Problem, Solution, known_priors, minimised
@@ -189,6 +189,8 @@ def fit(
     for _ in range(RETRIES):
         found = minimised(_Complex(looks), start, known, iterations, report)
         start, share = other_cycles(looks, found.values)
+        if np.array_equal(start, found.values):
+            start, spread = checked_offsets(looks, found.values)
         if np.array_equal(start, found.values):
             break
     return _result(looks, found, known, share, spread)
