@@ -10,7 +10,7 @@ import numpy as np
 from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, other_cycles
+from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, confirmed, other_cycles
 from sarmitsuba.gradients.coarse_track import coarse_track
 from sarmitsuba.gradients.jacobian import Parameters
 from sarmitsuba.gradients.least_squares import Prior, Problem, Solution, known_priors, minimised
@@ -31,6 +31,7 @@ class Fit:
     ----------
     names : of the values, with their units in brackets
     start, values : (n,) float64, before and after the fit
+    steps : (n_steps, n) values on the way: the start, after every round of the coarse start, after every accepted step
     covariance : (n, n) of the values, with the noise power that the residuals show
     bound : (n,) Cramer-Rao bound of the standard deviations with the radars' noise power; NaN for a noise temperature
         of 0
@@ -45,6 +46,7 @@ class Fit:
     names: tuple[str, ...]
     start: F64
     values: F64
+    steps: F64
     covariance: F64
     bound: F64
     confirmed: F64
@@ -69,6 +71,7 @@ class Fit:
             "names": list(self.names),
             "start": self.start.tolist(),
             "values": self.values.tolist(),
+            "steps": self.steps.tolist(),
             "sigma": _known(self.sigma),
             "bound": _known(self.bound),
             "confirmed": _known(self.confirmed),
@@ -180,27 +183,35 @@ def fit(
     looks = looks_of(scene, data, parameters)
     model = looks[0].model
     known = known_priors(model.names, priors or {})
-    start = model.start
-    if len(looks) == 1:
-        start = coarse_track(model, looks[0].measured, start)
-    start, spread = coarse_shapes(looks, start)
-    steps = iter(range(1, RETRIES * iterations + 1))
-    report = None if progress is None else lambda cost: progress(next(steps), cost)
+    passed = [model.start]
+    start = coarse_track(model, looks[0].measured, model.start) if len(looks) == 1 else model.start
+    start, spread = coarse_shapes(looks, start, passed.append)
+    count = iter(range(1, RETRIES * iterations + 1))
+    report = None if progress is None else lambda cost: progress(next(count), cost)
+    best = None
     for _ in range(RETRIES):
         found = minimised(_Complex(looks), start, known, iterations, report)
-        start, share = other_cycles(looks, found.values)
+        if best is not None and found.costs[-1] >= best.costs[-1]:
+            break
+        best = found
+        passed += found.steps
+        start, _ = other_cycles(looks, found.values)
         if np.array_equal(start, found.values):
             start, spread = checked_offsets(looks, found.values)
         if np.array_equal(start, found.values):
             break
-    return _result(looks, found, known, share, spread)
+    assert best is not None
+    return _result(looks, best, known, spread, passed)
 
 
-def _result(looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], share: F64, spread: F64) -> Fit:
+def _result(
+    looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], spread: F64, passed: Sequence[F64]
+) -> Fit:
     """Values with covariance, bound and what the data confirm."""
     model, values = looks[0].model, found.values
     pairs = list(zip(looks, found.differences, strict=True))
     covariance = found.covariance(np.array([look.noise.shown(d) for look, d in pairs]), known)
+    share = confirmed(looks, values)
     # off by cycles of phase, perhaps: as exact as the envelopes are
     doubtful = share < CONFIRMED
     covariance[doubtful, doubtful] += spread[doubtful] ** 2
@@ -212,6 +223,7 @@ def _result(looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], 
         model.names,
         model.start,
         values,
+        np.array(passed),
         covariance,
         bound,
         share,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.arrays import C64, C128, F32, F64
 from sarmitsuba.errors import SceneError
 
 # damping relative to the diagonal of the normal equations: first, and by what it grows and falls
@@ -61,15 +61,15 @@ class Problem(ABC):
     names: tuple[str, ...]
 
     @abstractmethod
-    def differences(self, values: F64) -> list[C128]:
+    def differences(self, values: F64) -> list[C128 | F64]:
         """Data less model of each set."""
 
     @abstractmethod
-    def linearised(self, values: F64) -> tuple[list[C128], list[C64]]:
+    def linearised(self, values: F64) -> tuple[list[C128 | F64], list[C64 | F32]]:
         """The same, with the derivatives of the model (n_values, ...) of each set."""
 
     @abstractmethod
-    def variances(self, differences: Sequence[C128]) -> F64:
+    def variances(self, differences: Sequence[C128 | F64]) -> F64:
         """(n_sets,) mean of ``|d - m|^2`` that the noise gives a sample, by which the sets are weighed."""
 
 
@@ -80,6 +80,7 @@ class Solution:
     Parameters
     ----------
     values : (n,) float64
+    steps : values after every accepted step, the start first
     differences : data less model of each set
     normals : matrix Re J^H J of each set
     costs : sum of squares of all sets after every accepted step, the start first
@@ -87,7 +88,8 @@ class Solution:
     """
 
     values: F64
-    differences: list[C128]
+    steps: tuple[F64, ...]
+    differences: list[C128 | F64]
     normals: list[F64]
     costs: tuple[float, ...]
     converged: bool
@@ -122,7 +124,7 @@ def minimised(
     """
     values = np.asarray(start, dtype=np.float64)
     differences, jacobians = problem.linearised(values)
-    costs, damping, converged = [energy(differences)], FIRST_DAMPING, False
+    steps, costs, damping, converged = [values], [energy(differences)], FIRST_DAMPING, False
     for step in range(1, iterations + 1):
         variances = problem.variances(differences)
         cost = _cost(differences, values, known, variances)
@@ -151,6 +153,7 @@ def minimised(
             _bent(*one) for one in zip(jacobians, [change] * len(left), differences, left, strict=True)
         )
         values, differences, converged = tried, left, cost - new < LEAST_CHANGE * cost
+        steps.append(values)
         costs.append(energy(differences))
         if progress is not None:
             progress(costs[-1])
@@ -159,15 +162,15 @@ def minimised(
         if bent > STRAIGHT:
             _, jacobians = problem.linearised(values)
     normals = [normal_equations(j, d)[0] for j, d in zip(jacobians, differences, strict=True)]
-    return Solution(values, differences, normals, tuple(costs), converged)
+    return Solution(values, tuple(steps), differences, normals, tuple(costs), converged)
 
 
-def energy(differences: Sequence[C128]) -> float:
+def energy(differences: Sequence[C128 | F64]) -> float:
     """Sum of squares of all sets."""
     return float(sum(np.sum(np.abs(difference) ** 2) for difference in differences))
 
 
-def _cost(differences: Sequence[C128], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
+def _cost(differences: Sequence[C128 | F64], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
     """Sum of squares of data and priors over their variances."""
     own = sum(
         float(np.sum(np.abs(difference) ** 2) / variance)
@@ -176,21 +179,21 @@ def _cost(differences: Sequence[C128], values: F64, known: Mapping[int, Prior], 
     return own + 0.5 * sum(float((values[k] - p.mean) / p.sigma) ** 2 for k, p in known.items())
 
 
-def normal_equations(jacobian: C64, difference: C128) -> tuple[F64, F64]:
-    """Matrix Re J^H J and right side Re J^H (d - m), in float64."""
+def normal_equations(jacobian: C64 | F32, difference: C128 | F64) -> tuple[F64, F64]:
+    """Matrix Re J^H J and right side Re J^H (d - m), in float64, of real and imaginary parts side by side."""
     n = len(jacobian)
-    rows = jacobian.reshape(n, -1)
+    rows = np.ascontiguousarray(jacobian).reshape(n, -1).view(np.float32)
+    flat = difference.reshape(-1).view(np.float64)
     normal, right = np.zeros((n, n)), np.zeros(n)
-    flat = difference.reshape(-1)
     step = max(1, 2**24 // n)  # bounds the float64 copy
     for k in range(0, flat.size, step):
-        part = rows[:, k : k + step].astype(np.complex128)
-        normal += (part.conj() @ part.T).real
-        right += (part.conj() @ flat[k : k + step]).real
+        part = rows[:, k : k + step].astype(np.float64)
+        normal += part @ part.T
+        right += part @ flat[k : k + step]
     return normal, right
 
 
-def _bent(jacobian: C64, change: F64, before: C128, after: C128) -> float:
+def _bent(jacobian: C64 | F32, change: F64, before: C128 | F64, after: C128 | F64) -> float:
     """Norm of the part of the data's change that the Jacobian did not predict, over that of the prediction."""
     predicted = np.tensordot(change.astype(np.float32), jacobian, 1)
     return float(np.linalg.norm(before - after - predicted) / max(float(np.linalg.norm(predicted)), 1e-300))
