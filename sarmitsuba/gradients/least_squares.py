@@ -103,6 +103,12 @@ class Solution:
             information[k, k] += 1.0 / prior.sigma**2
         return np.asarray(np.linalg.inv(information), dtype=np.float64)
 
+    def bound(self, variances: F64, known: Mapping[int, Prior]) -> F64:
+        """(n,) Cramer-Rao bound of the standard deviations with stated variances; NaN where one is not stated."""
+        if not (variances > 0.0).all():
+            return np.full(len(self.values), np.nan)
+        return np.asarray(np.sqrt(np.diag(self.covariance(variances, known))), dtype=np.float64)
+
 
 def minimised(
     problem: Problem,
