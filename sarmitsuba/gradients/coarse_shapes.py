@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.errors import SceneError
 from sarmitsuba.gradients.looks import Look
 from sarmitsuba.gradients.shape_offsets import (
     Offset,
@@ -187,11 +186,7 @@ def _possible(looks: Sequence[Look], values: F64, moved: NDArray[np.intp], step:
     """Whether the scene can have changed values."""
     tried = np.array(values)
     tried[moved] += step
-    try:
-        looks[0].model.at(tried)
-    except SceneError:
-        return False
-    return True
+    return looks[0].model.possible(tried)
 
 
 def _meshes(found: Sequence[Measured]) -> list[int]:

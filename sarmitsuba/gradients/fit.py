@@ -16,7 +16,7 @@ from sarmitsuba.gradients.coarse_track import coarse_track
 from sarmitsuba.gradients.jacobian import Parameters
 from sarmitsuba.gradients.least_squares import Prior, Problem, Solution, known_priors, minimised
 from sarmitsuba.gradients.looks import Look, looks_of
-from sarmitsuba.gradients.multilooked import WIDTHS, MultilookedImages
+from sarmitsuba.gradients.multilooked import stepped
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
@@ -224,15 +224,9 @@ def _by_amplitude(
     looks: Sequence[Look], known: Mapping[int, Prior], iterations: int, report: Callable[[float], None] | None
 ) -> Fit:
     """Fit to multilooked intensities, with windows from coarse to fine."""
-    passed, start = [looks[0].model.start], looks[0].model.start
-    for width in WIDTHS:
-        problem = MultilookedImages(looks, width)
-        found = minimised(problem, start, known, iterations, report)
-        start = found.values
-        passed += found.steps
-    covariance = found.covariance(problem.variances(found.differences), known)
-    none: F64 = np.full(len(start), np.nan)
-    return _result(looks, found, covariance, none, none, passed)
+    found, covariance = stepped(looks, looks[0].model.start, known, iterations, report)
+    none: F64 = np.full(len(found.values), np.nan)
+    return _result(looks, found, covariance, none, none, found.steps)
 
 
 def _result(

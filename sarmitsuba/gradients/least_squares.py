@@ -134,15 +134,8 @@ def minimised(
     for step in range(1, iterations + 1):
         variances = problem.variances(differences)
         cost = _cost(differences, values, known, variances)
-        normal, right = np.zeros((len(values), len(values))), np.zeros(len(values))
-        for jacobian, difference, variance in zip(jacobians, differences, variances, strict=True):
-            own_normal, own_right = normal_equations(jacobian, difference)
-            normal += own_normal / variance
-            right += own_right / variance
-        for k, prior in known.items():
-            normal[k, k] += 0.5 / prior.sigma**2
-            right[k] += 0.5 * (prior.mean - values[k]) / prior.sigma**2
-        _check_determined(problem.names, normal)
+        normal, right, _ = normal_sums(jacobians, differences, variances, values, known)
+        check_determined(problem.names, normal)
         for _ in range(ATTEMPTS):
             change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
             tried = values + change
@@ -169,6 +162,27 @@ def minimised(
             _, jacobians = problem.linearised(values)
     normals = [normal_equations(j, d)[0] for j, d in zip(jacobians, differences, strict=True)]
     return Solution(values, tuple(steps), differences, normals, tuple(costs), converged)
+
+
+def normal_sums(
+    jacobians: Sequence[C64 | F32],
+    differences: Sequence[C128 | F64],
+    variances: F64,
+    values: F64,
+    known: Mapping[int, Prior],
+) -> tuple[F64, F64, list[F64]]:
+    """Matrix and right side of the normal equations of all sets over their variances and of priors; each set's matrix."""
+    normal, right = np.zeros((len(values), len(values))), np.zeros(len(values))
+    normals = []
+    for jacobian, difference, variance in zip(jacobians, differences, variances, strict=True):
+        own_normal, own_right = normal_equations(jacobian, difference)
+        normals.append(own_normal)
+        normal += own_normal / variance
+        right += own_right / variance
+    for k, prior in known.items():
+        normal[k, k] += 0.5 / prior.sigma**2
+        right[k] += 0.5 * (prior.mean - values[k]) / prior.sigma**2
+    return normal, right, normals
 
 
 def energy(differences: Sequence[C128 | F64]) -> float:
@@ -205,7 +219,7 @@ def _bent(jacobian: C64 | F32, change: F64, before: C128 | F64, after: C128 | F6
     return float(np.linalg.norm(before - after - predicted) / max(float(np.linalg.norm(predicted)), 1e-300))
 
 
-def _check_determined(names: tuple[str, ...], normal: F64) -> None:
+def check_determined(names: tuple[str, ...], normal: F64) -> None:
     """Refuse values on which the data do not depend, or of which they give only a sum."""
     own = np.diag(normal)
     for name, value in zip(names, own, strict=True):

@@ -15,18 +15,35 @@ turn of phase over the aperture, less its mean.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from sarmitsuba.arrays import C64, C128, F32, F64
 from sarmitsuba.focusing.operator import focusing_operator
-from sarmitsuba.gradients.least_squares import Problem
+from sarmitsuba.gradients.least_squares import (
+    Prior,
+    Problem,
+    Solution,
+    check_determined,
+    energy,
+    normal_sums,
+)
 from sarmitsuba.gradients.looks import Look
 from sarmitsuba.gradients.shape_offsets import frequencies
 
-# widths of the window (full width at half maximum), in range cells, coarse to fine
-WIDTHS = (6.0, 3.0, 1.5)
+# widths of the window (full width at half maximum), in range cells, and shares of the step that are taken: coarse to
+# fine, then the mean of what the steps say
+STAGES = (
+    *((8.0, 1.0),) * 2,
+    *((6.0, 1.0),) * 2,
+    *((4.0, 1.0),) * 2,
+    *((3.0, 1.0 / k) for k in range(1, 6)),
+)
+# share of the diagonal of the normal equations that damps a step, and its length at most, standard deviations
+DAMPING, FARTHEST = 0.05, 3.0
+# halvings of a step to values that a scene cannot have
+HALVINGS = 20
 # least averaged intensity that data are divided by, over the mean of the image
 FLOOR = 0.1
 # pixels of a resolution cell
@@ -47,6 +64,11 @@ class MultilookedImages(Problem):
     def __init__(self, looks: Sequence[Look], width: float) -> None:
         self.looks, self.names = tuple(looks), looks[0].model.names
         self.images = [_Averaged(look, width) for look in looks]
+
+    @property
+    def pixels(self) -> float:
+        """Pixels that are alike, of the first look."""
+        return self.images[0].pixels
 
     def differences(self, values: F64) -> list[C128 | F64]:
         """See the base class."""
@@ -78,6 +100,45 @@ class MultilookedImages(Problem):
                 for d, image in zip(differences, self.images, strict=True)
             ]
         )
+
+
+def stepped(
+    looks: Sequence[Look],
+    start: F64,
+    known: Mapping[int, Prior],
+    iterations: int,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Solution, F64]:
+    """Values from steps of least squares with windows from coarse to fine, and their covariance.
+
+    The intensities of the model fluctuate as the shapes move, because the echoes of several interfere: no step is asked
+    to lower the sum of squares, and the last ones are averaged (stochastic approximation of Robbins and Monro). The
+    covariance counts the fluctuations of data and model, before that average.
+    """
+    values, steps, costs = np.asarray(start, dtype=np.float64), [np.asarray(start)], []
+    problems: dict[float, MultilookedImages] = {}
+    covariance, change = np.zeros((len(values), len(values))), values
+    for width, share in STAGES[:iterations]:
+        problem = problems.setdefault(width, MultilookedImages(looks, width))
+        differences, jacobians = problem.linearised(values)
+        variances = problem.variances(differences)
+        normal, right, normals = normal_sums(jacobians, differences, variances, values, known)
+        check_determined(problem.names, normal)
+        covariance = np.linalg.inv(2.0 * normal)
+        sigma = np.sqrt(np.diag(covariance))
+        change = np.linalg.solve(normal + DAMPING * np.diag(np.diag(normal)), right)
+        change = share * np.clip(change, -FARTHEST * sigma, FARTHEST * sigma)
+        for _ in range(HALVINGS):
+            if looks[0].model.possible(values + change):
+                break
+            change = 0.5 * change
+        values = values + change
+        steps.append(values)
+        costs.append(energy(differences) / problem.pixels)
+        if progress is not None:
+            progress(costs[-1])
+    found = bool((np.abs(change) < np.sqrt(np.diag(covariance))).all()) and iterations >= len(STAGES)
+    return Solution(values, tuple(steps), differences, normals, tuple(costs), found), covariance
 
 
 def envelopes(look: Look, derivative: C64) -> C64:
