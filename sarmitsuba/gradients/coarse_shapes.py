@@ -1,4 +1,4 @@
-"""Coarse start of shapes: values moved by the offsets of the shapes' echoes, many wavelengths and range cells if need be."""
+"""Coarse start of shapes: values moved by the offsets of the shapes' echoes, over wavelengths and range cells."""
 
 from __future__ import annotations
 
@@ -268,7 +268,7 @@ def solutions(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[list[F64]
                 for n, row in zip(cycles, cyclic, strict=True)
             ]
             matrix, right = _weighed([*clear, *unwrapped], numbers)
-            solved = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
+            solved = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-6)[0], dtype=np.float64)
             seen[cycles] = float(np.sum((matrix @ solved - right) ** 2)), solved
     ordered = sorted(seen.values(), key=lambda one: one[0])[:TRIED]
     return [solved for square, solved in ordered if square < ordered[0][0] + UNLIKELY], sigma
