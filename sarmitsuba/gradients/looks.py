@@ -15,7 +15,6 @@ from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
 from sarmitsuba.gradients.least_squares import Samples
-from sarmitsuba.gradients.radar_parameters import AntennaTrack, ClockOffset, Gain
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene, SceneLike
 
@@ -25,8 +24,6 @@ SAME_WINDOW = 1e-3
 LEAST_NOISE = 1e-6
 # rounding of float32 data, as a share of that
 ROUNDING = 2.0**-48 / LEAST_NOISE
-# parameters that belong to one radar
-OF_THE_RADAR = (Gain, ClockOffset, AntennaTrack)
 
 
 @dataclass(frozen=True)
@@ -154,7 +151,7 @@ def _check_shared(looks: Sequence[Look]) -> None:
     """Refuse looks of different scenes, and parameters of a radar, of which each look has its own."""
     first = looks[0].model
     for parameter in first.parameters:
-        if isinstance(parameter, OF_THE_RADAR):
+        if parameter.changed(first.scene, parameter.values(first.scene)).radar is not first.scene.radar:
             raise SceneError(
                 f"fit: {parameter.label} belongs to the radar of one look, and there are {len(looks)} looks; fit it to "
                 "the data of its look alone"
