@@ -35,6 +35,8 @@ DRAWS = 400
 LEAST_CYCLE = 1.0 / 60.0
 # changes by other cycles of phase that are tried at most at a time, and how often
 TRIED, RETRIES = 40, 6
+# rms deviation of the points of a part from its velocity, over that, up to which a value displaces it alike
+EVEN = 0.2
 # sum of squares above the least from which changes are not tried: five standard deviations
 UNLIKELY = 25.0
 # share of confirmed echoes from which no other cycles are tried, and by which another one must be better
@@ -121,6 +123,8 @@ def coarse_shapes(
         change, farthest = np.zeros(len(values)), 0.0
         for mesh in _meshes(found):
             moved, rows = _equations(found, mesh, mesh in in_phase, number > 0)
+            if not len(moved):
+                continue
             steps, spread[moved] = solutions(rows, moved)
             steps = [step for step in steps if _possible(looks, values, moved, step)]
             change[moved] = steps[0] if steps else 0.0
@@ -142,6 +146,8 @@ def checked_offsets(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
     changed, spread = np.array(values), np.full(len(values), np.nan)
     for mesh in _meshes(found):
         moved, rows = _equations(found, mesh, False, True)
+        if not len(moved):
+            continue
         steps, spread[moved] = solutions(rows, moved)
         step = np.zeros(len(values))
         step[moved] = steps[0]
@@ -164,6 +170,8 @@ def other_cycles(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
         others = []
         for mesh in _meshes(found):
             moved, rows = _equations(found, mesh, False, True)
+            if not len(moved):
+                continue
             steps = [s for s in solutions(rows, moved)[0] if _possible(looks, values, moved, s)]
             if steps:
                 others.append((moved, steps))
@@ -196,10 +204,12 @@ def _meshes(found: Sequence[Measured]) -> list[int]:
 def _equations(
     found: Sequence[Measured], mesh: int, in_phase: bool, carrier: bool
 ) -> tuple[NDArray[np.intp], list[Row]]:
-    """Numbers of the values that displace a shape, and their equations, see :meth:`Measured.rows`."""
+    """Numbers of the values that displace some part of a shape alike, and their equations, see :meth:`Measured.rows`."""
     own = [one for one in found if one.part.mesh == mesh]
     rows = [row for one in own for row in one.rows(in_phase, carrier)]
-    return np.flatnonzero(np.abs([one.part.velocity for one in own]).max(axis=(0, 2))), rows
+    speed = np.linalg.norm([one.part.velocity for one in own], axis=2)
+    alike = (speed > 0.0) & (np.array([one.part.uneven for one in own]) <= EVEN * speed)
+    return np.flatnonzero(alike.any(axis=0)), rows
 
 
 def measured_offsets(

@@ -192,7 +192,7 @@ def fit(
 
     Notes
     -----
-    Ignores the same as :func:`sarmitsuba.jacobian`. Rotations must start within an eighth of a wavelength.
+    Ignores the same as :func:`sarmitsuba.jacobian`. Rotations and scales must start within an eighth of a wavelength.
     Diffuse scatterers are those of the scene's seed: speckle of a real surface is not in the model.
     """
     looks = looks_of(scene, data, parameters)
@@ -225,7 +225,7 @@ def fit(
     share = confirmed(looks, best.values)
     covariance = best.covariance(variances, known)
     doubtful = share < CONFIRMED  # off by cycles of phase, perhaps: as exact as the envelopes are
-    covariance[doubtful, doubtful] += spread[doubtful] ** 2
+    covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
     return _result(looks, best, covariance, best.bound(stated, known), share, passed)
 
 

@@ -54,7 +54,9 @@ def test_what_the_model_does_not_hold_is_not_confirmed() -> None:
     found = drawn.fitted(iterations=3)
     assert (found.confirmed < 0.5).all()
     assert (found.sigma > 0.01).all()
-    assert "not confirmed by the phases of the data: height:building0 [m], height:building1 [m]" in found.table()
+    assert (
+        "not confirmed by the phases of the data: height:building0 [m], height:building1 [m]" in found.table()
+    )
 
 
 @pytest.mark.slow
