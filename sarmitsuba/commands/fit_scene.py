@@ -10,10 +10,9 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from sarmitsuba.echo.raw_data import RawData
     from sarmitsuba.gradients.least_squares import Prior
+    from sarmitsuba.view.figure import Figure
 
 NAME = "fit"
 HELP = "fit parameters of a scene (material levels, roughness, shifts, the track) to raw data"

@@ -204,7 +204,7 @@ def _meshes(found: Sequence[Measured]) -> list[int]:
 def _equations(
     found: Sequence[Measured], mesh: int, in_phase: bool, carrier: bool
 ) -> tuple[NDArray[np.intp], list[Row]]:
-    """Numbers of the values that displace some part of a shape alike, and their equations, see :meth:`Measured.rows`."""
+    """Numbers of the values that displace some part of a shape alike, and equations, see :meth:`Measured.rows`."""
     own = [one for one in found if one.part.mesh == mesh]
     rows = [row for one in own for row in one.rows(in_phase, carrier)]
     speed = np.linalg.norm([one.part.velocity for one in own], axis=2)

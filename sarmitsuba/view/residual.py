@@ -1,9 +1,8 @@
 """Picture of measured data beside what a model leaves of them."""
 
-from matplotlib.figure import Figure
-
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.view.display import PictureOptions
+from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import draw
 
 # inches
