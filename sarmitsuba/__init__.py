@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     )
     from sarmitsuba.focusing import focus
     from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
-    from sarmitsuba.gradients.fit import Fit, Prior, fit
+    from sarmitsuba.gradients.fit import Fit, fit
     from sarmitsuba.gradients.jacobian import Jacobian, jacobian
+    from sarmitsuba.gradients.least_squares import Prior
     from sarmitsuba.gradients.losses import MultilookDifference, SquaredDifference
     from sarmitsuba.gradients.reverse import Gradient, Objective, gradient
     from sarmitsuba.image.labels import Labels
@@ -78,7 +79,7 @@ _HOME = {
     "Objective": "sarmitsuba.gradients.reverse",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
-    "Prior": "sarmitsuba.gradients.fit",
+    "Prior": "sarmitsuba.gradients.least_squares",
     "WireTarget": "sarmitsuba.scene.wires",
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, F64
+from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import RadarError, SceneError
@@ -137,6 +137,14 @@ class ForwardModel:
                 scene = parameter.changed(scene, own)
         return scene
 
+    def possible(self, values: F64) -> bool:
+        """Whether the scene can have these values."""
+        try:
+            self.at(values)
+        except SceneError:
+            return False
+        return True
+
     def placed(self, values: F64 | None = None) -> At:
         """The scene with these values, and its geometry on the device; None: as it is."""
         values = self.start if values is None else values
@@ -154,6 +162,12 @@ class ForwardModel:
             if traced.surfaces is not None:
                 traced = replace(traced, surfaces=traced.surfaces.with_levels(with_parts(scene.materials)))
         return At(scene, traced, displaced)
+
+    def traced_faces(self, values: F64) -> tuple[F64, I64]:
+        """Corners (n, 3, 3), m, of the faces that the kernel traces at some values, and their meshes (n,)."""
+        here = self.placed(values)
+        geometry, rows = here.scene.geometry, here.trace_scene.geometry_faces
+        return geometry.vertices[geometry.faces[rows]], geometry.face_mesh[rows]
 
     def _moved(self, values: F64) -> tuple[F64, F64]:
         """(n_meshes, 3, 3) and (n_meshes, 3) m: where the points of every mesh came to with these values."""
@@ -207,17 +221,25 @@ class ForwardModel:
         return np.stack([radar.pointing.azimuth_axis / away, radar.pointing.elevation_axis / away])
 
     def derivative(
-        self, values: F64 | None = None, progress: Callable[[float], None] | None = None
+        self,
+        values: F64 | None = None,
+        progress: Callable[[float], None] | None = None,
+        by: Sequence[Parameter] | None = None,
     ) -> tuple[C64, C64]:
-        """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples)."""
+        """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples).
+
+        ``by`` : parameters to differentiate by; None: the model's own
+        """
         here = self.placed(values)
+        by = self.parameters if by is None else by
+        n_values = sum(len(p.names(here.scene)) for p in by)
         check_fits(
-            f"{here.scene.name}: {len(self.names)} derivatives",
-            8 * int(np.prod(self.shape)) * (2 * len(self.names) + 4),
+            f"{here.scene.name}: {n_values} derivatives",
+            8 * int(np.prod(self.shape)) * (2 * n_values + 4),
             "take fewer parameters, or fewer pulses; sarmitsuba.gradient takes any number",
         )
-        out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
-        data, planes = self.planes(here, self.parameters, progress)
+        out = np.empty((n_values, *self.shape), dtype=np.complex64)
+        data, planes = self.planes(here, by, progress)
         for row, plane in enumerate(planes):
             out[row] = plane
         return data, out

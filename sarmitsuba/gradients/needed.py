@@ -80,21 +80,31 @@ class Needed:
         return sum(len(own) for own in sorts) + 2 * self.pointing
 
     def parts(self) -> Iterator[Needed]:
-        """The same in parts that one launch can carry; at least one, which may be empty."""
+        """The same in parts that one launch can carry, dealt evenly, as a grid grows with all that it carries.
+
+        At least one, which may be empty.
+        """
+        turning = sum(d.turn_rate > 0.0 for d in self.displacements)
+        longest = max(len(self.displacements), len(self.levels), len(self.texels))
+        n = max(1, -(-longest // MOST), -(-max(turning, len(self.steps)) // MOST_STEPS))
+        most = -(-len(self.displacements) // n)
         moves: list[list[Displacement]] = [[]]
         for displacement in self.displacements:
             turns = sum(d.turn_rate > 0.0 for d in (*moves[-1], displacement))
-            if len(moves[-1]) == MOST or turns > MOST_STEPS:
+            if len(moves[-1]) == most or turns > MOST_STEPS:
                 moves.append([])
             moves[-1].append(displacement)
-        longest = max(len(self.levels), len(self.texels))
-        n = max(len(moves), -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
+        n = max(n, len(moves))
         for k in range(n):
+            levels, steps, texels = (
+                slice(k * len(one) // n, (k + 1) * len(one) // n)
+                for one in (self.levels, self.steps, self.texels)
+            )
             yield Needed(
                 tuple(chain.from_iterable(moves[k : k + 1])),
-                self.levels[k * MOST : (k + 1) * MOST],
-                self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
-                self.texels[k * MOST : (k + 1) * MOST],
+                self.levels[levels],
+                self.steps[steps],
+                self.texels[texels],
                 self.pointing and k == 0,
             )
 
