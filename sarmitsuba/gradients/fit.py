@@ -23,6 +23,8 @@ from sarmitsuba.scene.scene import Scene, SceneLike
 FIRST_DAMPING, GROWS, FALLS = 1e-3, 10.0, 0.2
 # a step ends the fit when it changes the sum of squares by less than this share
 LEAST_CHANGE = 1e-7
+# share of a predicted change of the data by which the true one may differ before the Jacobian is computed anew
+STRAIGHT = 0.03
 # most attempts at a step that lowers the sum of squares
 ATTEMPTS = 8
 # largest distance of the receive windows of data and scene, m
@@ -121,7 +123,8 @@ def fit(
 
     .. math:: (H + \mu \, \mathrm{diag} H) \, \delta = g, \quad H = \Re J^H J, \quad g = \Re J^H (d - m)
 
-    The covariance is :math:`(2 H / (\sigma^2 s))^{-1}` with s samples per range cell, as the noise is flat over the
+    The Jacobian is kept for the next step where the data followed it to ``STRAIGHT`` of their change. The covariance is
+    :math:`(2 H / (\sigma^2 s))^{-1}` with s samples per range cell, as the noise is flat over the
     radar's band alone.
 
     A track is first moved by the range errors of whole pulses, coarse to fine: their common part by the change of the
@@ -183,13 +186,15 @@ def fit(
             converged = True
             break
         damping *= FALLS
+        bent = _bent(jacobian, change, difference, left)
         values, difference, converged = tried, left, cost - new < LEAST_CHANGE * cost
         costs.append(_energy(difference))
         if progress is not None:
             progress(step, costs[-1])
         if converged or step == iterations:
             break
-        _, jacobian = model.derivative(values)
+        if bent > STRAIGHT:
+            _, jacobian = model.derivative(values)
     normal, _ = _normal_equations(jacobian, difference)
     prior = np.zeros(len(values))
     for k, (_, sigma) in known.items():
@@ -313,6 +318,12 @@ def _normal_equations(jacobian: C64, difference: C128) -> tuple[F64, F64]:
         normal += (part.conj() @ part.T).real
         right += (part.conj() @ flat[k : k + step]).real
     return normal, right
+
+
+def _bent(jacobian: C64, change: F64, before: C128, after: C128) -> float:
+    """Norm of the part of the data's change that the Jacobian did not predict, over that of the prediction."""
+    predicted = np.tensordot(change.astype(np.float32), jacobian, 1)
+    return float(np.linalg.norm(before - after - predicted) / max(float(np.linalg.norm(predicted)), 1e-300))
 
 
 def _check_determined(names: tuple[str, ...], normal: F64) -> None:

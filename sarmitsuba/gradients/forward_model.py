@@ -135,15 +135,19 @@ class _Needed:
         )
 
     def parts(self) -> Iterator[_Needed]:
-        """The same in parts that one launch can carry; at least one, which may be empty."""
+        """The same in parts that one launch can carry, dealt evenly, as a grid grows with all that it carries.
+
+        At least one, which may be empty.
+        """
         longest = max(len(self.displacements), len(self.levels))
         n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
-            these = slice(k * MOST, (k + 1) * MOST)
             yield _Needed(
-                self.displacements[these],
-                self.levels[these],
-                self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
+                *(
+                    one[k * len(one) // n : (k + 1) * len(one) // n]
+                    for one in (self.displacements, self.levels)
+                ),
+                self.steps[k * len(self.steps) // n : (k + 1) * len(self.steps) // n],
             )
 
 
