@@ -136,7 +136,12 @@ def drawn(seeds: Sequence[int], scenes: Sequence[str], output: Path) -> list[dic
                 found.append(figures)
                 if seed == seeds[0]:
                     name = f"{scene.replace(' ', '_')}_{wavelengths:g}.png"
-                    picture(output / name, images, figures, f"{scene}, knots off by up to {wavelengths:g} wavelengths")
+                    picture(
+                        output / name,
+                        images,
+                        figures,
+                        f"{scene}, knots off by up to {wavelengths:g} wavelengths",
+                    )
             for method in METHODS:
                 of = {key: [one[method][key] for one in found] for key in found[0][method]}
                 line = {key: float(np.median(values)) for key, values in of.items()}
@@ -151,7 +156,9 @@ def drawn(seeds: Sequence[int], scenes: Sequence[str], output: Path) -> list[dic
     return lines
 
 
-def picture(path: Path, images: dict[str, SarImage], figures: dict[str, dict[str, float]], title: str) -> None:
+def picture(
+    path: Path, images: dict[str, SarImage], figures: dict[str, dict[str, float]], title: str
+) -> None:
     """Images by the recorded track, phase gradient, the fit and the true track."""
     from matplotlib.figure import Figure
 
@@ -162,7 +169,9 @@ def picture(path: Path, images: dict[str, SarImage], figures: dict[str, dict[str
         grid = images[name].grid
         level = 10.0 * np.log10(np.maximum(images[name].rcs(), 1e-12))
         extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
-        axes.imshow(level, origin="lower", extent=extent, cmap="gray", vmin=top - 45.0, vmax=top, aspect="auto")
+        axes.imshow(
+            level, origin="lower", extent=extent, cmap="gray", vmin=top - 45.0, vmax=top, aspect="auto"
+        )
         left = "" if name == "true" else f": {figures[name]['blur']:.3g} wavelengths left"
         axes.set_title(f"{name.replace('_', ' ')}{left}", fontsize=9)
         axes.set(xlabel=f"{grid.kind} range (m)", ylabel="azimuth (m)" if name == shown[0] else "")
@@ -187,7 +196,9 @@ def measured(path: Path, table: Path, knots: int, extent: float) -> dict[str, ob
     channel = raw.channels[0]
     errors: dict[str, Callable[[], F64]] = {
         "recorded": lambda: np.zeros_like(even),
-        "phase_gradient": lambda: estimate("phase_gradient", raw.channel(channel), default_grid(raw, request)),
+        "phase_gradient": lambda: estimate(
+            "phase_gradient", raw.channel(channel), default_grid(raw, request)
+        ),
         "fit": lambda: found.range_error,
     }
     records = raw.autofocus_records.get(channel)
@@ -222,10 +233,14 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=400, help="first seed")
     parser.add_argument("--count", type=int, default=3, help="drawn cases of each row")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
-    parser.add_argument("--gotcha", type=Path, help="file or folder of phase histories in the layout of the Gotcha set")
+    parser.add_argument(
+        "--gotcha", type=Path, help="file or folder of phase histories in the layout of the Gotcha set"
+    )
     parser.add_argument("--targets", type=Path, help="table of the known corner reflectors, with --gotcha")
     parser.add_argument("--knots", type=int, default=8, help="of the track, with --gotcha")
-    parser.add_argument("--extent", type=float, default=0.0, help="of the image, m, with --gotcha; default: the data's")
+    parser.add_argument(
+        "--extent", type=float, default=0.0, help="of the image, m, with --gotcha; default: the data's"
+    )
     parser.add_argument("-o", "--output", type=Path, default=Path("out/track_autofocus"))
     args = parser.parse_args()
     if (args.gotcha is None) != (args.targets is None):

@@ -307,16 +307,16 @@ def _cost(difference: C128, values: F64, known: Mapping[int, tuple[float, float]
 
 
 def _normal_equations(jacobian: C64, difference: C128) -> tuple[F64, F64]:
-    """Matrix Re J^H J and right side Re J^H (d - m), in float64."""
+    """Matrix Re J^H J and right side Re J^H (d - m), in float64, of real and imaginary parts side by side."""
     n = len(jacobian)
-    rows = jacobian.reshape(n, -1)
+    rows = np.ascontiguousarray(jacobian).reshape(n, -1).view(np.float32)
+    flat = difference.reshape(-1).view(np.float64)
     normal, right = np.zeros((n, n)), np.zeros(n)
-    flat = difference.reshape(-1)
     step = max(1, 2**24 // n)  # bounds the float64 copy
     for k in range(0, flat.size, step):
-        part = rows[:, k : k + step].astype(np.complex128)
-        normal += (part.conj() @ part.T).real
-        right += (part.conj() @ flat[k : k + step]).real
+        part = rows[:, k : k + step].astype(np.float64)
+        normal += part @ part.T
+        right += part @ flat[k : k + step]
     return normal, right
 
 

@@ -30,7 +30,8 @@ def save(path: Path, seed: int) -> tuple[list[Corner], np.ndarray]:
     f = 9.6e9 + 1.5e6 * (np.arange(200) - 99.5)
     toward = float(turn.mean())
     corners = [
-        Corner((*rng.uniform(-25.0, 25.0, 2), 0.2), EDGE, toward + float(rng.uniform(-0.2, 0.2))) for _ in range(6)
+        Corner((*rng.uniform(-25.0, 25.0, 2), 0.2), EDGE, toward + float(rng.uniform(-0.2, 0.2)))
+        for _ in range(6)
     ]
     error = np.interp(
         np.linspace(0.0, 1.0, N_PULSES),

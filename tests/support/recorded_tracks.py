@@ -70,7 +70,9 @@ def scene_of(raw: RawData, corners: Sequence[Corner]) -> Scene:
         for k, one in enumerate(corners)
     ]
     described = RadarDescription(
-        center_frequency=radar.waveform.center_frequency, bandwidth=radar.waveform.bandwidth, noise_temperature=0.0
+        center_frequency=radar.waveform.center_frequency,
+        bandwidth=radar.waveform.bandwidth,
+        noise_temperature=0.0,
     )
     off = {"diffuse_pairs": "off", "edge_diffraction": "off"}
     settings = TraceSettings(
@@ -81,7 +83,9 @@ def scene_of(raw: RawData, corners: Sequence[Corner]) -> Scene:
         scene = build_scene(meshes, radar=described, track=radar.track, settings=settings, name="corners")
     shift = scene.offset
     track = replace(radar.track, position=radar.track.position - shift)
-    moved = replace(radar, track=track, aim_point=radar.aim_point - shift, offset=shift, noise_temperature=0.0)
+    moved = replace(
+        radar, track=track, aim_point=radar.aim_point - shift, offset=shift, noise_temperature=0.0
+    )
     return replace(scene, radar=moved)
 
 

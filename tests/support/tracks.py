@@ -87,9 +87,7 @@ def targets(
                 n_pulses=pulses,
                 noise_temperature=0.0,
             ),
-            film=FilmDescription(
-                image_grid="slant", image_extent_azimuth=extent, image_extent_range=extent
-            ),
+            film=FilmDescription(image_grid="slant", image_extent_azimuth=extent, image_extent_range=extent),
             settings=TraceSettings(
                 method="hybrid",
                 gridding_width=6,
