@@ -3,15 +3,14 @@
     python benchmarks/studies/track_autofocus.py --first 400 -o out/track_autofocus
     python benchmarks/studies/track_autofocus.py --gotcha FILE_OR_FOLDER --targets targets.csv -o out/gotcha
 
-Knots of the track are drawn up to a quarter of a wavelength, and up to two, along every axis, linear between them; 30 dB
-of signal over noise. Images are made on the recorded track, after each autofocuser, on the fitted track and on the true
-one. Scenes: metal trihedrals on clutter, of which the fit knows the trihedrals alone (``points``); the same over an
-aperture of 30 degrees (``wide``) and with range cells of 7.5 cm, so that errors cross cells (``fine range``); fields
+Knots of the track are drawn up to a quarter of a wavelength, and up to two, along every axis, linear between them, 30
+dB of signal over noise. Images are made on the recorded track, after each autofocuser, on the fitted track and on the
+true one. Scenes: metal trihedrals on clutter, of which the fit knows the trihedrals alone (``points``); the same over
+an aperture of 30 degrees (``wide``) and with range cells of 7.5 cm, so that errors cross cells (``fine range``); fields
 with a box without bright points, of which the fit knows also the speckle (``fields``).
 
-A constant and a slope of the range error over the pulses shift an image and do not blur it: autofocus leaves them, so
-that errors are stated without them, and images are compared in place. What the fit leaves of constant and slope is
-printed apart.
+Range errors that a displacement of the whole scene in its plane makes do not blur an image, and autofocus leaves them.
+Errors are stated without them, and images are compared in place; what is left of them is printed as ``shift``.
 
 ``--gotcha`` takes phase histories that the user has, and a table of known corner reflectors, one a line: x, y, z of the
 corner, m, the edge, m, and the azimuth of the open side, degrees from x to y. Knots of the track and the gain are
@@ -23,6 +22,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,19 +34,19 @@ from sarmitsuba.analysis.quality.areas import contrast, entropy
 from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import AUTOFOCUSERS, default_grid
-from sarmitsuba.focusing.autofocus import AutofocusTask, correct_ranges, without_trend
+from sarmitsuba.focusing.autofocus import AutofocusTask, correct_ranges
 from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io import read_raw
-from sarmitsuba.scene.scene import Scene
+from sarmitsuba.radar.radar import Radar
 from tests.support.fits import fields
 from tests.support.recorded_tracks import fitted_to_targets, read_targets
 from tests.support.tracks import TrackCase, targets, track_case, track_offsets
 from tests.support.unweighted import focus
 
 _ = _support
-KNOTS, SNR_DB = 4, 30.0
+KNOTS, SNR_DB = 6, 30.0
 # largest displacements along every axis, wavelengths
 ERRORS = (0.25, 2.0)
 # clutter that a fit does not know, sigma0 at normal incidence, and what it takes in its place, dB
@@ -76,10 +76,16 @@ def estimate(name: str, raw: RawData, grid: ImageGrid) -> F64:
     return AUTOFOCUSERS[name].estimate(task)
 
 
+def blurring(radar: Radar, error: F64) -> F64:
+    """Range error (n_pulses,), m, without the part that a displacement of the scene in its plane makes."""
+    sight = radar.track.position - radar.aim_point
+    plane = sight[:, :2] / np.linalg.norm(sight, axis=1, keepdims=True)
+    return np.asarray(error - plane @ np.linalg.lstsq(plane, error, rcond=None)[0])
+
+
 def compared(one: TrackCase) -> tuple[dict[str, dict[str, float]], dict[str, SarImage]]:
     """Figures and images of all methods."""
     radar, wavelength = one.raw.radar, one.raw.radar.waveform.wavelength
-    even = np.ones(radar.track.n_pulses)
     error = one.along_sight(one.flown)
     right = one.on_track(one.flown)
     grid = default_grid(right)
@@ -92,22 +98,22 @@ def compared(one: TrackCase) -> tuple[dict[str, dict[str, float]], dict[str, Sar
             offsets = track_offsets(one.scene, KNOTS, found.values)
             seconds = time.process_time() - begun
             left = one.along_sight(one.flown - offsets)
-            blur = without_trend(radar, left, even)
+            blur = blurring(radar, left)
             images[name] = focus(one.on_track(offsets), grid)
         else:
             known = np.zeros_like(error) if name == "recorded" else estimate(name, one.raw, grid)
             seconds = time.process_time() - begun
             left = error - known
-            blur = without_trend(radar, left, even)
-            # in place: with the constant and the slope that autofocus does not see
+            blur = blurring(radar, left)
+            # in place: with the shift that autofocus does not see
             images[name] = focus(correct_ranges(one.raw, error - blur), grid)
         figures[name] = {
             "blur": float(np.abs(blur).max() / wavelength),
             "blur_rms": float(np.sqrt(np.mean(blur**2)) / wavelength),
-            "trend": float(np.abs(left - blur).max() / wavelength),
+            "shift": float(np.abs(left - blur).max() / wavelength),
             "seconds": seconds,
         }
-    figures["true"] = dict.fromkeys(("blur", "blur_rms", "trend", "seconds"), 0.0)
+    figures["true"] = dict.fromkeys(("blur", "blur_rms", "shift", "seconds"), 0.0)
     for name, image in images.items():
         a, b = image.data[0].ravel(), true.data[0].ravel()
         like = abs(np.vdot(a, b)) ** 2 / float(np.vdot(a, a).real * np.vdot(b, b).real)
@@ -124,8 +130,9 @@ def compared(one: TrackCase) -> tuple[dict[str, dict[str, float]], dict[str, Sar
 def drawn(seeds: Sequence[int], scenes: Sequence[str], output: Path) -> list[dict[str, object]]:
     """Print the table of the drawn scenes; draw the images of the first."""
     print(
-        f"{'scene':11}{'error':>6} {'method':17}{'left, wavelengths':>26}{'trend':>8}{'peak':>7}{'contrast':>9}{'entropy':>8}"
-        f"{'unlike':>8}{'CPU':>6}\n{'':35}{'median of largest, worst':>26}{'':8}{'dB':>7}{'':>9}{'nats':>8}{'dB':>8}{'s':>6}"
+        f"{'scene':11}{'error':>6} {'method':17}{'left, wavelengths':>26}{'shift':>8}{'peak':>7}{'contrast':>9}"
+        f"{'entropy':>8}{'unlike':>8}{'CPU':>6}\n{'':35}{'median of largest, worst':>26}{'':8}{'dB':>7}{'':>9}"
+        f"{'nats':>8}{'dB':>8}{'s':>6}"
     )
     lines: list[dict[str, object]] = []
     for scene in scenes:
@@ -147,7 +154,7 @@ def drawn(seeds: Sequence[int], scenes: Sequence[str], output: Path) -> list[dic
                 line = {key: float(np.median(values)) for key, values in of.items()}
                 worst = max(of["blur"])
                 print(
-                    f"{scene:11}{wavelengths:6.2f} {method:17}{line['blur']:16.4f}{worst:10.4f}{line['trend']:8.3f}"
+                    f"{scene:11}{wavelengths:6.2f} {method:17}{line['blur']:16.4f}{worst:10.4f}{line['shift']:8.3f}"
                     f"{line['peak_db']:7.2f}{line['contrast']:9.2f}{line['entropy']:8.2f}{line['unlike_db']:8.1f}"
                     f"{line['seconds']:6.1f}",
                     flush=True,
@@ -181,30 +188,30 @@ def picture(
     figure.savefig(path)
 
 
+def only_first(raw: RawData) -> RawData:
+    """Data of the first channel alone."""
+    return replace(raw, data=raw.data[:1], layers=raw.layers[:1], autofocus_records={})
+
+
 def measured(path: Path, table: Path, knots: int, extent: float) -> dict[str, object]:
     """Fit the track of phase histories to known corner reflectors; print it beside the provider's records."""
     raw = read_raw(path)
     radar, wavelength = raw.radar, raw.radar.waveform.wavelength
     begun = time.process_time()
     found = fitted_to_targets(raw, read_targets(table), knots)
-    print(
-        f"{radar.track.n_pulses} pulses, {knots} knots: fit {'converged' if found.fit.converged else 'not converged'} in "
-        f"{time.process_time() - begun:.0f} CPU s"
-    )
+    seconds, converged = time.process_time() - begun, "" if found.fit.converged else "not "
+    print(f"{radar.track.n_pulses} pulses, {knots} knots: fit {converged}converged in {seconds:.0f} CPU s")
     request = {"extent_azimuth": extent, "extent_range": extent} if extent else None
-    even = np.ones(radar.track.n_pulses)
     channel = raw.channels[0]
     errors: dict[str, Callable[[], F64]] = {
-        "recorded": lambda: np.zeros_like(even),
-        "phase_gradient": lambda: estimate(
-            "phase_gradient", raw.channel(channel), default_grid(raw, request)
-        ),
+        "recorded": lambda: np.zeros(radar.track.n_pulses),
+        "phase_gradient": lambda: estimate("phase_gradient", only_first(raw), default_grid(raw, request)),
         "fit": lambda: found.range_error,
     }
     records = raw.autofocus_records.get(channel)
     if records is not None:
         errors["records"] = lambda: records.range_error(wavelength)
-    known = {name: without_trend(radar, error(), even) for name, error in errors.items()}
+    known = {name: blurring(radar, error()) for name, error in errors.items()}
     lines: dict[str, object] = {}
     for name, error in known.items():
         power = focus(correct_ranges(raw, error), request=request).rcs()

@@ -1,4 +1,4 @@
-"""Drawn scenes for errors of the track: fields with speckle, and metal trihedrals on clutter that a fit does not know."""
+"""Drawn errors of the track: their data, and scenes of metal trihedrals on clutter that a fit does not know."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class TrackCase:
 
     def along_sight(self, offsets: F64) -> F64:
         """Slant range to the middle of the scene that displacements (n_pulses, 3) add, m."""
-        away = self.scene.radar.track.position
+        away = self.scene.radar.track.position - self.scene.radar.aim_point
         away = away / np.linalg.norm(away, axis=1, keepdims=True)
         return np.asarray((offsets * away).sum(axis=1))
 
