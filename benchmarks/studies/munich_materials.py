@@ -118,7 +118,7 @@ def _lambert(name: str, rng: np.random.Generator) -> Material:
     return Material(
         name,
         permittivity=complex(rng.uniform(3.0, 8.0), -rng.uniform(0.05, 0.5)),
-        rms_height=float(rng.uniform(0.001, 0.003)),
+        rms_height=float(rng.uniform(0.002, 0.0045)),
         diffuse_law="lambert",
         diffuse_level_db=float(rng.uniform(-16.0, -8.0)),
         cross_polar_ratio_db=-10.0,

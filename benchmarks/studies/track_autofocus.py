@@ -6,7 +6,7 @@
 Knots of the track are drawn up to a quarter of a wavelength, and up to two, along every axis, linear between them, 30
 dB of signal over noise. Images are made on the recorded track, after each autofocuser, on the fitted track and on the
 true one. Scenes: metal trihedrals on clutter, of which the fit knows the trihedrals alone (``points``); the same over
-an aperture of 30 degrees (``wide``) and with range cells of 7.5 cm, so that errors cross cells (``fine range``); fields
+an aperture of 15 degrees (``wide``) and with range cells of 7.5 cm, so that errors cross cells (``fine range``); fields
 with a box without bright points, of which the fit knows also the speckle (``fields``).
 
 Range errors that a displacement of the whole scene in its plane makes do not blur an image, and autofocus leaves them.
@@ -53,8 +53,8 @@ ERRORS = (0.25, 2.0)
 CLUTTER, WITHOUT = -10.0, -60.0
 SHAPES: dict[str, dict[str, Any]] = {
     "points": {"extent": 20.0, "bandwidth": 300e6, "azimuth_resolution": 0.4, "pulses": 192},
-    "wide": {"extent": 8.0, "bandwidth": 600e6, "azimuth_resolution": 0.03, "pulses": 768},
-    "fine range": {"extent": 8.0, "bandwidth": 2e9, "azimuth_resolution": 0.1, "pulses": 256},
+    "wide": {"extent": 6.0, "bandwidth": 600e6, "azimuth_resolution": 0.06, "pulses": 256},
+    "fine range": {"extent": 6.0, "bandwidth": 2e9, "azimuth_resolution": 0.1, "pulses": 160},
 }
 SCENES = (*SHAPES, "fields")
 FIELD_PULSES = 192

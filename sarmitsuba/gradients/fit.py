@@ -368,15 +368,17 @@ def _coarse_track(model: ForwardModel, measured: C64, start: F64) -> F64:
 def range_errors(model: ForwardModel, measured: C64, expected: C64) -> tuple[F64, NDArray[np.bool_]]:
     r"""Slant range by which the echoes of every pulse are farther than expected, m, and the pulses that have echoes.
 
-    With the spectra D and M of measured and expected profiles over the band, :math:`\sum D M^*` of a pulse has the
-    phase :math:`-4 \pi f_c \Delta R / c`, unwrapped from pulse to pulse; the change of the phase over the band, common
+    With the spectra D and M of measured and expected profiles over the band, the correlation of a pulse,
+    :math:`\sum D M^* e^{j 4 \pi f r / c}` at the r where it is largest, has the phase
+    :math:`-4 \pi f_c \Delta R / c`, unwrapped from pulse to pulse; the change of the phase over the band, common
     to all pulses once these are in phase, tells which multiple of half a wavelength is left.
     """
     radar = model.scene.radar
     n = measured.shape[-1]
     spectra = [np.fft.fft(x.astype(np.complex128), axis=-1) for x in (measured, expected)]
     cross = (spectra[0] * spectra[1].conj()).sum(axis=0)  # pulses, frequencies
-    total = cross.sum(axis=1)
+    lags = n * np.fft.ifft(cross, axis=1)
+    total = np.take_along_axis(lags, np.abs(lags).argmax(axis=1)[:, None], axis=1)[:, 0]
     lit = np.abs(total) > LIT * np.abs(total).max()
     wavelength = radar.waveform.wavelength
     phase = np.zeros(len(total))

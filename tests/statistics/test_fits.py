@@ -7,6 +7,8 @@ import pytest
 
 from sarmitsuba import Prior, fit
 from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.focusing.autofocus import correct_ranges
+from sarmitsuba.gradients.fit import range_errors
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parsing import parse
 from tests.support.fits import fields, fitted_levels, fitted_track, range_error
@@ -42,6 +44,18 @@ def test_a_track_off_by_two_wavelengths_is_found_to_a_fiftieth(seed: int) -> Non
         range_error(scene, knots, truth) > 0.25
     )  # in wavelengths: the phase is off by half a cycle at least
     assert range_error(scene, knots, found.values - truth) < 0.02
+
+
+def test_range_errors_of_several_cells_are_found() -> None:
+    scene = fields(1, 1, 8)
+    model = ForwardModel(scene, parse("track:1", scene))
+    raw = model.raw(model.data())
+    # cells of 1 m; from pulse to pulse less than a quarter of a wavelength
+    error = 2.6 + 0.02 * np.sin(np.arange(8.0))
+    late = correct_ranges(raw, -error).data
+    found, lit = range_errors(model, late, raw.data)
+    # tol: what a shift of whole profiles brings in at the ends of the window
+    assert lit.all() and np.abs(found - error).max() < 1e-3 * scene.radar.waveform.wavelength
 
 
 def test_priors_separate_what_the_data_do_not() -> None:
