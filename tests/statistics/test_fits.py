@@ -51,7 +51,7 @@ def test_range_errors_of_several_cells_are_found() -> None:
     model = ForwardModel(scene, parse("track:1", scene))
     raw = model.raw(model.data())
     # cells of 1 m; from pulse to pulse less than a quarter of a wavelength
-    error = 2.6 + 0.02 * np.sin(np.arange(8.0))
+    error = 2.6 + 0.006 * np.sin(np.arange(8.0))
     late = correct_ranges(raw, -error).data
     found, lit = range_errors(model, late, raw.data)
     # tol: what a shift of whole profiles brings in at the ends of the window
