@@ -14,7 +14,7 @@ from tests.support.draws import few_of
 from tests.support.recorded_tracks import Corner, fitted_to_targets, read_targets
 
 LIGHT = 299792458.0
-N_PULSES, KNOTS, EDGE = 120, 5, 0.6
+N_PULSES, KNOTS, EDGE = 48, 4, 0.6
 
 
 def save(path: Path, seed: int) -> tuple[list[Corner], np.ndarray]:
@@ -24,14 +24,14 @@ def save(path: Path, seed: int) -> tuple[list[Corner], np.ndarray]:
     knots of a range error up to two wavelengths, as the provider's records (``af``) know. Returns corners and error, m.
     """
     rng = np.random.default_rng([seed, 0x60])
-    turn = np.radians(np.linspace(0.0, 3.0, N_PULSES)) + rng.uniform(0.0, 2.0 * np.pi)
+    turn = np.radians(np.linspace(0.0, 1.5, N_PULSES)) + rng.uniform(0.0, 2.0 * np.pi)
     radius, height = rng.uniform(6e3, 8e3), rng.uniform(5e3, 7e3)
     place = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(N_PULSES, height)], axis=1)
-    f = 9.6e9 + 1.5e6 * (np.arange(200) - 99.5)
+    f = 9.6e9 + 1.5e6 * (np.arange(100) - 49.5)
     toward = float(turn.mean())
     corners = [
-        Corner((*rng.uniform(-25.0, 25.0, 2), 0.2), EDGE, toward + float(rng.uniform(-0.2, 0.2)))
-        for _ in range(6)
+        Corner((*rng.uniform(-10.0, 10.0, 2), 0.2), EDGE, toward + float(rng.uniform(-0.2, 0.2)))
+        for _ in range(5)
     ]
     error = np.interp(
         np.linspace(0.0, 1.0, N_PULSES),
@@ -39,7 +39,7 @@ def save(path: Path, seed: int) -> tuple[list[Corner], np.ndarray]:
         rng.uniform(-2.0, 2.0, KNOTS) * LIGHT / f.mean(),
     )
     r0 = np.linalg.norm(place, axis=1)
-    others = np.column_stack([rng.uniform(-30.0, 30.0, (60, 2)), np.zeros(60)])
+    others = np.column_stack([rng.uniform(-12.0, 12.0, (60, 2)), np.zeros(60)])
     strength = 0.05 * np.exp(1j * rng.uniform(-3.0, 3.0, 60))
     # a corner has a phase of pi: three reflections
     strength = np.concatenate([np.full(len(corners), -1.0 + 0.0j), strength])
@@ -71,7 +71,7 @@ def test_a_track_is_found_from_known_corners(tmp_path: Path, seed: int) -> None:
     put_in = without_trend(raw.radar, error, even) / wavelength
     print(f"largest {np.abs(put_in).max():.2f} wavelengths, left {np.abs(left).max():.4f}")
     assert np.abs(put_in).max() > 0.3
-    # tol: a fiftieth of a wavelength, as the issue asks: six corners among sixty points of a twentieth of their field
+    # tol: a fiftieth of a wavelength, as the issue asks: five corners among sixty points of a twentieth of their field
     assert np.abs(left).max() < 0.02
     assert apply_autofocus_records(raw).metadata["autofocus_records"] == "applied"
 
