@@ -1,7 +1,7 @@
 """Processor time and peak memory of one run, of its derivatives or of its fit, in a process of its own.
 
-``benchmarks/suite/gradients.py`` starts it, with the folders of this package and of the studies on the search path, with
-the names of a case and of a kind of job; it prints JSON. Every job runs once to compile, then is timed.
+``benchmarks/suite/gradients.py`` starts it, with the folders of this package and of the studies on the search path and
+with the names of a case and of a kind of job; it prints JSON. Every job runs once to compile, then is timed.
 """
 
 import json
