@@ -286,8 +286,8 @@ def picture(path: Path, record: dict[str, Any]) -> None:
                 mean, spread = scale * values[:, some].mean(axis=0), scale * values[:, some].std(axis=0)
                 axes.errorbar(
                     scale * truth[some],
-                    scale * mean,
-                    scale * spread,
+                    mean,
+                    spread,
                     fmt="o",
                     ms=4,
                     capsize=2,
