@@ -65,11 +65,20 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=300, help="of materials, starts and noise")
     parser.add_argument("--draws", type=int, default=0, help="draws of noise (default: 10; 2 with --small)")
     parser.add_argument("--small", action="store_true", help="seven materials of a few buildings, 8 pulses")
+    parser.add_argument(
+        "--rms-heights",
+        nargs=2,
+        type=float,
+        default=(2.0, 4.5),
+        metavar="MM",
+        help="of all surfaces (default: 2 4.5)",
+    )
     parser.add_argument("-o", "--output", type=Path, default=Path("out/munich_materials"))
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     size, draws = (SMALL, args.draws or 2) if args.small else (WHOLE, args.draws or 10)
-    scene = drawn(args.seed, size)
+    low, high = (1e-3 * x for x in args.rms_heights)
+    scene = drawn(args.seed, size, (low, high))
     if scene is None:
         sys.exit("munich_materials: the package sionna-rt, which carries the scene, is not installed")
     args.output.mkdir(parents=True, exist_ok=True)
@@ -79,8 +88,8 @@ def main() -> None:
     print(args.output / "munich_materials.png")
 
 
-def drawn(seed: int, size: Size) -> Scene | None:
-    """Munich with drawn materials, under the airborne X-band radar in four channels without noise."""
+def drawn(seed: int, size: Size, heights: tuple[float, float] = (0.002, 0.0045)) -> Scene | None:
+    """Munich with drawn materials, rms heights in m between two, under the airborne X-band radar in four channels without noise."""
     scene = harness.load_munich(
         **{
             "n_pulses": str(size.pulses),
@@ -93,9 +102,9 @@ def drawn(seed: int, size: Size) -> Scene | None:
     if scene is None:
         return None
     rng = np.random.default_rng([seed, 0x3A7])
-    materials = [_lambert(f"wall{k}", rng) for k in range(size.kinds)]
-    materials += [_small_slope(f"roof{k}", rng) for k in range(size.kinds)]
-    materials.append(_lambert("ground", rng))
+    materials = [_lambert(f"wall{k}", rng, heights) for k in range(size.kinds)]
+    materials += [_small_slope(f"roof{k}", rng, heights) for k in range(size.kinds)]
+    materials.append(_lambert("ground", rng, heights))
     geometry = scene.geometry
     of_mesh = []
     for name in geometry.mesh_names:  # mesh-BUILDING-MATERIAL; roofs are of metal and wood there
@@ -113,22 +122,22 @@ def drawn(seed: int, size: Size) -> Scene | None:
     )
 
 
-def _lambert(name: str, rng: np.random.Generator) -> Material:
+def _lambert(name: str, rng: np.random.Generator, heights: tuple[float, float]) -> Material:
     """Rough dielectric with a level."""
     return Material(
         name,
         permittivity=complex(rng.uniform(3.0, 8.0), -rng.uniform(0.05, 0.5)),
-        rms_height=float(rng.uniform(0.002, 0.0045)),
+        rms_height=float(rng.uniform(*heights)),
         diffuse_law="lambert",
         diffuse_level_db=float(rng.uniform(-16.0, -8.0)),
         cross_polar_ratio_db=-10.0,
     )
 
 
-def _small_slope(name: str, rng: np.random.Generator) -> Material:
+def _small_slope(name: str, rng: np.random.Generator, heights: tuple[float, float]) -> Material:
     """Rough dielectric whose diffuse return follows from its properties."""
     return replace(
-        _lambert(name, rng),
+        _lambert(name, rng, heights),
         diffuse_law="small_slope",
         correlation_length=float(rng.uniform(0.01, 0.03)),
         diffuse_level_db=-np.inf,
