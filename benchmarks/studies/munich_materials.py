@@ -89,7 +89,7 @@ def main() -> None:
 
 
 def drawn(seed: int, size: Size, heights: tuple[float, float] = (0.002, 0.0045)) -> Scene | None:
-    """Munich with drawn materials, rms heights in m between two, under the airborne X-band radar in four channels without noise."""
+    """Munich with drawn materials, rms heights between two, m, under the airborne X-band radar without noise."""
     scene = harness.load_munich(
         **{
             "n_pulses": str(size.pulses),

@@ -177,7 +177,9 @@ def fit(
             right[k] += 0.5 * variance * (mean - values[k]) / sigma**2
         _check_determined(model.names, normal)
         for _ in range(ATTEMPTS):
-            change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
+            change: F64 = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right).astype(
+                np.float64
+            )
             tried = values + change
             left = measured.astype(np.complex128) - model.data(tried)
             new = _cost(left, tried, known, variance)

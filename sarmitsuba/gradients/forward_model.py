@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
+from typing import TypeVar
 
 import numpy as np
 
@@ -39,6 +40,8 @@ UNSUPPORTED = {
     "transmission": "transmission through slabs",
 }
 
+
+T = TypeVar("T")
 
 # properties of materials that one launch carries at most: each needs two more sets of fields in every ray
 MOST_STEPS = 8
@@ -143,12 +146,13 @@ class _Needed:
         n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
             yield _Needed(
-                *(
-                    one[k * len(one) // n : (k + 1) * len(one) // n]
-                    for one in (self.displacements, self.levels)
-                ),
-                self.steps[k * len(self.steps) // n : (k + 1) * len(self.steps) // n],
+                _dealt(self.displacements, k, n), _dealt(self.levels, k, n), _dealt(self.steps, k, n)
             )
+
+
+def _dealt(items: tuple[T, ...], k: int, n: int) -> tuple[T, ...]:
+    """Part k of n equal parts."""
+    return items[k * len(items) // n : (k + 1) * len(items) // n]
 
 
 @dataclass(frozen=True, eq=False)
