@@ -25,6 +25,8 @@ FIRST_DAMPING, GROWS, FALLS = 1e-3, 10.0, 0.2
 LEAST_CHANGE = 1e-7
 # share of a predicted change of the data by which the true one may differ before the Jacobian is computed anew
 STRAIGHT = 0.03
+# share of the norm of the data below which such a difference is rounding
+ROUNDED = 1e-5
 # most attempts at a step that lowers the sum of squares
 ATTEMPTS = 8
 # largest distance of the receive windows of data and scene, m
@@ -190,14 +192,14 @@ def fit(
             converged = True
             break
         damping *= FALLS
-        bent = _bent(jacobian, change, difference, left)
+        follows = _follows(jacobian, change, difference - left, measured)
         values, difference, converged = tried, left, cost - new < LEAST_CHANGE * cost
         costs.append(_energy(difference))
         if progress is not None:
             progress(step, costs[-1])
         if converged or step == iterations:
             break
-        if bent > STRAIGHT:
+        if not follows:
             _, jacobian = model.derivative(values)
     normal, _ = _normal_equations(jacobian, difference)
     prior = np.zeros(len(values))
@@ -324,10 +326,11 @@ def _normal_equations(jacobian: C64, difference: C128) -> tuple[F64, F64]:
     return normal, right
 
 
-def _bent(jacobian: C64, change: F64, before: C128, after: C128) -> float:
-    """Norm of the part of the data's change that the Jacobian did not predict, over that of the prediction."""
+def _follows(jacobian: C64, change: F64, difference: C128, measured: C64) -> bool:
+    """Whether the data changed by ``difference`` as the Jacobian predicts it for a change of the values."""
     predicted = np.tensordot(change.astype(np.float32), jacobian, 1)
-    return float(np.linalg.norm(before - after - predicted) / max(float(np.linalg.norm(predicted)), 1e-300))
+    off = float(np.linalg.norm(difference - predicted))
+    return off <= max(STRAIGHT * float(np.linalg.norm(predicted)), ROUNDED * float(np.linalg.norm(measured)))
 
 
 def _check_determined(names: tuple[str, ...], normal: F64) -> None:

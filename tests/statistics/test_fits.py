@@ -59,6 +59,23 @@ def test_range_errors_of_parts_of_a_cell_and_of_several_are_found() -> None:
         assert lit.all() and np.abs(found - error).max() < 1e-3 * scene.radar.waveform.wavelength
 
 
+@pytest.mark.parametrize(("off_db", "computed"), [(0.05, 1), (3.0, 3)])
+def test_the_jacobian_is_kept_while_the_data_follow_it(
+    off_db: float, computed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = fields(3, 1, 8)
+    model = ForwardModel(scene, parse("gain", scene))
+    data = model.raw(model.data(model.start + off_db))
+    calls = []
+    own = ForwardModel.derivative
+    monkeypatch.setattr(ForwardModel, "derivative", lambda *given: calls.append(1) or own(*given))
+    found = fit(scene, data, "gain")
+    # 0.05 dB bend the data by 0.3 % of their change, 3 dB by 15 %, and the next step by less than 3 %
+    assert len(calls) <= computed and found.converged
+    # tol: float32 data
+    assert found.values[0] == pytest.approx(off_db, abs=1e-5)
+
+
 def test_priors_separate_what_the_data_do_not() -> None:
     scene = fields(3, 1, 8)
     model = ForwardModel(scene, parse("levels", scene))

@@ -25,7 +25,8 @@ from sarmitsuba import (
 )
 from sarmitsuba.backend import dr
 from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.forward_model import ForwardModel, _Needed
+from sarmitsuba.gradients.parameter import Step
 from sarmitsuba.gradients.parsing import parse
 from tests.support.differences import drawn, relative
 from tests.support.draws import few_of
@@ -171,3 +172,13 @@ def test_what_is_not_supported_is_refused_in_one_line() -> None:
             SceneError, match="edge diffraction cannot be differentiated; switch off the effect"
         ):
             jacobian(edges, "gain")
+
+
+def test_launches_carry_equal_parts() -> None:
+    levels = tuple(frozenset([k]) for k in range(13))
+    steps = tuple(Step(f"m{k}", {}, {}, 1.0) for k in range(50))
+    parts = list(_Needed((), levels, steps).parts())
+    assert len(parts) == 7
+    assert sum((p.levels for p in parts), ()) == levels and sum((p.steps for p in parts), ()) == steps
+    assert {len(p.steps) for p in parts} == {7, 8} and {len(p.levels) for p in parts} == {1, 2}
+    assert len(list(_Needed((), (), ()).parts())) == 1
