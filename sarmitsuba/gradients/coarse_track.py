@@ -12,6 +12,8 @@ from sarmitsuba.gradients.radar_parameters import AntennaTrack, knot_weights
 
 # weight of a track's displacement across the line of sight, relative to the range error
 ACROSS = 1e-3
+# rounds by which range errors are found
+ROUNDS = 3
 # share of the energy of the strongest pulse from which a pulse counts
 LIT = 1e-4
 
@@ -42,29 +44,35 @@ def coarse_track(model: ForwardModel, measured: C64, start: F64) -> F64:
 def range_errors(model: ForwardModel, measured: C64, expected: C64) -> tuple[F64, NDArray[np.bool_]]:
     r"""Slant range by which the echoes of every pulse are farther than expected, m, and the pulses that have echoes.
 
-    With the spectra D and M of measured and expected profiles over the band, :math:`\sum D M^*` of a pulse has the
-    phase :math:`-4 \pi f_c \Delta R / c`, unwrapped from pulse to pulse; the change of the phase over the band, common
-    to all pulses once these are in phase, tells which multiple of half a wavelength is left.
+    With the spectra D and M of measured and expected profiles over the band, the correlation of a pulse,
+    :math:`\sum D M^* e^{j 4 \pi f r / c}` at the r where it is largest, has the phase
+    :math:`-4 \pi f_c \Delta R / c`, unwrapped from pulse to pulse; the change of the phase over the band, common
+    to all pulses once these are in phase, tells which multiple of half a wavelength is left. As the spectrum of speckle
+    is uneven, both depend on r, which is what was found before.
     """
     radar = model.scene.radar
     n = measured.shape[-1]
     spectra = [np.fft.fft(x.astype(np.complex128), axis=-1) for x in (measured, expected)]
     cross = (spectra[0] * spectra[1].conj()).sum(axis=0)  # pulses, frequencies
-    total = cross.sum(axis=1)
-    lit = np.abs(total) > LIT * np.abs(total).max()
-    wavelength = radar.waveform.wavelength
-    phase = np.zeros(len(total))
-    phase[lit] = np.unwrap(np.angle(total[lit]))
-    farther = -phase * wavelength / (4.0 * np.pi)
-    spacing = 2.0 * radar.window.sample_spacing / SPEED_OF_LIGHT
-    frequency = np.asarray(np.fft.fftfreq(n, d=spacing), dtype=np.float64)
-    # all pulses in phase, and without the range errors known so far: what is left is common to all
-    ramp = np.exp(4j * np.pi * np.outer(farther, frequency) / SPEED_OF_LIGHT)
-    together = ((cross * np.exp(-1j * phase)[:, None]) * ramp)[lit].sum(axis=0)
+    wavelength, spacing = radar.waveform.wavelength, radar.window.sample_spacing
+    frequency = np.asarray(np.fft.fftfreq(n, d=2.0 * spacing / SPEED_OF_LIGHT), dtype=np.float64)
     order = np.argsort(frequency)
-    together, frequency = together[order], frequency[order]
-    slope = _slope(together, frequency)
-    left = -slope * SPEED_OF_LIGHT / (4.0 * np.pi)
+
+    def ramped(farther: F64) -> C128:
+        return np.asarray(cross * np.exp(4j * np.pi * np.outer(farther, frequency) / SPEED_OF_LIGHT))
+
+    largest = np.abs(np.fft.ifft(cross, axis=1)).argmax(axis=1)
+    known: F64 = spacing * np.where(largest > n // 2, largest - n, largest)
+    for _ in range(ROUNDS):
+        total = ramped(known).sum(axis=1)
+        lit = np.abs(total) > LIT * np.abs(total).max()
+        phase = np.zeros(len(total))
+        phase[lit] = np.unwrap(np.angle(total[lit]))
+        farther = -phase * wavelength / (4.0 * np.pi)
+        # all pulses in phase, and without the range errors known so far: what is left is common to all
+        together = (ramped(farther) * np.exp(-1j * phase)[:, None])[lit].sum(axis=0)
+        left = -_slope(together[order], frequency[order]) * SPEED_OF_LIGHT / (4.0 * np.pi)
+        known = farther + left
     return farther + np.round(left / (0.5 * wavelength)) * 0.5 * wavelength, lit
 
 

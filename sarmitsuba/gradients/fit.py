@@ -122,6 +122,7 @@ class _Complex(Problem):
 
     def __init__(self, looks: Sequence[Look]) -> None:
         self.looks, self.names = tuple(looks), looks[0].model.names
+        self.norms = tuple(float(np.linalg.norm(look.measured)) for look in looks)
 
     def differences(self, values: F64) -> list[Samples]:
         """See the base class."""

@@ -21,6 +21,8 @@ FIRST_DAMPING, GROWS, FALLS = 1e-3, 10.0, 0.2
 LEAST_CHANGE = 1e-7
 # share of a predicted change of the data by which the true one may differ before the Jacobian is computed anew
 STRAIGHT = 0.03
+# share of the norm of the data below which such a difference is rounding
+ROUNDED = 1e-5
 # most attempts at a step that lowers the sum of squares
 ATTEMPTS = 8
 # least eigenvalue of the correlations of the derivatives: below, values have ten thousand times the sigma of each alone
@@ -60,9 +62,11 @@ class Problem(ABC):
     Attributes
     ----------
     names : of the values
+    norms : of the data of each set
     """
 
     names: tuple[str, ...]
+    norms: tuple[float, ...]
 
     @abstractmethod
     def differences(self, values: F64) -> list[Samples]:
@@ -154,9 +158,9 @@ def minimised(
             converged = True
             break
         damping *= FALLS
-        bent = max(
-            _bent(jacobian, change, before, after)
-            for jacobian, before, after in zip(jacobians, differences, left, strict=True)
+        follows = all(
+            _follows(jacobian, change, before - after, norm)
+            for jacobian, before, after, norm in zip(jacobians, differences, left, problem.norms, strict=True)
         )
         values, differences, converged = tried, left, cost - new < LEAST_CHANGE * cost
         steps.append(values)
@@ -165,7 +169,7 @@ def minimised(
             progress(costs[-1])
         if converged or step == iterations:
             break
-        if bent > STRAIGHT:
+        if not follows:
             _, jacobians = problem.linearised(values)
     normals = [normal_equations(j, d)[0] for j, d in zip(jacobians, differences, strict=True)]
     return Solution(values, tuple(steps), differences, normals, tuple(costs), converged)
@@ -220,10 +224,11 @@ def normal_equations(jacobian: Rows, difference: Samples) -> tuple[F64, F64]:
     return normal, right
 
 
-def _bent(jacobian: Rows, change: F64, before: Samples, after: Samples) -> float:
-    """Norm of the part of the data's change that the Jacobian did not predict, over that of the prediction."""
+def _follows(jacobian: Rows, change: F64, difference: Samples, norm: float) -> bool:
+    """Whether data of a norm changed by ``difference`` as the Jacobian predicts it for a change of the values."""
     predicted = np.tensordot(change.astype(np.float32), jacobian, 1)
-    return float(np.linalg.norm(before - after - predicted) / max(float(np.linalg.norm(predicted)), 1e-300))
+    off = float(np.linalg.norm(difference - predicted))
+    return off <= max(STRAIGHT * float(np.linalg.norm(predicted)), ROUNDED * norm)
 
 
 def check_determined(names: tuple[str, ...], normal: F64) -> None:

@@ -72,6 +72,7 @@ class MultilookedImages(Problem):
     def __init__(self, looks: Sequence[Look], width: float) -> None:
         self.looks, self.names = tuple(looks), looks[0].model.names
         self.images = [_Averaged(look, width) for look in looks]
+        self.norms = tuple(float(np.linalg.norm(image.relative(image.measured))) for image in self.images)
 
     @property
     def pixels(self) -> float:

@@ -7,6 +7,8 @@ import pytest
 
 from sarmitsuba import Prior, fit
 from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.focusing.autofocus import correct_ranges
+from sarmitsuba.gradients.coarse_track import range_errors
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parsing import parse
 from tests.support.fits import fields, fitted_levels, fitted_track, range_error
@@ -42,6 +44,36 @@ def test_a_track_off_by_two_wavelengths_is_found_to_a_fiftieth(seed: int) -> Non
         range_error(scene, knots, truth) > 0.25
     )  # in wavelengths: the phase is off by half a cycle at least
     assert range_error(scene, knots, found.values - truth) < 0.02
+
+
+def test_range_errors_of_parts_of_a_cell_and_of_several_are_found() -> None:
+    scene = fields(1, 1, 8)
+    model = ForwardModel(scene, parse("track:1", scene))
+    # nothing at the ends of the window, where a shift would bring in zeros
+    raw = model.raw(model.data() * np.hanning(model.shape[-1]).astype(np.float32))
+    for common in (0.3, 2.6):  # cells of 1 m; from pulse to pulse less than a quarter of a wavelength
+        error = common + 0.006 * np.sin(np.arange(8.0))
+        late = correct_ranges(raw, -error).data
+        found, lit = range_errors(model, late, raw.data)
+        # tol: float32 data
+        assert lit.all() and np.abs(found - error).max() < 1e-3 * scene.radar.waveform.wavelength
+
+
+@pytest.mark.parametrize(("off_db", "computed"), [(0.05, 1), (3.0, 3)])
+def test_the_jacobian_is_kept_while_the_data_follow_it(
+    off_db: float, computed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = fields(3, 1, 8)
+    model = ForwardModel(scene, parse("gain", scene))
+    data = model.raw(model.data(model.start + off_db))
+    calls = []
+    own = ForwardModel.derivative
+    monkeypatch.setattr(ForwardModel, "derivative", lambda *given: calls.append(1) or own(*given))
+    found = fit(scene, data, "gain")
+    # 0.05 dB bend the data by 0.3 % of their change, 3 dB by 15 %, and the next step by less than 3 %
+    assert len(calls) <= computed and found.converged
+    # tol: float32 data
+    assert found.values[0] == pytest.approx(off_db, abs=1e-5)
 
 
 def test_priors_separate_what_the_data_do_not() -> None:

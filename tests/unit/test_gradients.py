@@ -24,6 +24,8 @@ from sarmitsuba import (
 from sarmitsuba.backend import dr
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.needed import Needed
+from sarmitsuba.gradients.parameter import Step
 from sarmitsuba.gradients.parsing import parse
 from tests.support.differences import drawn, relative
 from tests.support.draws import few_of
@@ -185,3 +187,13 @@ def test_an_antenna_without_a_beam_has_no_pointing() -> None:
     effects = {**scene.settings.effects, "antenna_pattern": "off"}
     with pytest.raises(SceneError, match="the effect antenna_pattern is off"):
         jacobian(replace(scene, settings=replace(scene.settings, effects=effects)), "pointing")
+
+
+def test_launches_carry_equal_parts() -> None:
+    levels = tuple(frozenset([k]) for k in range(13))
+    steps = tuple(Step(f"m{k}", {}, {}, 1.0) for k in range(50))
+    parts = list(Needed((), levels, steps).parts())
+    assert len(parts) == 7
+    assert sum((p.levels for p in parts), ()) == levels and sum((p.steps for p in parts), ()) == steps
+    assert {len(p.steps) for p in parts} == {7, 8} and {len(p.levels) for p in parts} == {1, 2}
+    assert len(list(Needed((), (), ()).parts())) == 1
