@@ -1,0 +1,165 @@
+"""Derivative of the focused image of a scene by one parameter, and the image to first order at other values of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from sarmitsuba.arrays import C64, F64
+from sarmitsuba.constants import DEFAULT_WINDOW
+from sarmitsuba.errors import SceneError
+from sarmitsuba.exclusive import exclusive
+from sarmitsuba.focusing import focus
+from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.jacobian import Parameters, parameters_of
+from sarmitsuba.gradients.shape_parameters import DEFORMATIONS
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.scene.scene import Scene, SceneLike
+
+# phase, rad, up to which first order is of use: an eighth of a wavelength of path
+LARGEST_PHASE = 0.25 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class ImageDerivative:
+    r"""Image of a scene and its derivative by one value.
+
+    The image at a change v of the value is :math:`I + v \, I'` to first order.
+
+    Parameters
+    ----------
+    name : of the value, with its unit in brackets
+    value : of the scene as it is
+    image, derivative : on one grid; the derivative per unit
+    left_out : effects of the scene that have no derivative and were left out of both
+    """
+
+    name: str
+    value: float
+    image: SarImage
+    derivative: SarImage
+    left_out: tuple[str, ...] = ()
+    _model: ForwardModel | None = field(default=None, repr=False)
+    _windows: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the value."""
+        return self.name.rsplit("[", 1)[1].rstrip("]")
+
+    @property
+    def displaces(self) -> bool:
+        """Whether the value is a place or a form of a shape."""
+        return self.name.partition(":")[0] in ("shift", *DEFORMATIONS)
+
+    @cached_property
+    def rate(self) -> float:
+        r"""Relative change of the pixels that change, 1 per unit: phase in rad for a displacement.
+
+        Median of :math:`|I'| / |I|` over the pixels, weighted by :math:`|I'|^2`; 0 where nothing changes.
+        """
+        change, pixel = np.abs(self.derivative.data.ravel()), np.abs(self.image.data.ravel())
+        seen = (change > 0.0) & (pixel > 0.0)
+        if not seen.any():
+            return 0.0
+        change, ratio = change[seen].astype(np.float64), (change[seen] / pixel[seen]).astype(np.float64)
+        order = np.argsort(ratio)
+        weight = np.cumsum(change[order] ** 2)
+        return float(ratio[order[np.searchsorted(weight, 0.5 * weight[-1])]])
+
+    @property
+    def largest_change(self) -> float:
+        """Change of the value up to which first order is of use: ``LARGEST_PHASE`` over the rate; infinite without."""
+        return LARGEST_PHASE / self.rate if self.rate > 0.0 else np.inf
+
+    def error(self, change: float) -> float:
+        r"""Error of the change of the image to first order, as a share of the change.
+
+        .. math:: |e^{jx} - 1 - j x| / |e^{jx} - 1| \approx x / 2, \quad x = \mathrm{rate} \cdot v
+
+        Notes
+        -----
+        For one scatterer that changes its phase or level; ignores that pixels hold several, and what derivatives leave
+        out (edges of shadows, see :func:`sarmitsuba.jacobian`).
+        """
+        return 0.5 * self.rate * abs(change)
+
+    def image_at(self, change: float) -> SarImage:
+        """Image at a change of the value, to first order."""
+        return replace(self.image, data=self.image.data + np.complex64(change) * self.derivative.data)
+
+    def difference_at(self, change: float) -> SarImage:
+        """Image at a change of the value less the image as it is, to first order."""
+        return replace(self.derivative, data=np.complex64(change) * self.derivative.data)
+
+    def phase_at(self, change: float) -> SarImage:
+        """Image whose phase is the change of the phase, to first order: the new image times the conjugate old one."""
+        return replace(self.image, data=self.image_at(change).data * self.image.data.conj())
+
+    @exclusive
+    def simulated_at(self, change: float) -> SarImage:
+        """Image at a change of the value, simulated with the same rays and scatterers.
+
+        Raises
+        ------
+        SceneError : a value that the parameter cannot have
+        """
+        assert self._model is not None
+        values: F64 = self._model.start + change
+        return self._focused(self._model.data(values))
+
+    def _focused(self, data: C64) -> SarImage:
+        assert self._model is not None
+        return focus(self._model.raw(data), **self._windows)  # type: ignore[arg-type]
+
+
+@exclusive
+def image_derivative(
+    scene: SceneLike,
+    parameter: Parameters,
+    *,
+    leave_out: bool = False,
+    window: str = DEFAULT_WINDOW,
+    progress: Callable[[float], None] | None = None,
+) -> ImageDerivative:
+    """Image of a scene and its derivative by one value, on the grid that the scene asks for.
+
+    Parameters
+    ----------
+    scene : as for :func:`sarmitsuba.jacobian`
+    parameter : with one value, as for :func:`sarmitsuba.jacobian`
+    leave_out : effects that have no derivative are left out, instead of an error
+    window : of the image, in azimuth and range
+    progress : called with the share of the tracing that is done; an exception from it ends the computation
+
+    Returns
+    -------
+    ImageDerivative : noise of the receiver is in neither image
+
+    Raises
+    ------
+    SceneError, RadarError
+        As for :func:`sarmitsuba.jacobian`; or a parameter of several values.
+    ResourceError
+        The derivatives do not fit into memory.
+
+    Notes
+    -----
+    Ignores the same as :func:`sarmitsuba.jacobian`.
+    """
+    scene = Scene.of(scene)
+    model = ForwardModel(scene, parameters_of(parameter, scene), leave_out=leave_out)
+    if len(model.names) != 1:
+        raise SceneError(
+            f"{scene.name}: the derivative of an image is by one value, not by {len(model.names)}: "
+            f"{', '.join(model.names)}"
+        )
+    data, derivative = model.derivative(progress=progress)
+    windows = {"range_window": window, "azimuth_window": window}
+    image, change = (focus(model.raw(plane), **windows) for plane in (data, derivative[0]))  # type: ignore[arg-type]
+    return ImageDerivative(
+        model.names[0], float(model.start[0]), image, change, model.left_out, model, windows
+    )
