@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from sarmitsuba.gradients.jacobian import Parameters, parameters_of
 from sarmitsuba.gradients.shape_parameters import DEFORMATIONS
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.scene.scene import Scene, SceneLike
+from sarmitsuba.trace.tangents import Displacement
 
 # phase, rad, up to which first order is of use: an eighth of a wavelength of path
 LARGEST_PHASE = 0.25 * np.pi
@@ -34,6 +34,7 @@ class ImageDerivative:
     name : of the value, with its unit in brackets
     value : of the scene as it is
     image, derivative : on one grid; the derivative per unit
+    rate : largest relative change of an echo, 1 per unit; the phase in rad for a displacement, see :func:`rate_of`
     left_out : effects of the scene that have no derivative and were left out of both
     """
 
@@ -41,6 +42,7 @@ class ImageDerivative:
     value: float
     image: SarImage
     derivative: SarImage
+    rate: float
     left_out: tuple[str, ...] = ()
     _model: ForwardModel | None = field(default=None, repr=False)
     _windows: Mapping[str, str] = field(default_factory=dict, repr=False)
@@ -55,24 +57,14 @@ class ImageDerivative:
         """Whether the value is a place or a form of a shape."""
         return self.name.partition(":")[0] in ("shift", *DEFORMATIONS)
 
-    @cached_property
-    def rate(self) -> float:
-        r"""Relative change of the pixels that change, 1 per unit: phase in rad for a displacement.
-
-        Median of :math:`|I'| / |I|` over the pixels, weighted by :math:`|I'|^2`; 0 where nothing changes.
-        """
-        change, pixel = np.abs(self.derivative.data.ravel()), np.abs(self.image.data.ravel())
-        seen = (change > 0.0) & (pixel > 0.0)
-        if not seen.any():
-            return 0.0
-        change, ratio = change[seen].astype(np.float64), (change[seen] / pixel[seen]).astype(np.float64)
-        order = np.argsort(ratio)
-        weight = np.cumsum(change[order] ** 2)
-        return float(ratio[order[np.searchsorted(weight, 0.5 * weight[-1])]])
+    @property
+    def changes(self) -> bool:
+        """Whether the image depends on the value."""
+        return bool(self.derivative.data.any())
 
     @property
     def largest_change(self) -> float:
-        """Change of the value up to which first order is of use: ``LARGEST_PHASE`` over the rate; infinite without."""
+        """Change of the value up to which first order is of use, ``LARGEST_PHASE`` over the rate; infinite at 0."""
         return LARGEST_PHASE / self.rate if self.rate > 0.0 else np.inf
 
     def error(self, change: float) -> float:
@@ -82,8 +74,8 @@ class ImageDerivative:
 
         Notes
         -----
-        For one scatterer that changes its phase or level; ignores that pixels hold several, and what derivatives leave
-        out (edges of shadows, see :func:`sarmitsuba.jacobian`).
+        For echoes that all change by the rate; those that change less make it an upper bound. Ignores what derivatives
+        leave out (edges of shadows, see :func:`sarmitsuba.jacobian`).
         """
         return 0.5 * self.rate * abs(change)
 
@@ -160,6 +152,47 @@ def image_derivative(
     data, derivative = model.derivative(progress=progress)
     windows = {"range_window": window, "azimuth_window": window}
     image, change = (focus(model.raw(plane), **windows) for plane in (data, derivative[0]))  # type: ignore[arg-type]
+    rate = rate_of(model, image, change)
     return ImageDerivative(
-        model.names[0], float(model.start[0]), image, change, model.left_out, model, windows
+        model.names[0], float(model.start[0]), image, change, rate, model.left_out, model, windows
     )
+
+
+def rate_of(model: ForwardModel, image: SarImage, derivative: SarImage) -> float:
+    r"""Largest relative change of an echo with a value, 1 per unit.
+
+    Of a displacement the phase of a single bounce, :math:`\max 4 \pi |u \cdot \dot{p}| / \lambda` over the corners p of
+    the shape and the pulses; of a value in dB :math:`\ln 10 / 20`; of others the median of :math:`|I'| / |I|` over the
+    pixels, weighted by :math:`|I'|^2`, which is less than that of single echoes where pixels hold others too.
+
+    Notes
+    -----
+    Ignores that the phase of an echo between moved and fixed surfaces can change twice as fast.
+    """
+    scene, (parameter,) = model.scene, model.parameters
+    moves = parameter.displacements(scene, scene.geometry.face_mesh)
+    if moves:
+        track = scene.radar.track
+        pulses = track.position[[0, track.center_index, -1]] - scene.radar.aim_point
+        sight = pulses / np.linalg.norm(pulses, axis=1, keepdims=True)
+        wavenumber = 4.0 * np.pi / scene.radar.waveform.wavelength
+        return wavenumber * max(float(np.abs(_velocities(scene, move) @ sight.T).max()) for move in moves)
+    if model.names[0].endswith("[dB]"):
+        return float(np.log(10.0) / 20.0)
+    change, pixel = (np.abs(one.data.ravel()).astype(np.float64) for one in (derivative, image))
+    seen = (change > 0.0) & (pixel > 0.0)
+    if not seen.any():
+        return 0.0
+    change, ratio = change[seen], change[seen] / pixel[seen]
+    order = np.argsort(ratio)
+    weight = np.cumsum(change[order] ** 2)
+    return float(ratio[order[np.searchsorted(weight, 0.5 * weight[-1])]])
+
+
+def _velocities(scene: Scene, move: Displacement) -> F64:
+    """Velocities (n, 3) of the antenna and of the corners of the faces that move, m per unit."""
+    if move.faces is None or move.offset is None:
+        return move.antenna[None]
+    corners = scene.geometry.vertices[np.unique(scene.geometry.faces[move.faces])]
+    moved = corners @ move.gradient.T if move.gradient is not None else np.zeros_like(corners)
+    return np.asarray(np.concatenate([moved + move.offset, move.antenna[None]]))

@@ -140,7 +140,7 @@ class ChangedView:
         """Change, its size and how exact it is, as Markdown."""
         found, slider = self.derivative, self.slider
         lines = []
-        if not found.rate > 0.0:
+        if not found.changes:
             return "the image does not depend on it"
         size = _level(found.difference_at(self.change), found.image)
         if self.simulated is None:
@@ -151,8 +151,9 @@ class ChangedView:
         else:
             true = replace(self.simulated, data=self.simulated.data - found.image.data)
             left = replace(true, data=true.data - found.difference_at(self.change).data)
+            whole = _level(true, found.image)
             lines.append(
-                f"**{slider.said(self.change)}** simulated: changes {_level(true, found.image)} of the image's energy"
+                f"**{slider.said(self.change)}** simulated: energy of the change {whole} of the image's"
             )
             share = _energy(left) / _energy(true) if _energy(true) > 0.0 else 0.0
             lines.append(f"first order, {size}, is off by {_percent(np.sqrt(share))} of the change")
@@ -169,7 +170,7 @@ class ChangedView:
         if abs(self.change) > found.largest_change:
             return f"**beyond first order** ({bound}): simulate it"
         return (
-            f"off by about {_percent(found.error(self.change))} of the change; {bound}; edges of shadows stay"
+            f"off by up to {_percent(found.error(self.change))} of the change; {bound}; edges of shadows stay"
         )
 
 
@@ -180,7 +181,7 @@ def _energy(image: SarImage) -> float:
 def _level(change: SarImage, image: SarImage) -> str:
     """Energy of a change over that of the image, dB."""
     share = _energy(change) / _energy(image)
-    return f"{float(db_from_power(share)):.1f} dB" if share > 0.0 else "nothing"
+    return f"{float(db_from_power(share)):.1f} dB" if share > 0.0 else "none"
 
 
 def _percent(share: float) -> str:

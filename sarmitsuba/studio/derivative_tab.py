@@ -21,7 +21,7 @@ from sarmitsuba.view.display import PictureOptions
 
 NOTHING = "nothing"
 
-Draw = Callable[[SarImage, PictureOptions], None]
+Draw = Callable[[SarImage, PictureOptions, str], None]
 
 
 class SupersededError(Exception):
@@ -34,7 +34,7 @@ class DerivativeTab:
     Parameters
     ----------
     gui : of the server, with the tab's container open
-    draw : shows an image; called by :meth:`update`
+    draw : shows an image with options and a label; called by :meth:`update`
     wake : called by the controls, from threads of the page
     newer : whether the scene is to be simulated anew, which ends a derivative under way
 
@@ -101,7 +101,8 @@ class DerivativeTab:
                 return
         elif self.changed.at(self.change.value).change != self.changed.change:
             self.changed = self.changed.at(self.change.value)
-        self._draw(*self.changed.picture(self.which.value))
+        which = self.which.value
+        self._draw(*self.changed.picture(which), which)
         self.status.content = self.changed.text()
 
     def _leave(self, view: View) -> None:
@@ -110,7 +111,7 @@ class DerivativeTab:
         self.change.disabled = self.simulate.disabled = True
         self.status.content = ""
         if shown is not None and shown[1] != NOTHING:
-            self._draw(view.image, PictureOptions())
+            self._draw(view.image, PictureOptions(), IMAGE)
 
     def _differentiate(self, view: View, word: str) -> bool:
         """Compute the derivative of a view's image; False: refused, or no longer asked for."""
@@ -119,9 +120,10 @@ class DerivativeTab:
         self.change.disabled = self.simulate.disabled = True
         self.status.content = "*differentiating ...*"
 
-        def go_on(_: float) -> None:
+        def go_on(share: float) -> None:
             if self._newer() or self.parameter.value != word:
                 raise SupersededError
+            self.status.content = f"*differentiating ... {100.0 * share:.0f} %*"
 
         try:
             found = image_derivative(_with_raw_data(view.scene), word, leave_out=True, progress=go_on)
@@ -138,7 +140,7 @@ class DerivativeTab:
         self.change.label = f"by ({slider.unit})"
         self.change.min, self.change.max, self.change.step = slider.low, slider.high, slider.step
         self.change.value = 0.0
-        self.change.disabled = self.simulate.disabled = not found.rate > 0.0
+        self.change.disabled = self.simulate.disabled = not found.changes
         return True
 
 

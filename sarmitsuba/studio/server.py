@@ -24,6 +24,7 @@ from sarmitsuba.radar.bands import BANDS
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.studio.bench import View, command, first_state, save, surfaces, view_of
+from sarmitsuba.studio.change import IMAGE
 from sarmitsuba.studio.derivative_tab import DerivativeTab
 from sarmitsuba.studio.guard import Guard, check_host
 from sarmitsuba.studio.scene_3d import beam_at, bodies, image_plane, track_shown
@@ -136,7 +137,7 @@ class Studio:
     def _build(self) -> None:
         gui, state = self.server.gui, self.state
         self._status = gui.add_markdown("*simulating ...*")
-        self._picture = gui.add_image(np.full((8, 8, 3), 255, dtype=np.uint8), label="image")
+        self._picture = gui.add_image(np.full((8, 8, 3), 255, dtype=np.uint8), label=IMAGE)
         self._rcs = gui.add_markdown("")
         # one short page of controls at a time, so that the image above stays in sight
         pages = gui.add_tab_group()
@@ -243,7 +244,7 @@ class Studio:
     def _show(self, view: View) -> None:
         first, self.view = self.view is None, view
         scene = self.server.scene
-        self._show_image(view.image, PictureOptions())
+        self._show_image(view.image, PictureOptions(), IMAGE)
         self._stale = False
         self._rcs.content = rcs_text(view)
         for body in bodies(view.scene):
@@ -268,9 +269,10 @@ class Studio:
                 -1.25 * along - 0.1 * across + np.array([0.0, 0.0, 0.75])
             )
 
-    def _show_image(self, image: SarImage, options: PictureOptions) -> None:
+    def _show_image(self, image: SarImage, options: PictureOptions, label: str) -> None:
         """Show an image of the displayed view beside the scene and on its ground."""
         assert self.view is not None
+        self._picture.label = label
         self._picture.image = pixels(panel(image, options))
         display = prepare(image, dataclasses.replace(options, colour_map="gray"), _LARGEST)
         plane = image_plane(image, grey_levels(display), self.view.scene.geometry.diameter)
