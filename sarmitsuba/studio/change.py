@@ -144,9 +144,8 @@ class ChangedView:
             return "the image does not depend on it"
         size = _level(found.difference_at(self.change), found.image)
         if self.simulated is None:
-            lines.append(
-                f"**{slider.said(self.change)}** to first order: changes {size} of the image's energy"
-            )
+            what = f"energy of the change {size} of the image's" if self.change else "the image as it is"
+            lines.append(f"**{slider.said(self.change)}** to first order: {what}")
             lines.append(self._exactness())
         else:
             true = replace(self.simulated, data=self.simulated.data - found.image.data)
