@@ -219,7 +219,7 @@ def _parsed(path: Path) -> ET.Element:
 
     Includes whose name holds a parameter stay.
     """
-    if path.is_file():
+    if os.path.isfile(path):
         check_document(path)
     return _spliced(path)
 
