@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from sarmitsuba.backend import ensure_backend
-from sarmitsuba.studio.change import DIFFERENCE
 from sarmitsuba.studio.server import Studio
+from sarmitsuba.view.changed_view import DIFFERENCE
 
 DOCS = Path(__file__).parent
 # what moves, and how far on the slider: 2 mm, where the wall's change is a fifth off to first order

@@ -18,7 +18,7 @@ import numpy as np
 from sarmitsuba.gradients.image_derivative import image_derivative
 from sarmitsuba.gradients.parsing import offered
 from sarmitsuba.studio.bench import BenchState, View, first_state, view_of
-from sarmitsuba.studio.change import DIFFERENCE, ChangedView
+from sarmitsuba.view.changed_view import DIFFERENCE, ChangedView
 from sarmitsuba.view.quicklook import panel, pixels
 
 SCENES = ("tower", "dihedral")
@@ -46,7 +46,7 @@ def derivative(view: View) -> tuple[float, float]:
         start = time.process_time()
         found = image_derivative(scene, offered(scene)[0], leave_out=True)
         seconds = time.process_time() - start
-    shown, start = ChangedView.of(found, seconds), time.process_time()
+    shown, start = ChangedView.of(found), time.process_time()
     pixels(panel(*shown.at(0.1).picture(DIFFERENCE)))
     return seconds, time.process_time() - start
 

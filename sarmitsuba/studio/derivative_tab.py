@@ -15,8 +15,8 @@ from sarmitsuba.gradients.parsing import offered
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.studio.bench import View
-from sarmitsuba.studio.change import IMAGE, PICTURES, ChangedView
 from sarmitsuba.timing import Clock
+from sarmitsuba.view.changed_view import IMAGE, PICTURES, ChangedView
 from sarmitsuba.view.display import PictureOptions
 
 NOTHING = "nothing"
@@ -67,7 +67,7 @@ class DerivativeTab:
         self.changed: ChangedView | None = None
         self._offered: View | None = None
         self._of: tuple[View, str] | None = None  # view and parameter of the derivative, or of its refusal
-        self._simulation_asked = False
+        self._simulation_asked, self._seconds = False, 0.0
         for control in (self.parameter, self.change, self.which):
             control.on_update(lambda _: wake())
         self.simulate.on_click(lambda _: self._ask(wake))
@@ -103,7 +103,8 @@ class DerivativeTab:
             self.changed = self.changed.at(self.change.value)
         which = self.which.value
         self._draw(*self.changed.picture(which), which)
-        self.status.content = self.changed.text()
+        first, *rest = self.changed.lines()
+        self.status.content = "  \n".join([f"**{first}**", *rest, f"derivative in {self._seconds:.1f} s"])
 
     def _leave(self, view: View) -> None:
         """Return to the image of the scene as it is."""
@@ -135,7 +136,8 @@ class DerivativeTab:
             self.status.content = f"**no derivative:** {' '.join(str(error).split())}"
             return False
         self._of = (view, word)
-        self.changed = ChangedView.of(found, self._clock() - start)
+        self.changed = ChangedView.of(found)
+        self._seconds = self._clock() - start
         slider = self.changed.slider
         self.change.label = f"by ({slider.unit})"
         self.change.min, self.change.max, self.change.step = slider.low, slider.high, slider.step

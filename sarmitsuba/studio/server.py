@@ -24,10 +24,10 @@ from sarmitsuba.radar.bands import BANDS
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.studio.bench import View, command, first_state, save, surfaces, view_of
-from sarmitsuba.studio.change import IMAGE
 from sarmitsuba.studio.derivative_tab import DerivativeTab
 from sarmitsuba.studio.guard import Guard, check_host
 from sarmitsuba.studio.scene_3d import beam_at, bodies, image_plane, track_shown
+from sarmitsuba.view.changed_view import IMAGE
 from sarmitsuba.view.display import Display, PictureOptions, prepare
 from sarmitsuba.view.quicklook import panel, pixels
 

@@ -293,8 +293,8 @@ def _has(studio: object, asked: dict[str, object]) -> bool:
 def test_a_slider_shows_what_a_moved_wall_changes(tmp_path: Path) -> None:
     """First order at once, on the page; simulated when asked; a parameter that is refused is one line."""
     pytest.importorskip("viser")
-    from sarmitsuba.studio.change import DIFFERENCE, IMAGE, PHASE
     from sarmitsuba.studio.server import Studio
+    from sarmitsuba.view.changed_view import DIFFERENCE, IMAGE, PHASE
 
     (tmp_path / "yard.xml").write_text(
         GROUND.replace('<shape type="cube">', '<shape type="cube" id="house">')
@@ -384,7 +384,7 @@ def test_a_derivative_gives_way_to_a_newer_state(tmp_path: Path, monkeypatch: py
 
 def test_sliders_span_what_their_values_can_have() -> None:
     from sarmitsuba.gradients.image_derivative import ImageDerivative
-    from sarmitsuba.studio.change import ChangeSlider
+    from sarmitsuba.view.changed_view import ChangeSlider
 
     def slider(name: str, value: float, rate: float) -> tuple[str, float, float]:
         found = ChangeSlider.of(ImageDerivative(name, value, None, None, rate))

@@ -1,4 +1,4 @@
-"""Slider over the change of one parameter, and the pictures and words that it gives; knows nothing of the page."""
+"""Image of a scene with one value changed, to first order or simulated: pictures, words, the range of a slider."""
 
 from dataclasses import dataclass, replace
 
@@ -8,6 +8,8 @@ from sarmitsuba.gradients.image_derivative import ImageDerivative
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
+from sarmitsuba.view.figure import Figure
+from sarmitsuba.view.quicklook import draw
 
 IMAGE, DIFFERENCE, PHASE = "image", "change of the image", "change of the phase"
 PICTURES = (IMAGE, DIFFERENCE, PHASE)
@@ -90,7 +92,6 @@ class ChangedView:
     derivative : of the image
     slider : over the change
     limits : dB of black and white, those of the image as it is
-    seconds : time for the derivative
     change : of the value, in its unit
     simulated : image at that change; None: to first order
     """
@@ -98,19 +99,22 @@ class ChangedView:
     derivative: ImageDerivative
     slider: ChangeSlider
     limits: tuple[float, float]
-    seconds: float
     change: float = 0.0
     simulated: SarImage | None = None
 
     @staticmethod
-    def of(found: ImageDerivative, seconds: float) -> "ChangedView":
+    def of(found: ImageDerivative) -> "ChangedView":
         """View of the image as it is."""
         limits = prepare(found.image, PictureOptions(), LARGEST).limits
-        return ChangedView(found, ChangeSlider.of(found), limits, seconds)
+        return ChangedView(found, ChangeSlider.of(found), limits)
 
     def at(self, shown: float) -> "ChangedView":
         """View at a position of the slider, in its unit, to first order."""
-        return replace(self, change=shown / self.slider.per_unit, simulated=None)
+        return self.by(shown / self.slider.per_unit)
+
+    def by(self, change: float) -> "ChangedView":
+        """View at a change of the value, to first order."""
+        return replace(self, change=change, simulated=None)
 
     def with_simulation(self) -> "ChangedView":
         """View at the same change, simulated with the same rays and scatterers.
@@ -136,41 +140,85 @@ class ChangedView:
             turned = replace(turned, data=new.data * found.image.data.conj())
         return turned, PictureOptions(quantity="phase")
 
-    def text(self) -> str:
-        """Change, its size and how exact it is, as Markdown."""
-        found, slider = self.derivative, self.slider
-        lines = []
+    def lines(self) -> tuple[str, ...]:
+        """Change, its size, and how exact it is, in a few lines."""
+        found, said = self.derivative, self.slider.said(self.change)
         if not found.changes:
-            return "the image does not depend on it"
+            return ("the image does not depend on it",)
         size = _level(found.difference_at(self.change), found.image)
         if self.simulated is None:
             what = f"energy of the change {size} of the image's" if self.change else "the image as it is"
-            lines.append(f"**{slider.said(self.change)}** to first order: {what}")
-            lines.append(self._exactness())
+            lines = [f"{said} to first order: {what}", self._exactness()]
         else:
             true = replace(self.simulated, data=self.simulated.data - found.image.data)
-            left = replace(true, data=true.data - found.difference_at(self.change).data)
-            whole = _level(true, found.image)
-            lines.append(
-                f"**{slider.said(self.change)}** simulated: energy of the change {whole} of the image's"
-            )
-            share = _energy(left) / _energy(true) if _energy(true) > 0.0 else 0.0
-            lines.append(f"first order, {size}, is off by {_percent(np.sqrt(share))} of the change")
+            share = self.simulated_error()
+            lines = [
+                f"{said} simulated: energy of the change {_level(true, found.image)} of the image's",
+                f"first order, {size}, is off by {_percent(share)} of the change",
+            ]
         if found.left_out:
             lines.append(f"without {', '.join(name.replace('_', ' ') for name in found.left_out)}")
-        lines.append(f"derivative in {self.seconds:.1f} s")
-        return "  \n".join(lines)
+        return tuple(lines)
+
+    def simulated_error(self) -> float:
+        """Error of the change to first order, as a share of the simulated change; NaN where that is 0."""
+        assert self.simulated is not None
+        new = self.simulated.data.astype(np.complex128)
+        true = np.linalg.norm(new - self.derivative.image.data)
+        left = np.linalg.norm(new - self.derivative.image_at(self.change).data)
+        return float(left / true) if true > 0.0 else np.nan
+
+    def as_dict(self) -> dict[str, object]:
+        """JSON-able form; numbers that are not known are None."""
+        found = self.derivative
+        return {
+            "parameter": found.name,
+            "value": found.value,
+            "change": self.change,
+            "rate": found.rate,
+            "largest_change": found.largest_change if np.isfinite(found.largest_change) else None,
+            "stated_error": found.error(self.change),
+            "simulated_error": self.simulated_error() if self.simulated is not None else None,
+            "left_out": list(found.left_out),
+        }
 
     def _exactness(self) -> str:
         found = self.derivative
         largest = f"{found.largest_change * self.slider.per_unit:.2g} {self.slider.unit}"
         what = "an eighth of a wavelength of path" if found.displaces else "pixels change by three quarters"
-        bound = f"of use to &plusmn;{largest}, {what}"
-        if abs(self.change) > found.largest_change:
-            return f"**beyond first order** ({bound}): simulate it"
+        bound = f"of use to +-{largest}, {what}"
+        if abs(self.change) > found.largest_change * (1.0 + 1e-9):
+            return f"beyond first order, {bound}: simulate it"
         return (
             f"off by up to {_percent(found.error(self.change))} of the change; {bound}; edges of shadows stay"
         )
+
+
+def derivative_figure(view: ChangedView) -> Figure:
+    """Image as it is, change of the image on the same scale, and change of the phase, side by side."""
+    image = view.derivative.image
+    tall = float(
+        np.clip(
+            image.grid.shape[0]
+            * image.grid.azimuth_spacing
+            / (image.grid.shape[1] * image.grid.range_spacing),
+            0.3,
+            1.6,
+        )
+    )
+    figure = Figure(figsize=(14.0, 2.2 + 4.2 * tall), dpi=100, layout="constrained")
+    figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 1.0 - 0.6 / (2.2 + 4.2 * tall)))  # below the title
+    shown = [
+        ("image", view.by(0.0).picture(IMAGE)),
+        *((which, view.picture(which)) for which in PICTURES[1:]),
+    ]
+    for axes, (title, (one, options)) in zip(figure.subplots(1, 3), shown, strict=True):
+        bar = figure.colorbar(draw(one, axes, options), ax=axes, orientation="horizontal", shrink=0.8)
+        bar.set_label(prepare(one, options, LARGEST).label, fontsize=8)
+        axes.set_title(title, fontsize=10)
+    name = view.derivative.name.rsplit(" [", 1)[0]
+    figure.suptitle("\n".join((f"{name} {view.lines()[0]}", *view.lines()[1:])), fontsize=9, parse_math=False)
+    return figure
 
 
 def _energy(image: SarImage) -> float:
