@@ -206,8 +206,8 @@ def derivative_figure(view: ChangedView) -> Figure:
             1.6,
         )
     )
-    figure = Figure(figsize=(14.0, 2.2 + 4.2 * tall), dpi=100, layout="constrained")
-    figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 1.0 - 0.6 / (2.2 + 4.2 * tall)))  # below the title
+    figure = Figure(figsize=(14.0, 1.9 + 4.2 * tall), dpi=100, layout="constrained")
+    figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 1.0 - 0.25 / (1.9 + 4.2 * tall)))  # below the title
     shown = [
         ("image", view.by(0.0).picture(IMAGE)),
         *((which, view.picture(which)) for which in PICTURES[1:]),
