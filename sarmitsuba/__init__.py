@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     )
     from sarmitsuba.focusing import focus
     from sarmitsuba.focusing.operator import FocusingOperator, focusing_operator
-    from sarmitsuba.gradients.fit import Fit, Prior, fit
+    from sarmitsuba.gradients.fit import Fit, fit
     from sarmitsuba.gradients.jacobian import Jacobian, jacobian
+    from sarmitsuba.gradients.least_squares import Prior
     from sarmitsuba.image.labels import Labels
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
@@ -73,7 +74,7 @@ _HOME = {
     "Motion": "sarmitsuba.scene.motion",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
-    "Prior": "sarmitsuba.gradients.fit",
+    "Prior": "sarmitsuba.gradients.least_squares",
     "WireTarget": "sarmitsuba.scene.wires",
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",

@@ -8,7 +8,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
-    from sarmitsuba.gradients.fit import Prior
+    from sarmitsuba.gradients.least_squares import Prior
 
 NAME = "fit"
 HELP = "fit parameters of a scene (material levels, roughness, shifts, the track) to raw data"
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def _prior(text: str) -> "tuple[str, Prior]":
     from sarmitsuba.errors import SceneError
-    from sarmitsuba.gradients.fit import Prior
+    from sarmitsuba.gradients.least_squares import Prior
 
     name, equals, value = text.partition("=")
     mean, colon, sigma = value.partition(":")

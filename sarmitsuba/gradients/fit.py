@@ -1,50 +1,24 @@
-"""Fit of parameters of a scene to measured raw data: Levenberg-Marquardt with the Jacobian, covariance and bound."""
+"""Fit of parameters of a scene to measured raw data of one or several looks, coarse to fine."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, C128, F64
-from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.jacobian import Parameters, parameters_of
-from sarmitsuba.gradients.radar_parameters import AntennaTrack
+from sarmitsuba.gradients.coarse_shapes import coarse_shapes, confirmed
+from sarmitsuba.gradients.coarse_track import coarse_track
+from sarmitsuba.gradients.jacobian import Parameters
+from sarmitsuba.gradients.least_squares import Prior, Problem, Solution, known_priors, minimised
+from sarmitsuba.gradients.looks import Look, looks_of
 from sarmitsuba.scene.scene import Scene, SceneLike
 
-# damping relative to the diagonal of the normal equations: first, and by what it grows and falls
-FIRST_DAMPING, GROWS, FALLS = 1e-3, 10.0, 0.2
-# a step ends the fit when it changes the sum of squares by less than this share
-LEAST_CHANGE = 1e-7
-# most attempts at a step that lowers the sum of squares
-ATTEMPTS = 8
-# largest distance of the receive windows of data and scene, m
-SAME_WINDOW = 1e-3
-# least eigenvalue of the correlations of the derivatives: below, values have ten thousand times the sigma of each alone
-LEAST_WEIGHT = 1e-8
-# noise power relative to that of the data that priors are weighed against at least
-LEAST_NOISE = 1e-6
-# rounding of float32 data, as a share of that
-ROUNDING = 2.0**-48 / LEAST_NOISE
-# weight of a track's displacement across the line of sight, relative to the range error, in the coarse start
-ACROSS = 1e-3
-# shares of the energy of the strongest pulse from which a pulse counts in the coarse start
-LIT = 1e-4
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What is known of a value beforehand: its mean and standard deviation, in the value's unit."""
-
-    mean: float
-    sigma: float
+# share of confirmed echoes below which a value may be off by cycles of phase
+CONFIRMED = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +30,14 @@ class Fit:
     names : of the values, with their units in brackets
     start, values : (n,) float64, before and after the fit
     covariance : (n, n) of the values, with the noise power that the residuals show
-    bound : (n,) Cramer-Rao bound of the standard deviations with the radar's noise power; NaN for a noise temperature
+    bound : (n,) Cramer-Rao bound of the standard deviations with the radars' noise power; NaN for a noise temperature
         of 0
-    costs : sum of squares of the residuals, sqrt(W) squared, after every accepted step, the start first
+    confirmed : (n,) share of the echoes of the shape that a value moves which the data hold as the fit says, in phase:
+        1 where all do, less where the value is off by cycles of phase; NaN for values that move no shape
+    costs : sum of squares of the residuals of all looks, sqrt(W) squared, after every accepted step, the start first
     converged : whether the last step changed it by less than ``LEAST_CHANGE``
-    residual : raw data less the fitted ones
-    scene : with the fitted values
+    residuals : raw data less the fitted ones, of each look
+    scene : with the fitted values, as the first look sees it
     """
 
     names: tuple[str, ...]
@@ -69,10 +45,16 @@ class Fit:
     values: F64
     covariance: F64
     bound: F64
+    confirmed: F64
     costs: tuple[float, ...]
     converged: bool
-    residual: RawData
+    residuals: tuple[RawData, ...]
     scene: Scene = field(repr=False)
+
+    @property
+    def residual(self) -> RawData:
+        """Raw data less the fitted ones, of the first look."""
+        return self.residuals[0]
 
     @property
     def sigma(self) -> F64:
@@ -80,14 +62,15 @@ class Fit:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def as_dict(self) -> dict[str, object]:
-        """JSON-able form; a bound that is not known is None."""
+        """JSON-able form; numbers that are not known are None."""
         return {
             "names": list(self.names),
             "start": self.start.tolist(),
             "values": self.values.tolist(),
-            "sigma": self.sigma.tolist(),
-            "bound": [float(b) if np.isfinite(b) else None for b in self.bound],
-            "covariance": self.covariance.tolist(),
+            "sigma": _known(self.sigma),
+            "bound": _known(self.bound),
+            "confirmed": _known(self.confirmed),
+            "covariance": [_known(row) for row in self.covariance],
             "costs": list(self.costs),
             "converged": self.converged,
         }
@@ -95,44 +78,82 @@ class Fit:
     def table(self) -> str:
         """Table of the values, one line each."""
         width = max(len(name) for name in self.names)
-        lines = [f"{'parameter':{width}}  {'start':>12}  {'value':>12}  {'sigma':>9}  {'bound':>9}"]
-        for row in zip(self.names, self.start, self.values, self.sigma, self.bound, strict=True):
-            name, start, value, sigma, bound = row
-            lines.append(f"{name:{width}}  {start:12.6g}  {value:12.6g}  {sigma:9.2g}  {bound:9.2g}")
+        moves = np.isfinite(self.confirmed).any()
+        lines = [
+            f"{'parameter':{width}}  {'start':>12}  {'value':>12}  {'sigma':>9}  {'bound':>9}"
+            + ("  confirmed" if moves else "")
+        ]
+        for name, start, value, sigma, bound, share in zip(
+            self.names, self.start, self.values, self.sigma, self.bound, self.confirmed, strict=True
+        ):
+            line = f"{name:{width}}  {start:12.6g}  {value:12.6g}  {sigma:9.2g}  {bound:9.2g}"
+            lines.append(line + (f"  {share:9.2f}" if moves else ""))
         said = "converged" if self.converged else "not converged"
         lines.append(f"{said} after {len(self.costs) - 1} steps, residual {self.costs[-1]:.3g} W")
+        doubtful = [name for name, share in zip(self.names, self.confirmed, strict=True) if share < CONFIRMED]
+        if doubtful:
+            lines.append(f"not confirmed by the phases of the data: {', '.join(doubtful)}")
         return "\n".join(lines)
+
+
+def _known(numbers: F64) -> list[float | None]:
+    """Numbers as JSON has them: None for those that are not finite."""
+    return [float(number) if np.isfinite(number) else None for number in numbers]
+
+
+class _Complex(Problem):
+    """Complex raw data of several looks."""
+
+    def __init__(self, looks: Sequence[Look]) -> None:
+        self.looks, self.names = tuple(looks), looks[0].model.names
+
+    def differences(self, values: F64) -> list[C128]:
+        """See the base class."""
+        return [look.measured.astype(np.complex128) - look.model.data(values) for look in self.looks]
+
+    def linearised(self, values: F64) -> tuple[list[C128], list[C64]]:
+        """See the base class."""
+        differences, jacobians = [], []
+        for look in self.looks:
+            modelled, jacobian = look.model.derivative(values)
+            differences.append(look.measured.astype(np.complex128) - modelled)
+            jacobians.append(jacobian)
+        return differences, jacobians
+
+    def variances(self, differences: Sequence[C128]) -> F64:
+        """See the base class."""
+        return np.array([look.noise.variance(d) for look, d in zip(self.looks, differences, strict=True)])
 
 
 @exclusive
 def fit(
-    scene: SceneLike,
-    data: RawData,
+    scene: SceneLike | Sequence[SceneLike],
+    data: RawData | Sequence[RawData],
     parameters: Parameters,
     *,
     priors: Mapping[str, Prior] | None = None,
     iterations: int = 20,
     progress: Callable[[int, float], None] | None = None,
 ) -> Fit:
-    r"""Fit parameters of a scene to raw data.
+    r"""Fit parameters of a scene to raw data of one or several looks.
 
-    Minimises :math:`\sum |d - m(x)|^2 / \sigma^2` over the complex samples and the deviations from the priors with
-    Levenberg-Marquardt steps,
-
-    .. math:: (H + \mu \, \mathrm{diag} H) \, \delta = g, \quad H = \Re J^H J, \quad g = \Re J^H (d - m)
-
-    The covariance is :math:`(2 H / (\sigma^2 s))^{-1}` with s samples per range cell, as the noise is flat over the
-    radar's band alone.
+    Minimises :math:`\sum |d - m(x)|^2 / \sigma^2` over the complex samples of all looks, each with its own noise, and
+    the deviations from the priors with Levenberg-Marquardt steps, see
+    :func:`sarmitsuba.gradients.least_squares.minimised`.
+    The covariance is :math:`(2 \sum H / (\sigma^2 s))^{-1}` with s samples per range cell, as the noise is flat over
+    the radar's band alone.
 
     A track is first moved by the range errors of whole pulses, coarse to fine: their common part by the change of the
     phase over the band, which is unambiguous within a range cell, then by the phase of the carrier, unwrapped from
-    pulse to pulse.
+    pulse to pulse. Shapes that are shifted, stretched or scaled are first moved by the offsets of their echoes, up to
+    a dozen range cells, see :mod:`sarmitsuba.gradients.shape_offsets`: by the peaks of correlations, then by the
+    phases of the carrier in all looks, whose cycles the peaks tell.
 
     Parameters
     ----------
-    scene : with start values of the parameters
-    data : range compressed, of the scene's radar
-    parameters : as for :func:`sarmitsuba.jacobian`
+    scene : with start values of the parameters; one for every raw data, or one that all radars of the data see
+    data : range compressed, of the scene's radar; or several looks
+    parameters : as for :func:`sarmitsuba.jacobian`; of several looks none of a radar
     priors : by name of the value, with or without its unit
     iterations : most steps
     progress : called with the number of each accepted step and its sum of squares, W
@@ -144,250 +165,56 @@ def fit(
     Raises
     ------
     SceneError, RadarError
-        As for :func:`sarmitsuba.jacobian`; or parameters that the data do not determine.
+        As for :func:`sarmitsuba.jacobian`; parameters that the data do not determine, or that several looks do not
+        share.
     DataError
         Data of other channels, pulses or samples than the scene's radar has.
 
     Notes
     -----
-    Ignores the same as :func:`sarmitsuba.jacobian`; shifts of shapes must start within an eighth of a wavelength.
+    Ignores the same as :func:`sarmitsuba.jacobian`. Rotations must start within an eighth of a wavelength.
     Diffuse scatterers are those of the scene's seed: speckle of a real surface is not in the model.
     """
-    scene = Scene.of(scene)
-    given = parameters_of(parameters, scene)
-    model = ForwardModel(scene, given)
-    measured = _planes(model, data)
-    known = _priors(model, priors or {})
-    values = _coarse_track(model, measured, model.start)
-    noise = _NoisePower.of(scene, measured)
-    found, jacobian = model.derivative(values)
-    difference = measured.astype(np.complex128) - found
-    costs, damping, converged = [_energy(difference)], FIRST_DAMPING, False
-    for step in range(1, iterations + 1):
-        variance = noise.variance(difference)
-        cost = _cost(difference, values, known, variance)
-        normal, right = _normal_equations(jacobian, difference)
-        for k, (mean, sigma) in known.items():  # in units of the data's variance
-            normal[k, k] += 0.5 * variance / sigma**2
-            right[k] += 0.5 * variance * (mean - values[k]) / sigma**2
-        _check_determined(model.names, normal)
-        for _ in range(ATTEMPTS):
-            change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
-            tried = values + change
-            left = measured.astype(np.complex128) - model.data(tried)
-            new = _cost(left, tried, known, variance)
-            if new < cost:
-                break
-            damping *= GROWS
-        else:
-            converged = True
-            break
-        damping *= FALLS
-        values, difference, converged = tried, left, cost - new < LEAST_CHANGE * cost
-        costs.append(_energy(difference))
-        if progress is not None:
-            progress(step, costs[-1])
-        if converged or step == iterations:
-            break
-        _, jacobian = model.derivative(values)
-    normal, _ = _normal_equations(jacobian, difference)
-    prior = np.zeros(len(values))
-    for k, (_, sigma) in known.items():
-        prior[k] = 1.0 / sigma**2
-    shown = noise.of_power(max(float(np.mean(np.abs(difference) ** 2)), ROUNDING * noise.least))
-    covariance = np.asarray(np.linalg.inv(2.0 * normal / shown + np.diag(prior)), dtype=np.float64)
+    looks = looks_of(scene, data, parameters)
+    model = looks[0].model
+    known = known_priors(model.names, priors or {})
+    start = model.start
+    if len(looks) == 1:
+        start = coarse_track(model, looks[0].measured, start)
+    start, spread = coarse_shapes(looks, start)
+    steps = iter(range(1, iterations + 1))
+    found = minimised(
+        _Complex(looks),
+        start,
+        known,
+        iterations,
+        None if progress is None else lambda cost: progress(next(steps), cost),
+    )
+    return _result(looks, found, known, spread)
+
+
+def _result(looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], spread: F64) -> Fit:
+    """Values with covariance, bound and what the data confirm."""
+    model, values = looks[0].model, found.values
+    pairs = list(zip(looks, found.differences, strict=True))
+    covariance = found.covariance(np.array([look.noise.shown(d) for look, d in pairs]), known)
+    share = confirmed(looks, values)
+    # off by cycles of phase, perhaps: as exact as the envelopes are
+    doubtful = share < CONFIRMED
+    covariance[doubtful, doubtful] += spread[doubtful] ** 2
     bound: F64 = np.full(len(values), np.nan)
-    if noise.stated > 0.0:
-        least = np.linalg.inv(2.0 * normal / noise.of_power(noise.stated) + np.diag(prior))
-        bound = np.asarray(np.sqrt(np.diag(least)), dtype=np.float64)
-    residual = replace(model.raw(difference.astype(np.complex64)), request=data.request)
+    if all(look.noise.stated > 0.0 for look in looks):
+        stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
+        bound = np.asarray(np.sqrt(np.diag(found.covariance(stated, known))), dtype=np.float64)
     return Fit(
         model.names,
         model.start,
         values,
         covariance,
         bound,
-        tuple(costs),
-        converged,
-        residual,
+        share,
+        found.costs,
+        found.converged,
+        tuple(look.residual(d) for look, d in pairs),
         model.at(values),
     )
-
-
-def _planes(model: ForwardModel, data: RawData) -> C64:
-    """Measured data (channels, pulses, samples), their layers of a channel summed."""
-    name, radar = model.scene.name, model.scene.radar
-    if data.domain != "compressed":
-        raise DataError(
-            f"{name}: raw data are {data.domain}; a fit takes range-compressed ones, as simulate() gives"
-        )
-    if set(data.channels) != set(radar.channels):
-        raise DataError(
-            f"{name}: raw data of channels {', '.join(data.channels)} and a radar of {', '.join(radar.channels)}; "
-            "give the scene the polarisation of the data"
-        )
-    if data.data.shape[1:] != model.shape[1:]:
-        raise DataError(
-            f"{name}: raw data of {data.data.shape[1]} pulses of {data.data.shape[2]} samples, and a radar of "
-            f"{model.shape[1]} of {model.shape[2]}; give the scene the radar of the data"
-        )
-    apart = float(np.abs(data.radar.window.start_range - radar.window.start_range).max())
-    if apart > SAME_WINDOW:
-        raise DataError(
-            f"{name}: the receive windows of raw data and scene start up to {apart:.3g} m apart; give the scene the "
-            "radar of the data"
-        )
-    out = np.zeros(model.shape, dtype=np.complex64)
-    for plane, layer in zip(data.data, data.layers, strict=True):
-        out[radar.channels.index(layer.channel)] += plane
-    if not np.isfinite(out).all() or not out.any():
-        raise DataError(f"{name}: the raw data are zero, or not finite: nothing can be fitted to them")
-    return out
-
-
-def _priors(model: ForwardModel, priors: Mapping[str, Prior]) -> dict[int, tuple[float, float]]:
-    """Mean and standard deviation of the values with priors, by number."""
-    short = [name.rsplit(" [", 1)[0] for name in model.names]
-    known = {}
-    for name, prior in priors.items():
-        if name not in model.names and name not in short:
-            raise SceneError(f"prior of {name!r}: no such parameter; there are {', '.join(model.names)}")
-        if not prior.sigma > 0.0:
-            raise SceneError(f"prior of {name!r}: sigma = {prior.sigma:g} must be above 0")
-        number = model.names.index(name) if name in model.names else short.index(name)
-        known[number] = (prior.mean, prior.sigma)
-    return known
-
-
-@dataclass(frozen=True)
-class _NoisePower:
-    """Noise of raw data: power of a sample as the radar states it, W (0: not stated), and least power that counts.
-
-    ``samples`` : of a range cell, which are alike, as the noise is flat over the band alone
-    """
-
-    stated: float
-    least: float
-    samples: float
-
-    @staticmethod
-    def of(scene: Scene, measured: C64) -> _NoisePower:
-        """Noise of a scene's radar; at least ``LEAST_NOISE`` of the measured power."""
-        radar = scene.radar
-        return _NoisePower(
-            noise_power(radar, "compressed"),
-            LEAST_NOISE * float(np.mean(np.abs(measured) ** 2)),
-            max(float(radar.waveform.range_cell / radar.window.sample_spacing), 1.0),
-        )
-
-    def of_power(self, power: float) -> float:
-        """Variance within the band, from the mean power of a sample."""
-        return power * self.samples
-
-    def variance(self, difference: C128) -> float:
-        """Variance that priors are weighed against: as stated, else as the residuals show."""
-        shown = max(float(np.mean(np.abs(difference) ** 2)), self.least)
-        return self.of_power(self.stated if self.stated > 0.0 else shown)
-
-
-def _energy(difference: C128) -> float:
-    """Sum of squares."""
-    return float(np.sum(np.abs(difference) ** 2))
-
-
-def _cost(difference: C128, values: F64, known: Mapping[int, tuple[float, float]], variance: float) -> float:
-    """Sum of squares of data and priors, in the data's unit."""
-    prior = sum(float((values[k] - mean) / sigma) ** 2 for k, (mean, sigma) in known.items())
-    return _energy(difference) + 0.5 * variance * prior
-
-
-def _normal_equations(jacobian: C64, difference: C128) -> tuple[F64, F64]:
-    """Matrix Re J^H J and right side Re J^H (d - m), in float64."""
-    n = len(jacobian)
-    rows = jacobian.reshape(n, -1)
-    normal, right = np.zeros((n, n)), np.zeros(n)
-    flat = difference.reshape(-1)
-    step = max(1, 2**24 // n)  # bounds the float64 copy
-    for k in range(0, flat.size, step):
-        part = rows[:, k : k + step].astype(np.complex128)
-        normal += (part.conj() @ part.T).real
-        right += (part.conj() @ flat[k : k + step]).real
-    return normal, right
-
-
-def _check_determined(names: tuple[str, ...], normal: F64) -> None:
-    """Refuse parameters on which the data do not depend, or of which they give only a sum."""
-    own = np.diag(normal)
-    for name, value in zip(names, own, strict=True):
-        if not value > 0.0:
-            raise SceneError(f"fit: the data do not depend on {name}; leave it out or give a prior")
-    scaled = normal / np.sqrt(np.outer(own, own))
-    weight, vectors = np.linalg.eigh(scaled)
-    if weight[0] < LEAST_WEIGHT:
-        worst = np.argsort(-np.abs(vectors[:, 0]))[:3]
-        raise SceneError(
-            f"fit: the data determine only sums of {', '.join(names[k] for k in sorted(worst))}; leave some out or "
-            "give priors"
-        )
-
-
-def _coarse_track(model: ForwardModel, measured: C64, start: F64) -> F64:
-    """Values with those of a track moved by the range errors of whole pulses; others stay."""
-    tracks = [k for k, p in enumerate(model.parameters) if isinstance(p, AntennaTrack)]
-    if not tracks:
-        return start
-    track = model.parameters[tracks[0]]
-    assert isinstance(track, AntennaTrack)
-    farther, lit = range_errors(model, measured, model.data(start))
-    radar, time = model.scene.radar, model.scene.radar.track.time
-    away = radar.track.position - model.sampling.window.center
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
-    weights = track.weights(time)
-    rows = np.concatenate([weights * away[:, "xyz".index(axis), None] for axis in track.axes], axis=1)
-    rows, farther = rows[lit], farther[lit]
-    small = ACROSS * np.eye(rows.shape[1])
-    own = np.linalg.lstsq(
-        np.concatenate([rows, small]), np.concatenate([farther, np.zeros(len(small))]), rcond=None
-    )[0]
-    split = model.split(start)
-    split[tracks[0]] = split[tracks[0]] + own
-    return np.concatenate(split)
-
-
-def range_errors(model: ForwardModel, measured: C64, expected: C64) -> tuple[F64, NDArray[np.bool_]]:
-    r"""Slant range by which the echoes of every pulse are farther than expected, m, and the pulses that have echoes.
-
-    With the spectra D and M of measured and expected profiles over the band, :math:`\sum D M^*` of a pulse has the
-    phase :math:`-4 \pi f_c \Delta R / c`, unwrapped from pulse to pulse; the change of the phase over the band, common
-    to all pulses once these are in phase, tells which multiple of half a wavelength is left.
-    """
-    radar = model.scene.radar
-    n = measured.shape[-1]
-    spectra = [np.fft.fft(x.astype(np.complex128), axis=-1) for x in (measured, expected)]
-    cross = (spectra[0] * spectra[1].conj()).sum(axis=0)  # pulses, frequencies
-    total = cross.sum(axis=1)
-    lit = np.abs(total) > LIT * np.abs(total).max()
-    wavelength = radar.waveform.wavelength
-    phase = np.zeros(len(total))
-    phase[lit] = np.unwrap(np.angle(total[lit]))
-    farther = -phase * wavelength / (4.0 * np.pi)
-    spacing = 2.0 * radar.window.sample_spacing / SPEED_OF_LIGHT
-    frequency = np.asarray(np.fft.fftfreq(n, d=spacing), dtype=np.float64)
-    # all pulses in phase, and without the range errors known so far: what is left is common to all
-    ramp = np.exp(4j * np.pi * np.outer(farther, frequency) / SPEED_OF_LIGHT)
-    together = ((cross * np.exp(-1j * phase)[:, None]) * ramp)[lit].sum(axis=0)
-    order = np.argsort(frequency)
-    together, frequency = together[order], frequency[order]
-    slope = _slope(together, frequency)
-    left = -slope * SPEED_OF_LIGHT / (4.0 * np.pi)
-    return farther + np.round(left / (0.5 * wavelength)) * 0.5 * wavelength, lit
-
-
-def _slope(values: C128, at: F64) -> float:
-    """Slope of a phase over equally spaced positions, weighted by the moduli; from short distances to long ones."""
-    slope, lag = 0.0, max(1, len(values) // 32)
-    while lag <= len(values) // 2:
-        flat = values * np.exp(-1j * slope * at)
-        slope += float(np.angle(np.sum(flat[lag:] * flat[:-lag].conj())) / (at[lag] - at[0]))
-        lag *= 2
-    return slope

@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.arrays import C64, C128, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.echo.sub_bands import RangeFilter
@@ -135,15 +135,19 @@ class _Needed:
         )
 
     def parts(self) -> Iterator[_Needed]:
-        """The same in parts that one launch can carry; at least one, which may be empty."""
+        """The same in parts that one launch can carry, dealt evenly, as a grid grows with all that it carries.
+
+        At least one, which may be empty.
+        """
         longest = max(len(self.displacements), len(self.levels))
         n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
-            these = slice(k * MOST, (k + 1) * MOST)
             yield _Needed(
-                self.displacements[these],
-                self.levels[these],
-                self.steps[k * MOST_STEPS : (k + 1) * MOST_STEPS],
+                *(
+                    one[k * len(one) // n : (k + 1) * len(one) // n]
+                    for one in (self.displacements, self.levels)
+                ),
+                self.steps[k * len(self.steps) // n : (k + 1) * len(self.steps) // n],
             )
 
 
@@ -266,6 +270,12 @@ class ForwardModel:
             traced = traced.at_frequency(scene.materials, scene.radar.waveform.wavelength)
         return _At(scene, traced, displaced)
 
+    def traced_faces(self, values: F64) -> tuple[F64, I64]:
+        """Corners (n, 3, 3), m, of the faces that the kernel traces at some values, and their meshes (n,)."""
+        here = self._at(values)
+        geometry, rows = here.scene.geometry, here.trace_scene.geometry_faces
+        return geometry.vertices[geometry.faces[rows]], geometry.face_mesh[rows]
+
     def _moved(self, values: F64) -> tuple[F64, F64]:
         """(n_meshes, 3, 3) and (n_meshes, 3) m: where the points of every mesh came to with these values."""
         n = len(self.scene.geometry.mesh_names)
@@ -298,16 +308,24 @@ class ForwardModel:
         return len(wanted.displacements) + len(wanted.levels) + len(wanted.steps)
 
     def derivative(
-        self, values: F64 | None = None, progress: Callable[[float], None] | None = None
+        self,
+        values: F64 | None = None,
+        progress: Callable[[float], None] | None = None,
+        by: Sequence[Parameter] | None = None,
     ) -> tuple[C64, C64]:
-        """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples)."""
+        """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples).
+
+        ``by`` : parameters to differentiate by; None: the model's own
+        """
         here = self._at(self.start if values is None else values)
+        by = self.parameters if by is None else by
+        n_values = sum(len(p.names(here.scene)) for p in by)
         check_fits(
-            f"{here.scene.name}: {len(self.names)} derivatives",
-            8 * int(np.prod(self.shape)) * (2 * len(self.names) + 4),
+            f"{here.scene.name}: {n_values} derivatives",
+            8 * int(np.prod(self.shape)) * (2 * n_values + 4),
             "take fewer parameters, or fewer pulses",
         )
-        wanted = _Needed.of(self.parameters, here)
+        wanted = _Needed.of(by, here)
         found = _Found([], [], [])
         data = farther = np.zeros(0, dtype=np.complex64)
         for some in wanted.parts():
@@ -331,9 +349,9 @@ class ForwardModel:
             ):
                 own += planes[first : first + number]
                 first += number
-        out = np.empty((len(self.names), *self.shape), dtype=np.complex64)
+        out = np.empty((n_values, *self.shape), dtype=np.complex64)
         row = 0
-        for parameter, counts in zip(self.parameters, wanted.counts, strict=True):
+        for parameter, counts in zip(by, wanted.counts, strict=True):
             radar = here.scene.radar
             own_planes = found.take(counts)
             derivatives = Derivatives(

@@ -1,0 +1,253 @@
+"""Coarse start of shapes: values moved by the offsets of the shapes' echoes, many wavelengths and range cells if need be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.arrays import F64
+from sarmitsuba.gradients.looks import Look
+from sarmitsuba.gradients.shape_offsets import (
+    Offset,
+    Part,
+    echoes,
+    moving_parts,
+    offset,
+    track_direction,
+)
+
+# rounds of offsets at most, and cells of range and azimuth that each looks at
+ROUNDS = (12.0, 2.0, 1.0, 1.0, 1.0)
+# power of a correlation's peak over the mean elsewhere from which it counts: among 1e5 places one in 1e4 is higher
+LEAST_PEAK = 20.0
+# share of the echoes that data and model have in common from which a shape counts as within its cycle of phase
+IN_PHASE = 0.5
+# offset below which a round was the last, wavelengths
+SETTLED = 1.0 / 32.0
+# drawn combinations of cycles of phase
+DRAWS = 400
+# standard deviation of the carrier's phase at least, as a length in wavelengths: other shapes' echoes that are off
+LEAST_CYCLE = 1.0 / 60.0
+# changes by other cycles of phase that are tried at most at a time, and how often
+TRIED, RETRIES = 12, 3
+# share of confirmed echoes from which no other cycles are tried, and by which another one must be better
+SURE, BETTER = 0.97, 0.02
+# weight of parts whose points move differently, by their standard deviation
+UNEQUAL = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Equation for changes of values: their products with ``factor`` add up to ``offset``, but for whole periods.
+
+    Parameters
+    ----------
+    factor : (n_values,) m per unit
+    offset, sigma : m
+    period : m; 0: unambiguous
+    """
+
+    factor: F64
+    offset: float
+    sigma: float
+    period: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Offset of a part of a shape in one look."""
+
+    look: Look
+    part: Part
+    found: Offset
+
+    def rows(self, in_phase: bool, carrier: bool) -> list[Row]:
+        """Equations for the values.
+
+        Parameters
+        ----------
+        in_phase : the shape is within its cycle of phase: only the carrier counts, without ambiguity
+        carrier : whether the phase of the carrier counts beside the envelope
+        """
+        part, found = self.part, self.found
+        wavelength = self.look.model.scene.radar.waveform.wavelength
+        fine = max(wavelength / (4.0 * np.pi * np.sqrt(2.0 * found.peak)), LEAST_CYCLE * wavelength)
+        if in_phase:
+            return [Row(part.factor, found.unmoved, fine)] if part.alike else []
+        if found.peak < LEAST_PEAK:
+            return []
+        less = 1.0 if part.alike else UNEQUAL
+        rows = [Row(part.factor, found.range, less * found.sigma[0])]
+        if np.isfinite(found.azimuth):
+            along = -part.velocity @ track_direction(self.look.model.scene.radar, part)
+            rows.append(Row(np.asarray(along), found.azimuth, less * found.sigma[1]))
+        if carrier and part.alike:
+            rows.append(Row(part.factor, found.carrier, fine, 0.5 * wavelength))
+        return rows
+
+
+def coarse_shapes(looks: Sequence[Look], start: F64) -> tuple[F64, F64]:
+    """Values with those that displace shapes moved by the offsets of their echoes, and standard deviations.
+
+    Shapes whose echoes are in phase with the data at the start stay within their cycle at first. In the end, shapes
+    whose echoes the data do not confirm try the cycles beside theirs. The standard deviation is that of the offsets'
+    envelopes, before the phase of the carrier sharpens them: infinite for values that nothing was found of, NaN for
+    those that displace no shape.
+    """
+    values, spread = np.array(start), np.full(len(start), np.nan)
+    in_phase: set[int] = set()
+    for number, reach in enumerate(ROUNDS):
+        found = [one for look in looks for one in measured_offsets(look, values, reach)]
+        if not found:
+            return values, spread
+        if number == 0:
+            in_phase = {mesh for mesh in _meshes(found) if shared(found, mesh) > IN_PHASE}
+        change, farthest = np.zeros(len(values)), 0.0
+        for mesh in _meshes(found):
+            moved, rows = _equations(found, mesh, mesh in in_phase, number > 0)
+            steps, spread[moved] = solutions(rows, moved)
+            change[moved] = steps[0]
+            farthest = max([farthest, *(abs(float(row.factor @ change)) for row in rows)])
+        values = values + change
+        if farthest < SETTLED * looks[0].model.scene.radar.waveform.wavelength:
+            break
+    return _other_cycles(looks, values), spread
+
+
+def _other_cycles(looks: Sequence[Look], values: F64) -> F64:
+    """Values of shapes that the data do not confirm with the cycles of phase that they confirm most."""
+    share = confirmed(looks, values)
+    for _ in range(RETRIES):
+        doubtful = np.flatnonzero(share < SURE)
+        if not len(doubtful):
+            break
+        found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[1], doubtful)]
+        others = []
+        for mesh in _meshes(found):
+            moved, rows = _equations(found, mesh, False, True)
+            others.append((moved, solutions(rows, moved)[0]))
+        best, better = np.array(values), False
+        for k in range(max((len(steps) for _, steps in others), default=0)):
+            tried = np.array(values)
+            for moved, steps in others:
+                tried[moved] += steps[min(k, len(steps) - 1)]
+            new = confirmed(looks, tried, doubtful)
+            for moved, _ in others:
+                if (new[moved] > share[moved] + BETTER).all():
+                    best[moved], share[moved], better = tried[moved], new[moved], True
+        if not better:
+            break
+        values = best
+    return values
+
+
+def _meshes(found: Sequence[Measured]) -> list[int]:
+    return sorted({one.part.mesh for one in found})
+
+
+def _equations(
+    found: Sequence[Measured], mesh: int, in_phase: bool, carrier: bool
+) -> tuple[NDArray[np.intp], list[Row]]:
+    """Numbers of the values that displace a shape, and their equations, see :meth:`Measured.rows`."""
+    own = [one for one in found if one.part.mesh == mesh]
+    rows = [row for one in own for row in one.rows(in_phase, carrier)]
+    return np.flatnonzero(np.abs([one.part.velocity for one in own]).max(axis=(0, 2))), rows
+
+
+def measured_offsets(
+    look: Look, values: F64, reach: float, numbers: NDArray[np.intp] | None = None
+) -> list[Measured]:
+    """Offsets of all parts of a look, from what the model leaves of the data where it explains some of them.
+
+    ``numbers`` : only of parts that one of these values moves
+    """
+    model = look.model
+    parts = _of_values(moving_parts(model, values), numbers)
+    if not parts:
+        return []
+    modelled, spectra = echoes(model, values, parts)
+    left = look.measured - modelled
+    explains = np.linalg.norm(left) < np.linalg.norm(look.measured)
+    data = np.fft.fft(left if explains else look.measured, axis=-1)
+    found = []
+    for part, own in zip(parts, spectra, strict=True):
+        one = offset(model, part, data + own if explains else data, own, reach)
+        if one is not None:
+            found.append(Measured(look, part, one))
+    return found
+
+
+def _of_values(parts: list[Part], numbers: NDArray[np.intp] | None) -> list[Part]:
+    return parts if numbers is None else [part for part in parts if part.moves[numbers].any()]
+
+
+def shared(found: Sequence[Measured], mesh: int) -> float:
+    """Share of the echoes of a shape that data and model have in common, in phase, over all looks."""
+    own = [one.found for one in found if one.part.mesh == mesh]
+    return sum(one.share * one.energy for one in own) / sum(one.energy for one in own)
+
+
+def solutions(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[list[F64], F64]:
+    """Changes of some values, the likeliest first, and standard deviations from the unambiguous equations.
+
+    The changes differ in the cycles of phase: those nearest to drawn changes, which spread as the unambiguous equations
+    say; by the least sum of squares.
+    """
+    clear = [row for row in rows if not row.period]
+    if not clear:
+        return [np.zeros(len(numbers))], np.full(len(numbers), np.inf)
+    matrix, right = _weighed(clear, numbers)
+    inverse = np.linalg.pinv(matrix, rcond=1e-6)
+    first, covariance = inverse @ right, inverse @ inverse.T
+    sigma = np.sqrt(np.diag(covariance))
+    sigma[np.diag(inverse @ matrix) < 0.5] = np.inf
+    cyclic = [row for row in rows if row.period]
+    if not cyclic:
+        return [first], sigma
+    draws = np.random.default_rng(0).multivariate_normal(first, covariance, DRAWS, method="eigh")
+    seen: dict[tuple[int, ...], tuple[float, F64]] = {}
+    for drawn in [first, *draws]:
+        cycles = tuple(
+            round((float(row.factor[numbers] @ drawn) - row.offset) / row.period) for row in cyclic
+        )
+        if cycles not in seen:
+            unwrapped = [
+                replace(row, offset=row.offset + n * row.period)
+                for n, row in zip(cycles, cyclic, strict=True)
+            ]
+            matrix, right = _weighed([*clear, *unwrapped], numbers)
+            solved = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
+            seen[cycles] = float(np.sum((matrix @ solved - right) ** 2)), solved
+    ordered = sorted(seen.values(), key=lambda one: one[0])
+    return [solved for _, solved in ordered[:TRIED]], sigma
+
+
+def _weighed(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
+    """Matrix and right side of equations over their standard deviations."""
+    matrix = np.array([row.factor[numbers] / row.sigma for row in rows])
+    return matrix, np.array([row.offset / row.sigma for row in rows])
+
+
+def confirmed(looks: Sequence[Look], values: F64, numbers: NDArray[np.intp] | None = None) -> F64:
+    """(n_values,) share of the echoes of the shape that each value moves which data and model have in common, in phase.
+
+    1 where model and data are alike, less where they are off by cycles of phase, as only part of the shape's echoes
+    agree then; NaN for values that move no shape. ``numbers``: only for shapes that one of these values moves.
+    """
+    both, alone = np.zeros(len(values)), np.zeros(len(values))
+    for look in looks:
+        parts = _of_values(moving_parts(look.model, values, whole=True), numbers)
+        if not parts:
+            continue
+        modelled, spectra = echoes(look.model, values, parts)
+        left = np.fft.fft((look.measured - modelled).astype(np.complex128), axis=-1)
+        for part, own in zip(parts, spectra, strict=True):
+            energy = float(np.sum(np.abs(own) ** 2)) / look.noise.variance(left / np.sqrt(left.shape[-1]))
+            if energy > 0.0:
+                share = 1.0 + float(np.vdot(own, left).real / np.sum(np.abs(own) ** 2))
+                both[part.moves] += energy * share
+                alone[part.moves] += energy
+    return np.where(alone > 0.0, both / np.where(alone > 0.0, alone, 1.0), np.nan)

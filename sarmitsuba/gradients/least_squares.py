@@ -1,0 +1,212 @@
+"""Least squares of several sets of data with priors: Levenberg-Marquardt steps, covariance and bound."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.errors import SceneError
+
+# damping relative to the diagonal of the normal equations: first, and by what it grows and falls
+FIRST_DAMPING, GROWS, FALLS = 1e-3, 10.0, 0.2
+# a step ends the fit when it changes the sum of squares by less than this share
+LEAST_CHANGE = 1e-7
+# share of a predicted change of the data by which the true one may differ before the Jacobian is computed anew
+STRAIGHT = 0.03
+# most attempts at a step that lowers the sum of squares
+ATTEMPTS = 8
+# least eigenvalue of the correlations of the derivatives: below, values have ten thousand times the sigma of each alone
+LEAST_WEIGHT = 1e-8
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a value beforehand: its mean and standard deviation, in the value's unit."""
+
+    mean: float
+    sigma: float
+
+
+def known_priors(names: Sequence[str], priors: Mapping[str, Prior]) -> dict[int, Prior]:
+    """Priors by number of their value.
+
+    Raises
+    ------
+    SceneError : no such value, or a sigma that is not positive
+    """
+    short = [name.rsplit(" [", 1)[0] for name in names]
+    known = {}
+    for name, prior in priors.items():
+        if name not in names and name not in short:
+            raise SceneError(f"prior of {name!r}: no such parameter; there are {', '.join(names)}")
+        if not prior.sigma > 0.0:
+            raise SceneError(f"prior of {name!r}: sigma = {prior.sigma:g} must be above 0")
+        number = list(names).index(name) if name in names else short.index(name)
+        known[number] = prior
+    return known
+
+
+class Problem(ABC):
+    r"""Sets of data d as functions m(x) of values x, of which :math:`\sum |d - m(x)|^2 / \sigma^2` is minimised.
+
+    Attributes
+    ----------
+    names : of the values
+    """
+
+    names: tuple[str, ...]
+
+    @abstractmethod
+    def differences(self, values: F64) -> list[C128]:
+        """Data less model of each set."""
+
+    @abstractmethod
+    def linearised(self, values: F64) -> tuple[list[C128], list[C64]]:
+        """The same, with the derivatives of the model (n_values, ...) of each set."""
+
+    @abstractmethod
+    def variances(self, differences: Sequence[C128]) -> F64:
+        """(n_sets,) mean of ``|d - m|^2`` that the noise gives a sample, by which the sets are weighed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Values that minimise a sum of squares.
+
+    Parameters
+    ----------
+    values : (n,) float64
+    differences : data less model of each set
+    normals : matrix Re J^H J of each set
+    costs : sum of squares of all sets after every accepted step, the start first
+    converged : whether the last step changed it by less than ``LEAST_CHANGE``
+    """
+
+    values: F64
+    differences: list[C128]
+    normals: list[F64]
+    costs: tuple[float, ...]
+    converged: bool
+
+    def covariance(self, variances: F64, known: Mapping[int, Prior]) -> F64:
+        """(n, n) of the values, from the variance of each set's data and from the priors."""
+        information = np.zeros((len(self.values), len(self.values)))
+        for normal, variance in zip(self.normals, variances, strict=True):
+            information += 2.0 * normal / variance
+        for k, prior in known.items():
+            information[k, k] += 1.0 / prior.sigma**2
+        return np.asarray(np.linalg.inv(information), dtype=np.float64)
+
+
+def minimised(
+    problem: Problem,
+    start: F64,
+    known: Mapping[int, Prior],
+    iterations: int,
+    progress: Callable[[float], None] | None = None,
+) -> Solution:
+    r"""Levenberg-Marquardt steps from start values.
+
+    .. math:: (H + \mu \, \mathrm{diag} H) \, \delta = g, \quad H = \Re J^H J, \quad g = \Re J^H (d - m)
+
+    H and g are summed over the sets, each over its variance. The Jacobian is kept for the next step where the data
+    followed it to ``STRAIGHT`` of their change.
+
+    Raises
+    ------
+    SceneError : values that the data do not determine
+    """
+    values = np.asarray(start, dtype=np.float64)
+    differences, jacobians = problem.linearised(values)
+    costs, damping, converged = [energy(differences)], FIRST_DAMPING, False
+    for step in range(1, iterations + 1):
+        variances = problem.variances(differences)
+        cost = _cost(differences, values, known, variances)
+        normal, right = np.zeros((len(values), len(values))), np.zeros(len(values))
+        for jacobian, difference, variance in zip(jacobians, differences, variances, strict=True):
+            own_normal, own_right = normal_equations(jacobian, difference)
+            normal += own_normal / variance
+            right += own_right / variance
+        for k, prior in known.items():
+            normal[k, k] += 0.5 / prior.sigma**2
+            right[k] += 0.5 * (prior.mean - values[k]) / prior.sigma**2
+        _check_determined(problem.names, normal)
+        for _ in range(ATTEMPTS):
+            change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
+            tried = values + change
+            left = problem.differences(tried)
+            new = _cost(left, tried, known, variances)
+            if new < cost:
+                break
+            damping *= GROWS
+        else:
+            converged = True
+            break
+        damping *= FALLS
+        bent = max(
+            _bent(*one) for one in zip(jacobians, [change] * len(left), differences, left, strict=True)
+        )
+        values, differences, converged = tried, left, cost - new < LEAST_CHANGE * cost
+        costs.append(energy(differences))
+        if progress is not None:
+            progress(costs[-1])
+        if converged or step == iterations:
+            break
+        if bent > STRAIGHT:
+            _, jacobians = problem.linearised(values)
+    normals = [normal_equations(j, d)[0] for j, d in zip(jacobians, differences, strict=True)]
+    return Solution(values, differences, normals, tuple(costs), converged)
+
+
+def energy(differences: Sequence[C128]) -> float:
+    """Sum of squares of all sets."""
+    return float(sum(np.sum(np.abs(difference) ** 2) for difference in differences))
+
+
+def _cost(differences: Sequence[C128], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
+    """Sum of squares of data and priors over their variances."""
+    own = sum(
+        float(np.sum(np.abs(difference) ** 2) / variance)
+        for difference, variance in zip(differences, variances, strict=True)
+    )
+    return own + 0.5 * sum(float((values[k] - p.mean) / p.sigma) ** 2 for k, p in known.items())
+
+
+def normal_equations(jacobian: C64, difference: C128) -> tuple[F64, F64]:
+    """Matrix Re J^H J and right side Re J^H (d - m), in float64."""
+    n = len(jacobian)
+    rows = jacobian.reshape(n, -1)
+    normal, right = np.zeros((n, n)), np.zeros(n)
+    flat = difference.reshape(-1)
+    step = max(1, 2**24 // n)  # bounds the float64 copy
+    for k in range(0, flat.size, step):
+        part = rows[:, k : k + step].astype(np.complex128)
+        normal += (part.conj() @ part.T).real
+        right += (part.conj() @ flat[k : k + step]).real
+    return normal, right
+
+
+def _bent(jacobian: C64, change: F64, before: C128, after: C128) -> float:
+    """Norm of the part of the data's change that the Jacobian did not predict, over that of the prediction."""
+    predicted = np.tensordot(change.astype(np.float32), jacobian, 1)
+    return float(np.linalg.norm(before - after - predicted) / max(float(np.linalg.norm(predicted)), 1e-300))
+
+
+def _check_determined(names: tuple[str, ...], normal: F64) -> None:
+    """Refuse values on which the data do not depend, or of which they give only a sum."""
+    own = np.diag(normal)
+    for name, value in zip(names, own, strict=True):
+        if not value > 0.0:
+            raise SceneError(f"fit: the data do not depend on {name}; leave it out or give a prior")
+    scaled = normal / np.sqrt(np.outer(own, own))
+    weight, vectors = np.linalg.eigh(scaled)
+    if weight[0] < LEAST_WEIGHT:
+        worst = np.argsort(-np.abs(vectors[:, 0]))[:3]
+        raise SceneError(
+            f"fit: the data determine only sums of {', '.join(names[k] for k in sorted(worst))}; leave some out or "
+            "give priors"
+        )

@@ -1,0 +1,198 @@
+"""Looks of a fit: measured raw data, each with the model of the scene that its radar sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sarmitsuba.arrays import C64, C128
+from sarmitsuba.echo.noise import noise_power
+from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.jacobian import Parameters, parameters_of
+from sarmitsuba.gradients.radar_parameters import AntennaTrack, ClockOffset, Gain
+from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.scene import Scene, SceneLike
+
+# largest distance of the receive windows of data and scene, m
+SAME_WINDOW = 1e-3
+# noise power relative to that of the data that priors are weighed against at least
+LEAST_NOISE = 1e-6
+# rounding of float32 data, as a share of that
+ROUNDING = 2.0**-48 / LEAST_NOISE
+# parameters that belong to one radar
+OF_THE_RADAR = (Gain, ClockOffset, AntennaTrack)
+
+
+@dataclass(frozen=True)
+class NoisePower:
+    """Noise of raw data: power of a sample as the radar states it, W (0: not stated), and least power that counts.
+
+    ``samples`` : of a range cell, which are alike, as the noise is flat over the band alone
+    """
+
+    stated: float
+    least: float
+    samples: float
+
+    @staticmethod
+    def of(scene: Scene, measured: C64) -> NoisePower:
+        """Noise of a scene's radar; at least ``LEAST_NOISE`` of the measured power."""
+        radar = scene.radar
+        return NoisePower(
+            noise_power(radar, "compressed"),
+            LEAST_NOISE * float(np.mean(np.abs(measured) ** 2)),
+            max(float(radar.waveform.range_cell / radar.window.sample_spacing), 1.0),
+        )
+
+    def of_power(self, power: float) -> float:
+        """Variance within the band, from the mean power of a sample."""
+        return power * self.samples
+
+    def variance(self, difference: C128) -> float:
+        """Variance that priors and looks are weighed by: as stated, else as the residuals show."""
+        shown = max(float(np.mean(np.abs(difference) ** 2)), self.least)
+        return self.of_power(self.stated if self.stated > 0.0 else shown)
+
+    def shown(self, difference: C128) -> float:
+        """Variance that the residuals show, at least the rounding of float32."""
+        return self.of_power(max(float(np.mean(np.abs(difference) ** 2)), ROUNDING * self.least))
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Measured raw data of one radar with the model of what it sees.
+
+    Parameters
+    ----------
+    model : of the scene
+    data : as given
+    measured : (channels, pulses, samples), their layers of a channel summed
+    noise : of the data
+    """
+
+    model: ForwardModel
+    data: RawData
+    measured: C64
+    noise: NoisePower
+
+    @staticmethod
+    def of(scene: Scene, data: RawData, parameters: Parameters) -> Look:
+        """Model of a scene, checked against the data."""
+        model = ForwardModel(scene, parameters_of(parameters, scene))
+        measured = _planes(model, data)
+        return Look(model, data, measured, NoisePower.of(scene, measured))
+
+    def residual(self, difference: C128) -> RawData:
+        """A difference (channels, pulses, samples) as raw data."""
+        return replace(self.model.raw(difference.astype(np.complex64)), request=self.data.request)
+
+
+def looks_of(
+    scenes: SceneLike | Sequence[SceneLike], data: RawData | Sequence[RawData], parameters: Parameters
+) -> tuple[Look, ...]:
+    """Looks from a scene for each raw data, or from one scene, which every radar of several raw data sees.
+
+    Raises
+    ------
+    SceneError : another number of scenes than of data; shapes, materials or parameters that the looks do not share
+    DataError : see :func:`sarmitsuba.fit`
+    """
+    measured = (data,) if isinstance(data, RawData) else tuple(data)
+    given = (scenes,) if isinstance(scenes, Scene | Path | str) else tuple(scenes)
+    if not measured:
+        raise DataError("fit: there are no raw data; give those of one look at least")
+    loaded = [Scene.of(scene) for scene in given]
+    if len(loaded) == 1 and len(measured) > 1:
+        loaded = [_seen_by(loaded[0], one) for one in measured]
+    if len(loaded) != len(measured):
+        raise SceneError(
+            f"fit: {len(loaded)} scenes and {len(measured)} raw data; give a scene for each, or one for all"
+        )
+    looks = tuple(Look.of(scene, one, parameters) for scene, one in zip(loaded, measured, strict=True))
+    if len(looks) > 1:
+        _check_shared(looks)
+    return looks
+
+
+def _seen_by(scene: Scene, data: RawData) -> Scene:
+    """The scene under the radar that recorded raw data, with its image."""
+    shift = data.radar.offset - scene.offset
+    own, request = data.radar, data.request
+
+    def moved(track: Track | None) -> Track | None:
+        return None if track is None else replace(track, position=track.position + shift)
+
+    flown = moved(own.track if data.flown is None else data.flown)
+    assert flown is not None
+    radar = replace(
+        own,
+        track=flown,
+        recorded=None if data.flown is None else moved(own.track),
+        receiver=moved(own.receiver),
+        aim_point=own.aim_point + shift,
+        offset=scene.offset,
+    )
+    if request is None:
+        return replace(scene, radar=radar)
+    x, y, up = (float(step) for step in shift)
+    image = replace(
+        request,
+        center_x=request.center_x + x,
+        center_y=request.center_y + y,
+        height=request.height + up,
+    )
+    return replace(scene, radar=radar, image=image)
+
+
+def _check_shared(looks: Sequence[Look]) -> None:
+    """Refuse looks of different scenes, and parameters of a radar, of which each look has its own."""
+    first = looks[0].model
+    for parameter in first.parameters:
+        if isinstance(parameter, OF_THE_RADAR):
+            raise SceneError(
+                f"fit: {parameter.label} belongs to the radar of one look, and there are {len(looks)} looks; fit it to "
+                "the data of its look alone"
+            )
+    for look in looks[1:]:
+        own = look.model
+        if own.names != first.names or not np.allclose(own.start, first.start):
+            raise SceneError(
+                f"fit: the looks {first.scene.name} and {own.scene.name} differ in the start values of "
+                f"{', '.join(first.names)}; give scenes that differ in the radar alone"
+            )
+
+
+def _planes(model: ForwardModel, data: RawData) -> C64:
+    """Measured data (channels, pulses, samples), their layers of a channel summed."""
+    name, radar = model.scene.name, model.scene.radar
+    if data.domain != "compressed":
+        raise DataError(
+            f"{name}: raw data are {data.domain}; a fit takes range-compressed ones, as simulate() gives"
+        )
+    if set(data.channels) != set(radar.channels):
+        raise DataError(
+            f"{name}: raw data of channels {', '.join(data.channels)} and a radar of {', '.join(radar.channels)}; "
+            "give the scene the polarisation of the data"
+        )
+    if data.data.shape[1:] != model.shape[1:]:
+        raise DataError(
+            f"{name}: raw data of {data.data.shape[1]} pulses of {data.data.shape[2]} samples, and a radar of "
+            f"{model.shape[1]} of {model.shape[2]}; give the scene the radar of the data"
+        )
+    apart = float(np.abs(data.radar.window.start_range - radar.window.start_range).max())
+    if apart > SAME_WINDOW:
+        raise DataError(
+            f"{name}: the receive windows of raw data and scene start up to {apart:.3g} m apart; give the scene the "
+            "radar of the data"
+        )
+    out = np.zeros(model.shape, dtype=np.complex64)
+    for plane, layer in zip(data.data, data.layers, strict=True):
+        out[radar.channels.index(layer.channel)] += plane
+    if not np.isfinite(out).all() or not out.any():
+        raise DataError(f"{name}: the raw data are zero, or not finite: nothing can be fitted to them")
+    return out
