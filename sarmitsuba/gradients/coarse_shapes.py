@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,13 +89,15 @@ class Measured:
         return rows
 
 
-def coarse_shapes(looks: Sequence[Look], start: F64) -> tuple[F64, F64]:
+def coarse_shapes(
+    looks: Sequence[Look], start: F64, passed: Callable[[F64], None] | None = None
+) -> tuple[F64, F64]:
     """Values with those that displace shapes moved by the offsets of their echoes, and standard deviations.
 
     Shapes whose echoes are in phase with the data at the start stay within their cycle at first. In the end, shapes
     whose echoes the data do not confirm try the cycles beside theirs. The standard deviation is that of the offsets'
     envelopes, before the phase of the carrier sharpens them: infinite for values that nothing was found of, NaN for
-    those that displace no shape.
+    those that displace no shape. ``passed`` : called with the values after every round.
     """
     values, spread = np.array(start), np.full(len(start), np.nan)
     in_phase: set[int] = set()
@@ -112,6 +114,8 @@ def coarse_shapes(looks: Sequence[Look], start: F64) -> tuple[F64, F64]:
             change[moved] = steps[0]
             farthest = max([farthest, *(abs(float(row.factor @ change)) for row in rows)])
         values = values + change
+        if passed is not None:
+            passed(values)
         if farthest < SETTLED * looks[0].model.scene.radar.waveform.wavelength:
             break
     return _other_cycles(looks, values), spread

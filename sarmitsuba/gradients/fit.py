@@ -29,6 +29,7 @@ class Fit:
     ----------
     names : of the values, with their units in brackets
     start, values : (n,) float64, before and after the fit
+    steps : (n_steps, n) values on the way: the start, after every round of the coarse start, after every accepted step
     covariance : (n, n) of the values, with the noise power that the residuals show
     bound : (n,) Cramer-Rao bound of the standard deviations with the radars' noise power; NaN for a noise temperature
         of 0
@@ -43,6 +44,7 @@ class Fit:
     names: tuple[str, ...]
     start: F64
     values: F64
+    steps: F64
     covariance: F64
     bound: F64
     confirmed: F64
@@ -67,6 +69,7 @@ class Fit:
             "names": list(self.names),
             "start": self.start.tolist(),
             "values": self.values.tolist(),
+            "steps": self.steps.tolist(),
             "sigma": _known(self.sigma),
             "bound": _known(self.bound),
             "confirmed": _known(self.confirmed),
@@ -178,10 +181,11 @@ def fit(
     looks = looks_of(scene, data, parameters)
     model = looks[0].model
     known = known_priors(model.names, priors or {})
-    start = model.start
-    if len(looks) == 1:
-        start = coarse_track(model, looks[0].measured, start)
-    start, spread = coarse_shapes(looks, start)
+    passed = [model.start]
+    start = coarse_track(model, looks[0].measured, model.start) if len(looks) == 1 else model.start
+    start, spread = coarse_shapes(looks, start, passed.append)
+    if not np.array_equal(start, passed[-1]):
+        passed.append(start)
     steps = iter(range(1, iterations + 1))
     found = minimised(
         _Complex(looks),
@@ -190,10 +194,12 @@ def fit(
         iterations,
         None if progress is None else lambda cost: progress(next(steps), cost),
     )
-    return _result(looks, found, known, spread)
+    return _result(looks, found, known, spread, passed)
 
 
-def _result(looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], spread: F64) -> Fit:
+def _result(
+    looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], spread: F64, passed: Sequence[F64]
+) -> Fit:
     """Values with covariance, bound and what the data confirm."""
     model, values = looks[0].model, found.values
     pairs = list(zip(looks, found.differences, strict=True))
@@ -210,6 +216,7 @@ def _result(looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], 
         model.names,
         model.start,
         values,
+        np.array([*passed, *found.steps[1:]]),
         covariance,
         bound,
         share,

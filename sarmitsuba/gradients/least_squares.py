@@ -80,6 +80,7 @@ class Solution:
     Parameters
     ----------
     values : (n,) float64
+    steps : values after every accepted step, the start first
     differences : data less model of each set
     normals : matrix Re J^H J of each set
     costs : sum of squares of all sets after every accepted step, the start first
@@ -87,6 +88,7 @@ class Solution:
     """
 
     values: F64
+    steps: tuple[F64, ...]
     differences: list[C128]
     normals: list[F64]
     costs: tuple[float, ...]
@@ -122,7 +124,7 @@ def minimised(
     """
     values = np.asarray(start, dtype=np.float64)
     differences, jacobians = problem.linearised(values)
-    costs, damping, converged = [energy(differences)], FIRST_DAMPING, False
+    steps, costs, damping, converged = [values], [energy(differences)], FIRST_DAMPING, False
     for step in range(1, iterations + 1):
         variances = problem.variances(differences)
         cost = _cost(differences, values, known, variances)
@@ -151,6 +153,7 @@ def minimised(
             _bent(*one) for one in zip(jacobians, [change] * len(left), differences, left, strict=True)
         )
         values, differences, converged = tried, left, cost - new < LEAST_CHANGE * cost
+        steps.append(values)
         costs.append(energy(differences))
         if progress is not None:
             progress(costs[-1])
@@ -159,7 +162,7 @@ def minimised(
         if bent > STRAIGHT:
             _, jacobians = problem.linearised(values)
     normals = [normal_equations(j, d)[0] for j, d in zip(jacobians, differences, strict=True)]
-    return Solution(values, differences, normals, tuple(costs), converged)
+    return Solution(values, tuple(steps), differences, normals, tuple(costs), converged)
 
 
 def energy(differences: Sequence[C128]) -> float:
