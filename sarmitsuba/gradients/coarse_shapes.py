@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.errors import SceneError
 from sarmitsuba.gradients.looks import Look
 from sarmitsuba.gradients.shape_offsets import (
     Offset,
@@ -20,9 +21,11 @@ from sarmitsuba.gradients.shape_offsets import (
 )
 
 # rounds of offsets at most, and cells of range and azimuth that each looks at
-ROUNDS = (12.0, 2.0, 1.0, 1.0, 1.0)
+ROUNDS = (12.0, 2.0, 1.0, 1.0, 1.0, 1.0)
 # power of a correlation's peak over the mean elsewhere from which it counts: among 1e5 places one in 1e4 is higher
-LEAST_PEAK = 20.0
+LEAST_PEAK = 10.0
+# the same for parts whose points move unequally, which are themselves blurred
+LEAST_UNEVEN_PEAK = 50.0
 # share of the echoes that data and model have in common from which a shape counts as within its cycle of phase
 IN_PHASE = 0.5
 # offset below which a round was the last, wavelengths
@@ -32,11 +35,13 @@ DRAWS = 400
 # standard deviation of the carrier's phase at least, as a length in wavelengths: other shapes' echoes that are off
 LEAST_CYCLE = 1.0 / 60.0
 # changes by other cycles of phase that are tried at most at a time, and how often
-TRIED, RETRIES = 12, 3
+TRIED, RETRIES = 40, 6
+# sum of squares above the least from which changes are not tried: five standard deviations
+UNLIKELY = 25.0
 # share of confirmed echoes from which no other cycles are tried, and by which another one must be better
 SURE, BETTER = 0.97, 0.02
-# weight of parts whose points move differently, by their standard deviation
-UNEQUAL = 4.0
+# how often equations of parts whose points move unequally are weighed again by the changes found
+WEIGHED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +52,19 @@ class Row:
     ----------
     factor : (n_values,) m per unit
     offset, sigma : m
+    uneven : (n_values,) m per unit, by which points deviate from ``factor``
     period : m; 0: unambiguous
     """
 
     factor: F64
     offset: float
     sigma: float
+    uneven: F64
     period: float = 0.0
+
+    def after(self, change: F64) -> Row:
+        """The same, less sure by the deviations of points with these changes of the values."""
+        return replace(self, sigma=float(np.hypot(self.sigma, np.linalg.norm(self.uneven * change))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +87,15 @@ class Measured:
         wavelength = self.look.model.scene.radar.waveform.wavelength
         fine = max(wavelength / (4.0 * np.pi * np.sqrt(2.0 * found.peak)), LEAST_CYCLE * wavelength)
         if in_phase:
-            return [Row(part.factor, found.unmoved, fine)] if part.alike else []
-        if found.peak < LEAST_PEAK:
+            return [Row(part.factor, found.unmoved, fine, part.uneven)] if part.alike else []
+        if found.peak < (LEAST_PEAK if part.alike else LEAST_UNEVEN_PEAK):
             return []
-        less = 1.0 if part.alike else UNEQUAL
-        rows = [Row(part.factor, found.range, less * found.sigma[0])]
+        rows = [Row(part.factor, found.range, found.sigma[0], part.uneven)]
         if np.isfinite(found.azimuth):
             along = -part.velocity @ track_direction(self.look.model.scene.radar, part)
-            rows.append(Row(np.asarray(along), found.azimuth, less * found.sigma[1]))
+            rows.append(Row(np.asarray(along), found.azimuth, found.sigma[1], part.uneven))
         if carrier and part.alike:
-            rows.append(Row(part.factor, found.carrier, fine, 0.5 * wavelength))
+            rows.append(Row(part.factor, found.carrier, fine, part.uneven, 0.5 * wavelength))
         return rows
 
 
@@ -107,22 +117,25 @@ def coarse_shapes(
             return values, spread
         if number == 0:
             in_phase = {mesh for mesh in _meshes(found) if shared(found, mesh) > IN_PHASE}
+        elif number > 1:  # the envelopes tell now whether it is the right cycle
+            in_phase = set()
         change, farthest = np.zeros(len(values)), 0.0
         for mesh in _meshes(found):
             moved, rows = _equations(found, mesh, mesh in in_phase, number > 0)
             steps, spread[moved] = solutions(rows, moved)
-            change[moved] = steps[0]
+            steps = [step for step in steps if _possible(looks, values, moved, step)]
+            change[moved] = steps[0] if steps else 0.0
             farthest = max([farthest, *(abs(float(row.factor @ change)) for row in rows)])
         values = values + change
         if passed is not None:
             passed(values)
         if farthest < SETTLED * looks[0].model.scene.radar.waveform.wavelength:
             break
-    return _other_cycles(looks, values), spread
+    return other_cycles(looks, values)[0], spread
 
 
-def _other_cycles(looks: Sequence[Look], values: F64) -> F64:
-    """Values of shapes that the data do not confirm with the cycles of phase that they confirm most."""
+def other_cycles(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
+    """Values of shapes that the data do not confirm with the cycles of phase that they confirm most, and the shares."""
     share = confirmed(looks, values)
     for _ in range(RETRIES):
         doubtful = np.flatnonzero(share < SURE)
@@ -132,7 +145,9 @@ def _other_cycles(looks: Sequence[Look], values: F64) -> F64:
         others = []
         for mesh in _meshes(found):
             moved, rows = _equations(found, mesh, False, True)
-            others.append((moved, solutions(rows, moved)[0]))
+            steps = [s for s in solutions(rows, moved)[0] if _possible(looks, values, moved, s)]
+            if steps:
+                others.append((moved, steps))
         best, better = np.array(values), False
         for k in range(max((len(steps) for _, steps in others), default=0)):
             tried = np.array(values)
@@ -145,7 +160,18 @@ def _other_cycles(looks: Sequence[Look], values: F64) -> F64:
         if not better:
             break
         values = best
-    return values
+    return values, share
+
+
+def _possible(looks: Sequence[Look], values: F64, moved: NDArray[np.intp], step: F64) -> bool:
+    """Whether the scene can have changed values."""
+    tried = np.array(values)
+    tried[moved] += step
+    try:
+        looks[0].model.at(tried)
+    except SceneError:
+        return False
+    return True
 
 
 def _meshes(found: Sequence[Measured]) -> list[int]:
@@ -200,15 +226,19 @@ def solutions(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[list[F64]
     The changes differ in the cycles of phase: those nearest to drawn changes, which spread as the unambiguous equations
     say; by the least sum of squares.
     """
-    clear = [row for row in rows if not row.period]
-    if not clear:
+    if all(row.period for row in rows):
         return [np.zeros(len(numbers))], np.full(len(numbers), np.inf)
-    matrix, right = _weighed(clear, numbers)
-    inverse = np.linalg.pinv(matrix, rcond=1e-6)
-    first, covariance = inverse @ right, inverse @ inverse.T
+    first = np.zeros(len(numbers))
+    change = np.zeros(len(rows[0].factor))
+    for _ in range(WEIGHED):
+        change[numbers] = first
+        clear = [row.after(change) for row in rows if not row.period]
+        matrix, right = _weighed(clear, numbers)
+        inverse = np.linalg.pinv(matrix, rcond=1e-6)
+        first, covariance = inverse @ right, inverse @ inverse.T
     sigma = np.sqrt(np.diag(covariance))
     sigma[np.diag(inverse @ matrix) < 0.5] = np.inf
-    cyclic = [row for row in rows if row.period]
+    cyclic = [row.after(change) for row in rows if row.period]
     if not cyclic:
         return [first], sigma
     draws = np.random.default_rng(0).multivariate_normal(first, covariance, DRAWS, method="eigh")
@@ -225,8 +255,8 @@ def solutions(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[list[F64]
             matrix, right = _weighed([*clear, *unwrapped], numbers)
             solved = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
             seen[cycles] = float(np.sum((matrix @ solved - right) ** 2)), solved
-    ordered = sorted(seen.values(), key=lambda one: one[0])
-    return [solved for _, solved in ordered[:TRIED]], sigma
+    ordered = sorted(seen.values(), key=lambda one: one[0])[:TRIED]
+    return [solved for square, solved in ordered if square < ordered[0][0] + UNLIKELY], sigma
 
 
 def _weighed(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[F64, F64]:

@@ -10,13 +10,15 @@ import numpy as np
 from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.gradients.coarse_shapes import coarse_shapes, confirmed
+from sarmitsuba.gradients.coarse_shapes import coarse_shapes, other_cycles
 from sarmitsuba.gradients.coarse_track import coarse_track
 from sarmitsuba.gradients.jacobian import Parameters
 from sarmitsuba.gradients.least_squares import Prior, Problem, Solution, known_priors, minimised
 from sarmitsuba.gradients.looks import Look, looks_of
 from sarmitsuba.scene.scene import Scene, SceneLike
 
+# how often the steps are taken, each time from the cycles of phase that the data confirm more
+RETRIES = 3
 # share of confirmed echoes below which a value may be off by cycles of phase
 CONFIRMED = 0.9
 
@@ -182,29 +184,33 @@ def fit(
     model = looks[0].model
     known = known_priors(model.names, priors or {})
     passed = [model.start]
-    start = coarse_track(model, looks[0].measured, model.start) if len(looks) == 1 else model.start
+    start = model.start
+    if len(looks) == 1:
+        start = coarse_track(model, looks[0].measured, start)
     start, spread = coarse_shapes(looks, start, passed.append)
-    if not np.array_equal(start, passed[-1]):
-        passed.append(start)
-    steps = iter(range(1, iterations + 1))
-    found = minimised(
-        _Complex(looks),
-        start,
-        known,
-        iterations,
-        None if progress is None else lambda cost: progress(next(steps), cost),
-    )
-    return _result(looks, found, known, spread, passed)
+    steps = iter(range(1, RETRIES * iterations + 1))
+    report = None if progress is None else lambda cost: progress(next(steps), cost)
+    for _ in range(RETRIES):
+        found = minimised(_Complex(looks), start, known, iterations, report)
+        passed += found.steps[1 if np.array_equal(start, passed[-1]) else 0 :]
+        start, share = other_cycles(looks, found.values)
+        if np.array_equal(start, found.values):
+            break
+    return _result(looks, found, known, share, spread, passed)
 
 
 def _result(
-    looks: Sequence[Look], found: Solution, known: Mapping[int, Prior], spread: F64, passed: Sequence[F64]
+    looks: Sequence[Look],
+    found: Solution,
+    known: Mapping[int, Prior],
+    share: F64,
+    spread: F64,
+    passed: Sequence[F64],
 ) -> Fit:
     """Values with covariance, bound and what the data confirm."""
     model, values = looks[0].model, found.values
     pairs = list(zip(looks, found.differences, strict=True))
     covariance = found.covariance(np.array([look.noise.shown(d) for look, d in pairs]), known)
-    share = confirmed(looks, values)
     # off by cycles of phase, perhaps: as exact as the envelopes are
     doubtful = share < CONFIRMED
     covariance[doubtful, doubtful] += spread[doubtful] ** 2
@@ -216,7 +222,7 @@ def _result(
         model.names,
         model.start,
         values,
-        np.array([*passed, *found.steps[1:]]),
+        np.array(passed),
         covariance,
         bound,
         share,

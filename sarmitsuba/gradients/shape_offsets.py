@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sarmitsuba.gradients.forward_model import ForwardModel
+    from sarmitsuba.radar.radar import Radar
     from sarmitsuba.scene.scene import Scene
 
 # share of the greatest speed from which all corners of a face count as moving with the fastest part of a shape
@@ -36,6 +37,10 @@ FASTEST = 0.75
 TOGETHER = 0.5
 # share of a velocity that must lie along the track for offsets along it to be looked for
 ALONG = 0.05
+# cells around a peak in which the correlation of what is left is its noise
+AROUND = 6.0
+# steps of the peak's refinement
+NEWTON = 4
 # farthest offsets looked for, in cells of range and azimuth
 REACH = 12.0
 # positions looked at in a cell, along the range and the track
@@ -53,6 +58,7 @@ class Part(Parameter):
     center : (3,) m, middle of the faces
     towards : (3,) unit vector to the antenna at the middle of the track
     velocity : (n_values, 3) of the part, m per unit of each value of the model; 0 where its points move apart
+    uneven : (n_values,) rms deviation of its points' change of slant range from that, m per unit
     moves : (n_values,) whether a value moves any point of the part
     alike : whether its points move nearly alike
     """
@@ -62,6 +68,7 @@ class Part(Parameter):
     center: F64
     towards: F64
     velocity: F64
+    uneven: F64
     moves: NDArray[np.bool_]
     alike: bool
     label: str = "part"
@@ -168,11 +175,14 @@ def _part(
     area = np.linalg.norm(normal, axis=1)
     center = np.average(corners.mean(axis=1), axis=0, weights=area)
     towards = antenna - center
+    towards /= np.linalg.norm(towards)
     mean = np.average(velocity.mean(axis=2), axis=1, weights=area)
     square = np.average((velocity**2).sum(axis=3).mean(axis=2), axis=1, weights=area)
     together = np.linalg.norm(mean, axis=1) >= TOGETHER * np.sqrt(square)
-    towards /= np.linalg.norm(towards)
-    return Part(mesh, faces, center, towards, mean * together[:, None], square > 0.0, alike)
+    mean = mean * together[:, None]
+    apart = (((velocity - mean[:, None, None]) @ towards) ** 2).mean(axis=2)
+    uneven = np.sqrt(np.average(apart, axis=1, weights=area))
+    return Part(mesh, faces, center, towards, mean, uneven, square > 0.0, alike)
 
 
 def echoes(model: ForwardModel, values: F64, parts: Sequence[Part]) -> tuple[C64, C128]:
@@ -194,66 +204,40 @@ def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float 
 
     ``reach`` : cells of range and azimuth that are looked at
     """
-    radar = model.scene.radar
-    n, spacing = radar.window.n_samples, radar.window.sample_spacing
-    cell = radar.waveform.range_cell
-    frequency = frequencies(n, spacing)
-    k = 4.0 * np.pi * (radar.waveform.center_frequency + frequency) / SPEED_OF_LIGHT
-    cross = (data * own.conj()).sum(axis=0)
     energy = float(np.sum(np.abs(own) ** 2))
     if not energy > 0.0:
         return None
+    radar = model.scene.radar
+    frequency = frequencies(radar.window.n_samples, radar.window.sample_spacing)
+    k = 4.0 * np.pi * (radar.waveform.center_frequency + frequency) / SPEED_OF_LIGHT
+    cross = (data * own.conj()).sum(axis=0)
     along, azimuths = _azimuths(radar, part, reach)
-    fine = max(1, round(FINE_RANGE * spacing / cell))
-    size = n * fine
-    best, best_at, powers = -1.0, (0.0, 0.0), []
-    positions = np.fft.fftfreq(size) * size * spacing / fine
-    near, wide = np.abs(positions) <= reach * cell, np.abs(positions) <= REACH * cell
-    half = n // 2
+    lags, cell = _Lags.of(radar), radar.waveform.range_cell
+    best, place = -1.0, (0.0, 0.0)
     for s in azimuths:
-        total = (cross * np.exp(1j * np.outer(along, k) * s)).sum(axis=0) if s else cross.sum(axis=0)
-        padded = np.zeros(size, dtype=np.complex128)
-        padded[: n - half] = total[: n - half]
-        padded[size - half :] = total[n - half :]
-        power = np.abs(np.fft.ifft(padded) * size) ** 2
-        powers.append(power[wide])
-        at = int(np.argmax(power[near]))
-        if power[near][at] > best:
-            best, best_at = float(power[near][at]), (float(positions[near][at]), float(s))
-    r, s = best_at
-    level = float(np.median(np.concatenate(powers))) / np.log(2.0)
-    # parabola through the peak, by Newton steps on the modulus
-    for _ in range(4):
-        phase = np.exp(1j * (k[None] * (r + s * along[:, None])))
-        turned = cross * phase
-        c = turned.sum()
-        rows = [k[None] - k.mean() + 0.0 * along[:, None]] + (
-            [k[None] * along[:, None]] if len(azimuths) > 1 else []
-        )
-        first = np.array([(1j * x * turned).sum() for x in rows])
-        second = np.array([[-(x * y * turned).sum() for y in rows] for x in rows])
-        g = 2.0 * (c.conjugate() * first).real
-        h = 2.0 * (c.conjugate() * second + np.outer(first.conj(), first)).real
-        if np.any(np.linalg.eigvalsh(h) >= 0.0):
-            break
-        step = -np.linalg.solve(h, g)
-        if abs(step[0]) > 0.5 * cell:
-            break
-        r += float(step[0])
-        if len(step) > 1:
-            s += float(step[1])
-    turned = cross * np.exp(1j * (k[None] * (r + s * along[:, None])))
-    c = complex(turned.sum())
-    weight = np.abs(own * own.conj()).sum(axis=0)
-    mean_k = float(np.average(np.broadcast_to(k, weight.shape), weights=weight))
-    spread = np.sqrt(np.average((np.broadcast_to(k, weight.shape) - mean_k) ** 2, weights=weight))
-    spread_s = np.sqrt(np.average((k * along[:, None]) ** 2, weights=weight))
-    peak = abs(c) ** 2 / level
-    noise = 1.0 / np.sqrt(2.0 * peak)
+        power = lags.power((cross * np.exp(1j * np.outer(along, k) * s)).sum(axis=0))
+        power = np.where(np.abs(lags.range) <= reach * cell, power, 0.0)
+        at = int(np.argmax(power))
+        if power[at] > best:
+            best, place = float(power[at]), (float(lags.range[at]), float(s))
+    r, s = _refined(cross, k, along, place, cell, len(azimuths) > 1)
+    turn = np.exp(1j * k * (r + s * along[:, None]))
+    c = complex((cross * turn).sum())
+    # what the part's own echoes, so moved, leave nearby: the correlation's noise
+    left = ((data * turn - c / energy * own) * own.conj()).sum(axis=0)
+    power = np.concatenate(
+        [lags.power((left * np.exp(1j * np.outer(along, k) * t)).sum(axis=0)) for t in (azimuths[0], 0.0, azimuths[-1])]
+    )
+    noise = float(np.mean(power[np.tile(np.abs(lags.range) <= AROUND * cell, 3)]))
+    weight = (np.abs(own) ** 2).sum(axis=0)
+    mean_k = float(np.sum(weight * k) / energy)
+    peak = abs(c) ** 2 / max(noise, np.finfo(np.float64).tiny)
+    rms = [float(np.sqrt(np.sum(weight * x**2) / energy)) for x in (k - mean_k, k * along[:, None])]
+    sigma = [1.0 / (x * np.sqrt(2.0 * peak)) if x > 0.0 else float("inf") for x in rms]
     return Offset(
         r,
         s if len(azimuths) > 1 else float("nan"),
-        (float(noise / spread), float(noise / spread_s) if spread_s > 0.0 else float("inf")),
+        (float(sigma[0]), float(sigma[1])),
         peak,
         r - float(np.angle(c)) / mean_k,
         -float(np.angle(cross.sum())) / mean_k,
@@ -262,7 +246,52 @@ def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float 
     )
 
 
-def _azimuths(radar, part: Part, reach: float) -> tuple[F64, F64]:
+@dataclass(frozen=True, eq=False)
+class _Lags:
+    """Lags of correlations in range, finer than the samples; ``range``: (n,) m."""
+
+    range: F64
+    samples: int
+
+    @staticmethod
+    def of(radar: Radar) -> _Lags:
+        samples, spacing = radar.window.n_samples, radar.window.sample_spacing
+        fine = max(1, round(FINE_RANGE * spacing / radar.waveform.range_cell))
+        n = samples * fine
+        return _Lags(np.asarray(np.fft.fftfreq(n) * samples * spacing), samples)
+
+    def power(self, spectrum: C128) -> F64:
+        """(n,) squared modulus of the correlation with a cross spectrum (samples,)."""
+        half = self.samples // 2
+        padded = np.zeros(len(self.range), dtype=np.complex128)
+        padded[: self.samples - half] = spectrum[: self.samples - half]
+        padded[len(padded) - half :] = spectrum[self.samples - half :]
+        return np.asarray(np.abs(np.fft.ifft(padded) * len(padded)) ** 2)
+
+
+def _refined(
+    cross: C128, k: F64, along: F64, place: tuple[float, float], cell: float, both: bool
+) -> tuple[float, float]:
+    """Range and azimuth of a correlation's peak, by Newton steps on its squared modulus."""
+    at = np.array(place if both else place[:1])
+    rows = [np.broadcast_to(k - k.mean(), cross.shape), k * along[:, None]][: len(at)]
+    for _ in range(NEWTON):
+        turned = cross * np.exp(1j * k * (at[0] + (at[1] * along[:, None] if both else 0.0)))
+        c = turned.sum()
+        first = np.array([(1j * x * turned).sum() for x in rows])
+        second = np.array([[-(x * y * turned).sum() for y in rows] for x in rows])
+        slope = 2.0 * (c.conjugate() * first).real
+        curvature = 2.0 * (c.conjugate() * second + np.outer(first.conj(), first)).real
+        if np.any(np.linalg.eigvalsh(curvature) >= 0.0):
+            break
+        step = -np.linalg.solve(curvature, slope)
+        if np.abs(step[0]) > 0.5 * cell:
+            break
+        at = at + step
+    return float(at[0]), float(at[1]) if both else place[1]
+
+
+def _azimuths(radar: Radar, part: Part, reach: float) -> tuple[F64, F64]:
     """(n_pulses,) component of the directions to the antenna along the track, and the offsets to look at, m."""
     away = radar.track.position - part.center
     away /= np.linalg.norm(away, axis=1, keepdims=True)
@@ -277,7 +306,7 @@ def _azimuths(radar, part: Part, reach: float) -> tuple[F64, F64]:
     return along, np.arange(-steps, steps + 1) * cell / FINE_AZIMUTH
 
 
-def track_direction(radar, part: Part) -> F64:
+def track_direction(radar: Radar, part: Part) -> F64:
     """Unit vector along which the antenna flies, across the line of sight to a part."""
     flown = radar.track.position[-1] - radar.track.position[0]
     across = flown - (flown @ part.towards) * part.towards
