@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 NAME = "fit"
 HELP = "fit parameters of a scene (material levels, roughness, shifts, the track) to raw data"
 
-TABLE, RESIDUAL = "fit.json", "residual.h5"
+TABLE, RESIDUAL, PICTURE = "fit.json", "residual.h5", "residual.png"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--iterations", type=int, default=20, metavar="N", help="largest number of steps (default: 20)"
     )
     parser.add_argument(
-        "-o", "--output", metavar="FOLDER", help=f"folder for {TABLE} and {RESIDUAL} (default: none)"
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        help=f"folder for {TABLE}, {RESIDUAL} and {PICTURE} (default: none)",
     )
 
 
@@ -51,12 +54,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.gradients.fit import fit
     from sarmitsuba.io import parameter_file, read_raw, write_raw
     from sarmitsuba.io.output import OutputFolder, output_folder
+    from sarmitsuba.view.quicklook import save
+    from sarmitsuba.view.residual_picture import residual_figure
 
     if args.iterations < 1:
         raise SceneError(f"fit: --iterations = {args.iterations} must be at least 1")
     priors = dict(_prior(text) for text in args.prior)
     if args.output:
-        OutputFolder(Path(args.output)).check_names((TABLE, RESIDUAL))
+        OutputFolder(Path(args.output)).check_names((TABLE, RESIDUAL, PICTURE))
     ensure_backend()
     scene, data = scene_of(args), read_raw(args.data)
     found = fit(
@@ -76,7 +81,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
                 )
             with folder.writing(RESIDUAL) as path:
                 write_raw(found.residual, path)
-        console.say(str(Path(args.output) / TABLE))
+            with folder.writing(PICTURE) as path:
+                save(residual_figure(data, found.residual), path)
+        console.say("\n".join(str(Path(args.output) / name) for name in (TABLE, PICTURE)))
     return 0
 
 

@@ -226,7 +226,10 @@ def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float 
     # what the part's own echoes, so moved, leave nearby: the correlation's noise
     left = ((data * turn - c / energy * own) * own.conj()).sum(axis=0)
     power = np.concatenate(
-        [lags.power((left * np.exp(1j * np.outer(along, k) * t)).sum(axis=0)) for t in (azimuths[0], 0.0, azimuths[-1])]
+        [
+            lags.power((left * np.exp(1j * np.outer(along, k) * t)).sum(axis=0))
+            for t in (azimuths[0], 0.0, azimuths[-1])
+        ]
     )
     noise = float(np.mean(power[np.tile(np.abs(lags.range) <= AROUND * cell, 3)]))
     weight = (np.abs(own) ** 2).sum(axis=0)

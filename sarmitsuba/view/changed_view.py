@@ -9,7 +9,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
 from sarmitsuba.view.figure import Figure
-from sarmitsuba.view.quicklook import draw
+from sarmitsuba.view.side_by_side import side_by_side
 
 IMAGE, DIFFERENCE, PHASE = "image", "change of the image", "change of the phase"
 PICTURES = (IMAGE, DIFFERENCE, PHASE)
@@ -196,29 +196,10 @@ class ChangedView:
 
 def derivative_figure(view: ChangedView) -> Figure:
     """Image as it is, change of the image on the same scale, and change of the phase, side by side."""
-    image = view.derivative.image
-    tall = float(
-        np.clip(
-            image.grid.shape[0]
-            * image.grid.azimuth_spacing
-            / (image.grid.shape[1] * image.grid.range_spacing),
-            0.3,
-            1.6,
-        )
-    )
-    figure = Figure(figsize=(14.0, 1.9 + 4.2 * tall), dpi=100, layout="constrained")
-    figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 1.0 - 0.25 / (1.9 + 4.2 * tall)))  # below the title
-    shown = [
-        ("image", view.by(0.0).picture(IMAGE)),
-        *((which, view.picture(which)) for which in PICTURES[1:]),
-    ]
-    for axes, (title, (one, options)) in zip(figure.subplots(1, 3), shown, strict=True):
-        bar = figure.colorbar(draw(one, axes, options), ax=axes, orientation="horizontal", shrink=0.8)
-        bar.set_label(prepare(one, options, LARGEST).label, fontsize=8)
-        axes.set_title(title, fontsize=10)
-    name = view.derivative.name.rsplit(" [", 1)[0]
-    figure.suptitle("\n".join((f"{name} {view.lines()[0]}", *view.lines()[1:])), fontsize=9, parse_math=False)
-    return figure
+    pictures = [("image", *view.by(0.0).picture(IMAGE))]
+    pictures += [(which, *view.picture(which)) for which in PICTURES[1:]]
+    first, *rest = view.lines()
+    return side_by_side(pictures, "\n".join((f"{view.derivative.name.rsplit(' [', 1)[0]} {first}", *rest)))
 
 
 def _energy(image: SarImage) -> float:

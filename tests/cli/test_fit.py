@@ -52,6 +52,8 @@ def test_a_level_is_fitted_and_written(scene: Path, capsys: Any) -> None:
     # tol: data of the scene's own model, float32; the prior weighs as noise of -60 dB
     assert record["values"] == pytest.approx([-7.5], abs=1e-3)
     assert record["start"] == [-10.0] and record["converged"] is True
+    with Image.open(out / "residual.png") as picture:
+        assert picture.size[0] == 1400 and np.ptp(np.asarray(picture.convert("L"))) > 200
     left, measured = read_raw(out / "residual.h5").data, read_raw(data).data
     assert np.linalg.norm(left) < 1e-3 * np.linalg.norm(measured)
 
