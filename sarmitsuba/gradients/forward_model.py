@@ -211,7 +211,8 @@ class ForwardModel:
         for name, what in UNSUPPORTED.items():
             if getattr(flags, name):
                 raise SceneError(
-                    f"{scene.name}: {what} cannot be differentiated; switch off the effect {name}, or leave them out"
+                    f"{scene.name}: {what} cannot be differentiated; switch off the effect {name} (-D "
+                    f"sar_path.{name}=off), or leave them out"
                 )
         if flags.extra:
             raise SceneError(f"{scene.name}: effects of extensions cannot be differentiated; switch them off")

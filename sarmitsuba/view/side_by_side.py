@@ -10,7 +10,7 @@ from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.quicklook import draw
 
 # inches: width of the figure, of a picture with its axes, and height of title and colour bar, of the title alone
-_WIDTH, _PICTURE, _AROUND, _TITLE = 14.0, 4.2, 1.9, 0.25
+_WIDTH, _PICTURE, _AROUND, _TITLE = 14.0, 4.2, 1.4, 0.5
 
 
 def side_by_side(pictures: Sequence[tuple[str, SarImage, PictureOptions]], title: str = "") -> Figure:
@@ -22,11 +22,11 @@ def side_by_side(pictures: Sequence[tuple[str, SarImage, PictureOptions]], title
     """
     grid = pictures[0][1].grid
     ratio = grid.shape[0] * grid.azimuth_spacing / (grid.shape[1] * grid.range_spacing)
-    height = _AROUND + _PICTURE * float(np.clip(ratio, 0.3, 1.6))
+    height = _AROUND + _PICTURE * float(np.clip(ratio, 0.3, 1.6)) + (_TITLE if title else 0.0)
     figure = Figure(figsize=(_WIDTH, height), dpi=100, layout="constrained")
     engine = figure.get_layout_engine()
     assert engine is not None
-    engine.set(rect=(0.0, 0.0, 1.0, 1.0 - (_TITLE / height if title else 0.0)))
+    engine.set(rect=(0.0, 0.0, 1.0, 1.0 - 0.5 * (_TITLE / height if title else 0.0)))
     for axes, (name, image, options) in zip(figure.subplots(1, len(pictures)), pictures, strict=True):
         bar = figure.colorbar(draw(image, axes, options), ax=axes, orientation="horizontal", shrink=0.8)
         bar.set_label(prepare(image, options, LARGEST).label, fontsize=8)
