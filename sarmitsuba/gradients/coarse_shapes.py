@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.errors import SceneError
 from sarmitsuba.gradients.looks import Look
 from sarmitsuba.gradients.shape_offsets import (
     Offset,
@@ -134,6 +133,26 @@ def coarse_shapes(
     return other_cycles(looks, values)[0], spread
 
 
+def checked_offsets(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
+    """Values with shapes moved to other cycles of phase where the envelopes of their echoes say so, and deviations.
+
+    Where the shapes are nearly in place their echoes tell it better than at first.
+    """
+    found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[-1])]
+    changed, spread = np.array(values), np.full(len(values), np.nan)
+    for mesh in _meshes(found):
+        moved, rows = _equations(found, mesh, False, True)
+        steps, spread[moved] = solutions(rows, moved)
+        step = np.zeros(len(values))
+        step[moved] = steps[0]
+        cycle = 0.25 * looks[0].model.scene.radar.waveform.wavelength
+        if max((abs(float(row.factor @ step)) for row in rows), default=0.0) > cycle and _possible(
+            looks, values, moved, steps[0]
+        ):
+            changed = changed + step
+    return changed, spread
+
+
 def other_cycles(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
     """Values of shapes that the data do not confirm with the cycles of phase that they confirm most, and the shares."""
     share = confirmed(looks, values)
@@ -167,11 +186,7 @@ def _possible(looks: Sequence[Look], values: F64, moved: NDArray[np.intp], step:
     """Whether the scene can have changed values."""
     tried = np.array(values)
     tried[moved] += step
-    try:
-        looks[0].model.at(tried)
-    except SceneError:
-        return False
-    return True
+    return looks[0].model.possible(tried)
 
 
 def _meshes(found: Sequence[Measured]) -> list[int]:

@@ -7,14 +7,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.arrays import C64, C128, F32, F64
 from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.gradients.coarse_shapes import coarse_shapes, other_cycles
+from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, confirmed, other_cycles
 from sarmitsuba.gradients.coarse_track import coarse_track
 from sarmitsuba.gradients.jacobian import Parameters
 from sarmitsuba.gradients.least_squares import Prior, Problem, Solution, known_priors, minimised
 from sarmitsuba.gradients.looks import Look, looks_of
+from sarmitsuba.gradients.multilooked import stepped
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
@@ -37,7 +39,8 @@ class Fit:
         of 0
     confirmed : (n,) share of the echoes of the shape that a value moves which the data hold as the fit says, in phase:
         1 where all do, less where the value is off by cycles of phase; NaN for values that move no shape
-    costs : sum of squares of the residuals of all looks, sqrt(W) squared, after every accepted step, the start first
+    costs : sum of squares of the residuals of all looks after every accepted step, the start first: W, by amplitude
+        relative to the intensities
     converged : whether the last step changed it by less than ``LEAST_CHANGE``
     residuals : raw data less the fitted ones, of each look
     scene : with the fitted values, as the first look sees it
@@ -112,11 +115,11 @@ class _Complex(Problem):
     def __init__(self, looks: Sequence[Look]) -> None:
         self.looks, self.names = tuple(looks), looks[0].model.names
 
-    def differences(self, values: F64) -> list[C128]:
+    def differences(self, values: F64) -> list[C128 | F64]:
         """See the base class."""
         return [look.measured.astype(np.complex128) - look.model.data(values) for look in self.looks]
 
-    def linearised(self, values: F64) -> tuple[list[C128], list[C64]]:
+    def linearised(self, values: F64) -> tuple[list[C128 | F64], list[C64 | F32]]:
         """See the base class."""
         differences, jacobians = [], []
         for look in self.looks:
@@ -125,7 +128,7 @@ class _Complex(Problem):
             jacobians.append(jacobian)
         return differences, jacobians
 
-    def variances(self, differences: Sequence[C128]) -> F64:
+    def variances(self, differences: Sequence[C128 | F64]) -> F64:
         """See the base class."""
         return np.array([look.noise.variance(d) for look, d in zip(self.looks, differences, strict=True)])
 
@@ -136,6 +139,7 @@ def fit(
     data: RawData | Sequence[RawData],
     parameters: Parameters,
     *,
+    by: str = "complex",
     priors: Mapping[str, Prior] | None = None,
     iterations: int = 20,
     progress: Callable[[int, float], None] | None = None,
@@ -159,6 +163,8 @@ def fit(
     scene : with start values of the parameters; one for every raw data, or one that all radars of the data see
     data : range compressed, of the scene's radar; or several looks
     parameters : as for :func:`sarmitsuba.jacobian`; of several looks none of a radar
+    by : ``complex`` samples, or ``amplitude``: multilooked intensities of the images, for scatterers of unknown phase,
+        see :mod:`sarmitsuba.gradients.multilooked`
     priors : by name of the value, with or without its unit
     iterations : most steps
     progress : called with the number of each accepted step and its sum of squares, W
@@ -183,41 +189,52 @@ def fit(
     looks = looks_of(scene, data, parameters)
     model = looks[0].model
     known = known_priors(model.names, priors or {})
+    count = iter(range(1, RETRIES * iterations + 1))
+    report = None if progress is None else lambda cost: progress(next(count), cost)
+    if by == "amplitude":
+        return _by_amplitude(looks, known, iterations, report)
+    if by != "complex":
+        raise SceneError(f"fit: by = {by!r} is neither complex nor amplitude")
     passed = [model.start]
-    start = model.start
-    if len(looks) == 1:
-        start = coarse_track(model, looks[0].measured, start)
+    start = coarse_track(model, looks[0].measured, model.start) if len(looks) == 1 else model.start
     start, spread = coarse_shapes(looks, start, passed.append)
-    steps = iter(range(1, RETRIES * iterations + 1))
-    report = None if progress is None else lambda cost: progress(next(steps), cost)
+    best = None
     for _ in range(RETRIES):
         found = minimised(_Complex(looks), start, known, iterations, report)
-        passed += found.steps[1 if np.array_equal(start, passed[-1]) else 0 :]
-        start, share = other_cycles(looks, found.values)
+        if best is not None and found.costs[-1] >= best.costs[-1]:
+            break
+        best = found
+        passed += found.steps
+        start, _ = other_cycles(looks, found.values)
+        if np.array_equal(start, found.values):
+            start, spread = checked_offsets(looks, found.values)
         if np.array_equal(start, found.values):
             break
-    return _result(looks, found, known, share, spread, passed)
+    assert best is not None
+    variances = np.array([look.noise.shown(d) for look, d in zip(looks, best.differences, strict=True)])
+    stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
+    share = confirmed(looks, best.values)
+    covariance = best.covariance(variances, known)
+    doubtful = share < CONFIRMED  # off by cycles of phase, perhaps: as exact as the envelopes are
+    covariance[doubtful, doubtful] += spread[doubtful] ** 2
+    return _result(looks, best, covariance, best.bound(stated, known), share, passed)
+
+
+def _by_amplitude(
+    looks: Sequence[Look], known: Mapping[int, Prior], iterations: int, report: Callable[[float], None] | None
+) -> Fit:
+    """Fit to multilooked intensities, with windows from coarse to fine."""
+    found, covariance = stepped(looks, looks[0].model.start, known, iterations, report)
+    none: F64 = np.full(len(found.values), np.nan)
+    return _result(looks, found, covariance, none, none, found.steps)
 
 
 def _result(
-    looks: Sequence[Look],
-    found: Solution,
-    known: Mapping[int, Prior],
-    share: F64,
-    spread: F64,
-    passed: Sequence[F64],
+    looks: Sequence[Look], found: Solution, covariance: F64, bound: F64, share: F64, passed: Sequence[F64]
 ) -> Fit:
-    """Values with covariance, bound and what the data confirm."""
+    """A fit from its solution."""
     model, values = looks[0].model, found.values
-    pairs = list(zip(looks, found.differences, strict=True))
-    covariance = found.covariance(np.array([look.noise.shown(d) for look, d in pairs]), known)
-    # off by cycles of phase, perhaps: as exact as the envelopes are
-    doubtful = share < CONFIRMED
-    covariance[doubtful, doubtful] += spread[doubtful] ** 2
-    bound: F64 = np.full(len(values), np.nan)
-    if all(look.noise.stated > 0.0 for look in looks):
-        stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
-        bound = np.asarray(np.sqrt(np.diag(found.covariance(stated, known))), dtype=np.float64)
+    residuals = _Complex(looks).differences(values)
     return Fit(
         model.names,
         model.start,
@@ -228,6 +245,6 @@ def _result(
         share,
         found.costs,
         found.converged,
-        tuple(look.residual(d) for look, d in pairs),
+        tuple(look.residual(d) for look, d in zip(looks, residuals, strict=True)),
         model.at(values),
     )

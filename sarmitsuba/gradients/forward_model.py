@@ -257,6 +257,14 @@ class ForwardModel:
                 scene = parameter.changed(scene, own)
         return scene
 
+    def possible(self, values: F64) -> bool:
+        """Whether the scene can have these values."""
+        try:
+            self.at(values)
+        except SceneError:
+            return False
+        return True
+
     def _at(self, values: F64) -> _At:
         scene = self.at(values)
         assert self.run.trace_scene is not None

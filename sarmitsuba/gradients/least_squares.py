@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.arrays import C64, C128, F32, F64
 from sarmitsuba.errors import SceneError
 
 # damping relative to the diagonal of the normal equations: first, and by what it grows and falls
@@ -61,15 +61,15 @@ class Problem(ABC):
     names: tuple[str, ...]
 
     @abstractmethod
-    def differences(self, values: F64) -> list[C128]:
+    def differences(self, values: F64) -> list[C128 | F64]:
         """Data less model of each set."""
 
     @abstractmethod
-    def linearised(self, values: F64) -> tuple[list[C128], list[C64]]:
+    def linearised(self, values: F64) -> tuple[list[C128 | F64], list[C64 | F32]]:
         """The same, with the derivatives of the model (n_values, ...) of each set."""
 
     @abstractmethod
-    def variances(self, differences: Sequence[C128]) -> F64:
+    def variances(self, differences: Sequence[C128 | F64]) -> F64:
         """(n_sets,) mean of ``|d - m|^2`` that the noise gives a sample, by which the sets are weighed."""
 
 
@@ -89,7 +89,7 @@ class Solution:
 
     values: F64
     steps: tuple[F64, ...]
-    differences: list[C128]
+    differences: list[C128 | F64]
     normals: list[F64]
     costs: tuple[float, ...]
     converged: bool
@@ -102,6 +102,12 @@ class Solution:
         for k, prior in known.items():
             information[k, k] += 1.0 / prior.sigma**2
         return np.asarray(np.linalg.inv(information), dtype=np.float64)
+
+    def bound(self, variances: F64, known: Mapping[int, Prior]) -> F64:
+        """(n,) Cramer-Rao bound of the standard deviations with stated variances; NaN where one is not stated."""
+        if not (variances > 0.0).all():
+            return np.full(len(self.values), np.nan)
+        return np.asarray(np.sqrt(np.diag(self.covariance(variances, known))), dtype=np.float64)
 
 
 def minimised(
@@ -128,15 +134,8 @@ def minimised(
     for step in range(1, iterations + 1):
         variances = problem.variances(differences)
         cost = _cost(differences, values, known, variances)
-        normal, right = np.zeros((len(values), len(values))), np.zeros(len(values))
-        for jacobian, difference, variance in zip(jacobians, differences, variances, strict=True):
-            own_normal, own_right = normal_equations(jacobian, difference)
-            normal += own_normal / variance
-            right += own_right / variance
-        for k, prior in known.items():
-            normal[k, k] += 0.5 / prior.sigma**2
-            right[k] += 0.5 * (prior.mean - values[k]) / prior.sigma**2
-        _check_determined(problem.names, normal)
+        normal, right, _ = normal_sums(jacobians, differences, variances, values, known)
+        check_determined(problem.names, normal)
         for _ in range(ATTEMPTS):
             change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
             tried = values + change
@@ -165,12 +164,33 @@ def minimised(
     return Solution(values, tuple(steps), differences, normals, tuple(costs), converged)
 
 
-def energy(differences: Sequence[C128]) -> float:
+def normal_sums(
+    jacobians: Sequence[C64 | F32],
+    differences: Sequence[C128 | F64],
+    variances: F64,
+    values: F64,
+    known: Mapping[int, Prior],
+) -> tuple[F64, F64, list[F64]]:
+    """Matrix and right side of the normal equations of all sets over their variances and of priors; each set's matrix."""
+    normal, right = np.zeros((len(values), len(values))), np.zeros(len(values))
+    normals = []
+    for jacobian, difference, variance in zip(jacobians, differences, variances, strict=True):
+        own_normal, own_right = normal_equations(jacobian, difference)
+        normals.append(own_normal)
+        normal += own_normal / variance
+        right += own_right / variance
+    for k, prior in known.items():
+        normal[k, k] += 0.5 / prior.sigma**2
+        right[k] += 0.5 * (prior.mean - values[k]) / prior.sigma**2
+    return normal, right, normals
+
+
+def energy(differences: Sequence[C128 | F64]) -> float:
     """Sum of squares of all sets."""
     return float(sum(np.sum(np.abs(difference) ** 2) for difference in differences))
 
 
-def _cost(differences: Sequence[C128], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
+def _cost(differences: Sequence[C128 | F64], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
     """Sum of squares of data and priors over their variances."""
     own = sum(
         float(np.sum(np.abs(difference) ** 2) / variance)
@@ -179,27 +199,27 @@ def _cost(differences: Sequence[C128], values: F64, known: Mapping[int, Prior], 
     return own + 0.5 * sum(float((values[k] - p.mean) / p.sigma) ** 2 for k, p in known.items())
 
 
-def normal_equations(jacobian: C64, difference: C128) -> tuple[F64, F64]:
-    """Matrix Re J^H J and right side Re J^H (d - m), in float64."""
+def normal_equations(jacobian: C64 | F32, difference: C128 | F64) -> tuple[F64, F64]:
+    """Matrix Re J^H J and right side Re J^H (d - m), in float64, of real and imaginary parts side by side."""
     n = len(jacobian)
-    rows = jacobian.reshape(n, -1)
+    rows = np.ascontiguousarray(jacobian).reshape(n, -1).view(np.float32)
+    flat = difference.reshape(-1).view(np.float64)
     normal, right = np.zeros((n, n)), np.zeros(n)
-    flat = difference.reshape(-1)
     step = max(1, 2**24 // n)  # bounds the float64 copy
     for k in range(0, flat.size, step):
-        part = rows[:, k : k + step].astype(np.complex128)
-        normal += (part.conj() @ part.T).real
-        right += (part.conj() @ flat[k : k + step]).real
+        part = rows[:, k : k + step].astype(np.float64)
+        normal += part @ part.T
+        right += part @ flat[k : k + step]
     return normal, right
 
 
-def _bent(jacobian: C64, change: F64, before: C128, after: C128) -> float:
+def _bent(jacobian: C64 | F32, change: F64, before: C128 | F64, after: C128 | F64) -> float:
     """Norm of the part of the data's change that the Jacobian did not predict, over that of the prediction."""
     predicted = np.tensordot(change.astype(np.float32), jacobian, 1)
     return float(np.linalg.norm(before - after - predicted) / max(float(np.linalg.norm(predicted)), 1e-300))
 
 
-def _check_determined(names: tuple[str, ...], normal: F64) -> None:
+def check_determined(names: tuple[str, ...], normal: F64) -> None:
     """Refuse values on which the data do not depend, or of which they give only a sum."""
     own = np.diag(normal)
     for name, value in zip(names, own, strict=True):

@@ -130,6 +130,9 @@ def moving_parts(model: ForwardModel, values: F64, *, whole: bool = False) -> li
     A translated shape is one part. A deformed one is the part that moves fastest and, if other values displace it too,
     the rest. ``whole``: every shape is one part.
     """
+    split = zip(model.parameters, model.split(values), strict=True)
+    if all(parameter.moved(model.scene, own) is None for parameter, own in split):
+        return []
     corners, mesh = model.traced_faces(values)
     velocity, deformed = _velocities(model, values, corners, mesh)
     speed = np.linalg.norm(velocity, axis=-1)  # values, faces, corners
