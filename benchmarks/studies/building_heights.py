@@ -79,9 +79,7 @@ def one(seed: int, count: int, way: str) -> tuple[dict[str, object], np.ndarray]
         flush=True,
     )
     if by == "complex":
-        for name, error, sigma, share in zip(
-            names(count), after, found.sigma, found.confirmed, strict=True
-        ):
+        for name, error, sigma, share in zip(names(count), after, found.sigma, found.confirmed, strict=True):
             if abs(error) >= ASKED:
                 print(f"      {name}: off by {error:.3f} m, stated {sigma:.2g} m, confirmed {share:.2f}")
     line = {

@@ -190,7 +190,9 @@ def energy(differences: Sequence[C128 | F64]) -> float:
     return float(sum(np.sum(np.abs(difference) ** 2) for difference in differences))
 
 
-def _cost(differences: Sequence[C128 | F64], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
+def _cost(
+    differences: Sequence[C128 | F64], values: F64, known: Mapping[int, Prior], variances: F64
+) -> float:
     """Sum of squares of data and priors over their variances."""
     own = sum(
         float(np.sum(np.abs(difference) ** 2) / variance)

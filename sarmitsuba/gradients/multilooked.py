@@ -168,7 +168,9 @@ class _Averaged:
         # standard deviations along azimuth and range, pixels
         self.deviations = (across / grid.azimuth_spacing, across / grid.range_spacing)
         # pixels that are alike, by the window and by the image's own resolution
-        self.pixels = float(np.prod([np.hypot(2.0 * np.sqrt(np.pi) * d, OVERSAMPLED) for d in self.deviations]))
+        self.pixels = float(
+            np.prod([np.hypot(2.0 * np.sqrt(np.pi) * d, OVERSAMPLED) for d in self.deviations])
+        )
         self.measured = self.intensity(look.measured)
         self.scale = self.measured + FLOOR * float(self.measured.mean())
 
