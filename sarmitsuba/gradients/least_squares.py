@@ -5,12 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from sarmitsuba.arrays import C64, C128, F32, F64
 from sarmitsuba.errors import SceneError
 
+# data, and derivatives of a model of them, complex or real
+Samples: TypeAlias = "C128 | F64"
+Rows: TypeAlias = "C64 | F32"
 # damping relative to the diagonal of the normal equations: first, and by what it grows and falls
 FIRST_DAMPING, GROWS, FALLS = 1e-3, 10.0, 0.2
 # a step ends the fit when it changes the sum of squares by less than this share
@@ -61,15 +65,15 @@ class Problem(ABC):
     names: tuple[str, ...]
 
     @abstractmethod
-    def differences(self, values: F64) -> list[C128 | F64]:
+    def differences(self, values: F64) -> list[Samples]:
         """Data less model of each set."""
 
     @abstractmethod
-    def linearised(self, values: F64) -> tuple[list[C128 | F64], list[C64 | F32]]:
+    def linearised(self, values: F64) -> tuple[list[Samples], list[Rows]]:
         """The same, with the derivatives of the model (n_values, ...) of each set."""
 
     @abstractmethod
-    def variances(self, differences: Sequence[C128 | F64]) -> F64:
+    def variances(self, differences: Sequence[Samples]) -> F64:
         """(n_sets,) mean of ``|d - m|^2`` that the noise gives a sample, by which the sets are weighed."""
 
 
@@ -89,7 +93,7 @@ class Solution:
 
     values: F64
     steps: tuple[F64, ...]
-    differences: list[C128 | F64]
+    differences: list[Samples]
     normals: list[F64]
     costs: tuple[float, ...]
     converged: bool
@@ -137,7 +141,9 @@ def minimised(
         normal, right, _ = normal_sums(jacobians, differences, variances, values, known)
         check_determined(problem.names, normal)
         for _ in range(ATTEMPTS):
-            change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
+            change = np.asarray(
+                np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right), dtype=np.float64
+            )
             tried = values + change
             left = problem.differences(tried)
             new = _cost(left, tried, known, variances)
@@ -149,7 +155,8 @@ def minimised(
             break
         damping *= FALLS
         bent = max(
-            _bent(*one) for one in zip(jacobians, [change] * len(left), differences, left, strict=True)
+            _bent(jacobian, change, before, after)
+            for jacobian, before, after in zip(jacobians, differences, left, strict=True)
         )
         values, differences, converged = tried, left, cost - new < LEAST_CHANGE * cost
         steps.append(values)
@@ -165,13 +172,13 @@ def minimised(
 
 
 def normal_sums(
-    jacobians: Sequence[C64 | F32],
-    differences: Sequence[C128 | F64],
+    jacobians: Sequence[Rows],
+    differences: Sequence[Samples],
     variances: F64,
     values: F64,
     known: Mapping[int, Prior],
 ) -> tuple[F64, F64, list[F64]]:
-    """Matrix and right side of the normal equations of all sets over their variances and of priors; each set's matrix."""
+    """Matrix and right side of the normal equations of all sets over their variances, with priors; each set's."""
     normal, right = np.zeros((len(values), len(values))), np.zeros(len(values))
     normals = []
     for jacobian, difference, variance in zip(jacobians, differences, variances, strict=True):
@@ -185,14 +192,12 @@ def normal_sums(
     return normal, right, normals
 
 
-def energy(differences: Sequence[C128 | F64]) -> float:
+def energy(differences: Sequence[Samples]) -> float:
     """Sum of squares of all sets."""
     return float(sum(np.sum(np.abs(difference) ** 2) for difference in differences))
 
 
-def _cost(
-    differences: Sequence[C128 | F64], values: F64, known: Mapping[int, Prior], variances: F64
-) -> float:
+def _cost(differences: Sequence[Samples], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
     """Sum of squares of data and priors over their variances."""
     own = sum(
         float(np.sum(np.abs(difference) ** 2) / variance)
@@ -201,7 +206,7 @@ def _cost(
     return own + 0.5 * sum(float((values[k] - p.mean) / p.sigma) ** 2 for k, p in known.items())
 
 
-def normal_equations(jacobian: C64 | F32, difference: C128 | F64) -> tuple[F64, F64]:
+def normal_equations(jacobian: Rows, difference: Samples) -> tuple[F64, F64]:
     """Matrix Re J^H J and right side Re J^H (d - m), in float64, of real and imaginary parts side by side."""
     n = len(jacobian)
     rows = np.ascontiguousarray(jacobian).reshape(n, -1).view(np.float32)
@@ -215,7 +220,7 @@ def normal_equations(jacobian: C64 | F32, difference: C128 | F64) -> tuple[F64, 
     return normal, right
 
 
-def _bent(jacobian: C64 | F32, change: F64, before: C128 | F64, after: C128 | F64) -> float:
+def _bent(jacobian: Rows, change: F64, before: Samples, after: Samples) -> float:
     """Norm of the part of the data's change that the Jacobian did not predict, over that of the prediction."""
     predicted = np.tensordot(change.astype(np.float32), jacobian, 1)
     return float(np.linalg.norm(before - after - predicted) / max(float(np.linalg.norm(predicted)), 1e-300))

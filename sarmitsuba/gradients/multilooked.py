@@ -19,11 +19,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F32, F64
+from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.focusing.operator import focusing_operator
 from sarmitsuba.gradients.least_squares import (
     Prior,
     Problem,
+    Rows,
+    Samples,
     Solution,
     check_determined,
     energy,
@@ -34,11 +36,15 @@ from sarmitsuba.gradients.shape_offsets import frequencies
 
 # widths of the window (full width at half maximum), in range cells, and shares of the step that are taken: coarse to
 # fine, then the mean of what the steps say
-STAGES = (
+STAGES: tuple[tuple[float, float], ...] = (
     *((8.0, 1.0),) * 2,
     *((6.0, 1.0),) * 2,
     *((4.0, 1.0),) * 2,
-    *((3.0, 1.0 / k) for k in range(1, 6)),
+    (3.0, 1.0),
+    (3.0, 1.0 / 2.0),
+    (3.0, 1.0 / 3.0),
+    (3.0, 1.0 / 4.0),
+    (3.0, 1.0 / 5.0),
 )
 # share of the diagonal of the normal equations that damps a step, and its length at most, standard deviations
 DAMPING, FARTHEST = 0.05, 3.0
@@ -70,17 +76,17 @@ class MultilookedImages(Problem):
         """Pixels that are alike, of the first look."""
         return self.images[0].pixels
 
-    def differences(self, values: F64) -> list[C128 | F64]:
+    def differences(self, values: F64) -> list[Samples]:
         """See the base class."""
         return [
             image.relative(image.measured - image.intensity(look.model.data(values)))
             for look, image in zip(self.looks, self.images, strict=True)
         ]
 
-    def linearised(self, values: F64) -> tuple[list[C128 | F64], list[C64 | F32]]:
+    def linearised(self, values: F64) -> tuple[list[Samples], list[Rows]]:
         """See the base class."""
-        differences: list[C128 | F64] = []
-        jacobians: list[C64 | F32] = []
+        differences: list[Samples] = []
+        jacobians: list[Rows] = []
         for look, image in zip(self.looks, self.images, strict=True):
             modelled, derivative = look.model.derivative(values)
             focused = image.focused(modelled)
@@ -92,7 +98,7 @@ class MultilookedImages(Problem):
             jacobians.append(np.array(rows, dtype=np.float32))
         return differences, jacobians
 
-    def variances(self, differences: Sequence[C128 | F64]) -> F64:
+    def variances(self, differences: Sequence[Samples]) -> F64:
         """See the base class; pixels of one window count as one."""
         return np.array(
             [
@@ -124,10 +130,10 @@ def stepped(
         variances = problem.variances(differences)
         normal, right, normals = normal_sums(jacobians, differences, variances, values, known)
         check_determined(problem.names, normal)
-        covariance = np.linalg.inv(2.0 * normal)
+        covariance = np.asarray(np.linalg.inv(2.0 * normal), dtype=np.float64)
         sigma = np.sqrt(np.diag(covariance))
-        change = np.linalg.solve(normal + DAMPING * np.diag(np.diag(normal)), right)
-        change = share * np.clip(change, -FARTHEST * sigma, FARTHEST * sigma)
+        full = np.linalg.solve(normal + DAMPING * np.diag(np.diag(normal)), right)
+        change = share * np.asarray(np.clip(full, -FARTHEST * sigma, FARTHEST * sigma), dtype=np.float64)
         for _ in range(HALVINGS):
             if looks[0].model.possible(values + change):
                 break
