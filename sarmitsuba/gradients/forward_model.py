@@ -204,7 +204,9 @@ class ForwardModel:
         if leave_out:
             self.left_out = tuple(name for name in UNSUPPORTED if getattr(self.run.plan.flags, name))
         if self.left_out:
-            effects = {**scene.settings.effects, **dict.fromkeys(self.left_out, "off")}
+            effects = dict(scene.settings.effects)
+            for name in self.left_out:
+                effects[name] = "off"
             self.run = self.run.otherwise(replace(scene, settings=replace(scene.settings, effects=effects)))
         self.run.admit()
         flags = self.run.plan.flags

@@ -1,15 +1,20 @@
 """Image of a scene with one value changed, to first order or simulated: pictures, words, the range of a slider."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.gradients.image_derivative import ImageDerivative
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
 from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
 from sarmitsuba.view.figure import Figure
 from sarmitsuba.view.side_by_side import side_by_side
+
+if TYPE_CHECKING:
+    from sarmitsuba.gradients.image_derivative import ImageDerivative
 
 IMAGE, DIFFERENCE, PHASE = "image", "change of the image", "change of the phase"
 PICTURES = (IMAGE, DIFFERENCE, PHASE)
@@ -63,7 +68,7 @@ class ChangeSlider:
     step: float
 
     @staticmethod
-    def of(found: ImageDerivative) -> "ChangeSlider":
+    def of(found: ImageDerivative) -> ChangeSlider:
         """Slider of a parameter: 2 cm for places and heights of shapes, else beyond where first order is of use."""
         kind = found.name.partition(":")[0].partition(" ")[0]
         unit, per_unit = _SHOWN.get(kind, (found.unit, 1.0))
@@ -103,20 +108,20 @@ class ChangedView:
     simulated: SarImage | None = None
 
     @staticmethod
-    def of(found: ImageDerivative) -> "ChangedView":
+    def of(found: ImageDerivative) -> ChangedView:
         """View of the image as it is."""
         limits = prepare(found.image, PictureOptions(), LARGEST).limits
         return ChangedView(found, ChangeSlider.of(found), limits)
 
-    def at(self, shown: float) -> "ChangedView":
+    def at(self, shown: float) -> ChangedView:
         """View at a position of the slider, in its unit, to first order."""
         return self.by(shown / self.slider.per_unit)
 
-    def by(self, change: float) -> "ChangedView":
+    def by(self, change: float) -> ChangedView:
         """View at a change of the value, to first order."""
         return replace(self, change=change, simulated=None)
 
-    def with_simulation(self) -> "ChangedView":
+    def with_simulation(self) -> ChangedView:
         """View at the same change, simulated with the same rays and scatterers.
 
         Raises

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
@@ -23,10 +24,8 @@ def side_by_side(pictures: Sequence[tuple[str, SarImage, PictureOptions]], title
     grid = pictures[0][1].grid
     ratio = grid.shape[0] * grid.azimuth_spacing / (grid.shape[1] * grid.range_spacing)
     height = _AROUND + _PICTURE * float(np.clip(ratio, 0.3, 1.6)) + (_TITLE if title else 0.0)
-    figure = Figure(figsize=(_WIDTH, height), dpi=100, layout="constrained")
-    engine = figure.get_layout_engine()
-    assert engine is not None
-    engine.set(rect=(0.0, 0.0, 1.0, 1.0 - 0.5 * (_TITLE / height if title else 0.0)))
+    room = (0.0, 0.0, 1.0, 1.0 - 0.5 * (_TITLE / height if title else 0.0))
+    figure = Figure(figsize=(_WIDTH, height), dpi=100, layout=ConstrainedLayoutEngine(rect=room))
     for axes, (name, image, options) in zip(figure.subplots(1, len(pictures)), pictures, strict=True):
         bar = figure.colorbar(draw(image, axes, options), ax=axes, orientation="horizontal", shrink=0.8)
         bar.set_label(prepare(image, options, LARGEST).label, fontsize=8)
