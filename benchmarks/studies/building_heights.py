@@ -5,8 +5,8 @@ Usage: python benchmarks/studies/building_heights.py [--buildings N] [--scenes N
 
 Boxes of 6 to 10 m, 2 to 15 m high, of rough concrete and rough metal on rough soil, headings drawn, 18 m apart, so
 that they lie in each other's layover and shadow; X band, 200 MHz, two looks 65 degrees of heading and 10 degrees of
-incidence apart, 20 dB of signal over noise. ``complex``: raw data of the model's own scatterers. ``amplitude``: the same data by
-multilooked intensity. ``unknown``: by multilooked intensity, data of other scatterers than the model's.
+incidence apart, 20 dB of signal over noise. ``complex``: raw data of the model's own scatterers. ``amplitude``: the
+same data by multilooked intensity. ``unknown``: by multilooked intensity, data of other scatterers than the model's.
 
 A line for each town and way: rms and largest error at the start and in the end, buildings within 5 cm, rms of the
 errors over the standard deviations that the fit states, buildings that it does not confirm, processor seconds and

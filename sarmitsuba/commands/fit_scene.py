@@ -1,6 +1,8 @@
 """Fit parameters of a scene (levels, permittivity, shifts, the track) to raw data; prints values, sigma and bound."""
 
 import argparse
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,7 +10,9 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
+    from sarmitsuba.echo.raw_data import RawData
     from sarmitsuba.gradients.least_squares import Prior
+    from sarmitsuba.view.figure import Figure
 
 NAME = "fit"
 HELP = "fit parameters of a scene (material levels, roughness, shifts, the track) to raw data"
@@ -20,7 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     add_scene_arguments(parser)
     parser.add_argument(
-        "--data", required=True, metavar="RAW", help="raw data of the scene's radar, such as raw.h5 of render"
+        "--data",
+        required=True,
+        nargs="+",
+        metavar="RAW",
+        help="raw data of the scene's radar, such as raw.h5 of render; several: looks, each with the radar of its data",
     )
     parser.add_argument(
         "--parameters",
@@ -28,6 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAMES",
         help="separated by commas: gain, clock_offset, track:KNOTS, levels, level:MATERIAL, permittivity:MATERIAL, "
         "rms_height:MATERIAL, shift:SHAPE:AXIS, ... (docs/gradients.md)",
+    )
+    parser.add_argument(
+        "--by",
+        choices=("complex", "amplitude"),
+        default="complex",
+        help="complex samples (default), or multilooked amplitude, for scatterers of unknown phase",
     )
     parser.add_argument(
         "--prior",
@@ -43,48 +57,68 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="FOLDER",
-        help=f"folder for {TABLE}, {RESIDUAL} and {PICTURE} (default: none)",
+        help=f"folder for {TABLE}, and of each look {RESIDUAL} and its picture (default: none)",
     )
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Fit, print the table, write the results."""
     from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.commands.results import draw_into
     from sarmitsuba.errors import SceneError
     from sarmitsuba.gradients.fit import fit
     from sarmitsuba.io import parameter_file, read_raw, write_raw
     from sarmitsuba.io.output import OutputFolder, output_folder
-    from sarmitsuba.view.quicklook import save
-    from sarmitsuba.view.residual_picture import residual_figure
 
     if args.iterations < 1:
         raise SceneError(f"fit: --iterations = {args.iterations} must be at least 1")
     priors = dict(_prior(text) for text in args.prior)
+    tables = _names(RESIDUAL, len(args.data)), _names(PICTURE, len(args.data))
     if args.output:
-        OutputFolder(Path(args.output)).check_names((TABLE, RESIDUAL, PICTURE))
+        OutputFolder(Path(args.output)).check_names((TABLE, *tables[0], *tables[1]))
+    if len(args.data) > 1 and args.radar:
+        raise SceneError(
+            "fit: --radar with several --data: each look has the radar of its data; leave it out"
+        )
     ensure_backend()
-    scene, data = scene_of(args), read_raw(args.data)
+    scene, data = scene_of(args), [read_raw(path) for path in args.data]
     found = fit(
         scene,
         data,
         args.parameters,
+        by=args.by,
         priors=priors,
         iterations=args.iterations,
-        progress=lambda step, cost: console.note(f"step {step}: residual {cost:.4g} W"),
+        progress=lambda step, cost: console.note(f"step {step}: residual {cost:.4g}"),
     )
     console.say(found.table())
     if args.output:
         with output_folder(Path(args.output)) as folder:
             with folder.writing(TABLE) as path:
-                parameter_file.write(
-                    path, {"command": "fit", "data": str(args.data), "scene": scene.name, **found.as_dict()}
-                )
-            with folder.writing(RESIDUAL) as path:
-                write_raw(found.residual, path)
-            with folder.writing(PICTURE) as path:
-                save(residual_figure(data, found.residual), path)
-        console.say("\n".join(str(Path(args.output) / name) for name in (TABLE, PICTURE)))
+                record = {"command": "fit", "data": [str(path) for path in args.data], "scene": scene.name}
+                parameter_file.write(path, {**record, "by": args.by, **found.as_dict()})
+            for name, picture, raw, left in zip(*tables, data, found.residuals, strict=True):
+                with folder.writing(name) as path:
+                    write_raw(left, path)
+                draw_into(folder, picture, partial(_picture, raw, left), console)
+        console.say(str(Path(args.output) / TABLE))
     return 0
+
+
+def _names(name: str, count: int) -> list[str]:
+    """File names of every look: the name itself for the first, numbered for others."""
+    stem, dot, suffix = name.partition(".")
+    return [name] + [f"{stem}_{k}{dot}{suffix}" for k in range(2, count + 1)]
+
+
+def _picture(measured: "RawData", left: "RawData") -> "Figure":
+    from sarmitsuba.focusing import focus
+    from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.view.residual import residual_picture
+
+    images = [focus(replace(left, data=raw.data, layers=raw.layers)) for raw in (measured, left)]
+    assert all(isinstance(image, SarImage) for image in images)
+    return residual_picture(*images)
 
 
 def _prior(text: str) -> "tuple[str, Prior]":

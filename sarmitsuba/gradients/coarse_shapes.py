@@ -1,4 +1,4 @@
-"""Coarse start of shapes: values moved by the offsets of the shapes' echoes, many wavelengths and range cells if need be."""
+"""Coarse start of shapes: values moved by the offsets of the shapes' echoes, over wavelengths and range cells."""
 
 from __future__ import annotations
 
@@ -35,6 +35,8 @@ DRAWS = 400
 LEAST_CYCLE = 1.0 / 60.0
 # changes by other cycles of phase that are tried at most at a time, and how often
 TRIED, RETRIES = 40, 6
+# rms deviation of the points of a part from its velocity, over that, up to which a value displaces it alike
+EVEN = 0.2
 # sum of squares above the least from which changes are not tried: five standard deviations
 UNLIKELY = 25.0
 # share of confirmed echoes from which no other cycles are tried, and by which another one must be better
@@ -121,6 +123,8 @@ def coarse_shapes(
         change, farthest = np.zeros(len(values)), 0.0
         for mesh in _meshes(found):
             moved, rows = _equations(found, mesh, mesh in in_phase, number > 0)
+            if not len(moved):
+                continue
             steps, spread[moved] = solutions(rows, moved)
             steps = [step for step in steps if _possible(looks, values, moved, step)]
             change[moved] = steps[0] if steps else 0.0
@@ -142,6 +146,8 @@ def checked_offsets(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
     changed, spread = np.array(values), np.full(len(values), np.nan)
     for mesh in _meshes(found):
         moved, rows = _equations(found, mesh, False, True)
+        if not len(moved):
+            continue
         steps, spread[moved] = solutions(rows, moved)
         step = np.zeros(len(values))
         step[moved] = steps[0]
@@ -164,6 +170,8 @@ def other_cycles(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
         others = []
         for mesh in _meshes(found):
             moved, rows = _equations(found, mesh, False, True)
+            if not len(moved):
+                continue
             steps = [s for s in solutions(rows, moved)[0] if _possible(looks, values, moved, s)]
             if steps:
                 others.append((moved, steps))
@@ -196,10 +204,12 @@ def _meshes(found: Sequence[Measured]) -> list[int]:
 def _equations(
     found: Sequence[Measured], mesh: int, in_phase: bool, carrier: bool
 ) -> tuple[NDArray[np.intp], list[Row]]:
-    """Numbers of the values that displace a shape, and their equations, see :meth:`Measured.rows`."""
+    """Numbers of the values that displace some part of a shape alike, and equations, see :meth:`Measured.rows`."""
     own = [one for one in found if one.part.mesh == mesh]
     rows = [row for one in own for row in one.rows(in_phase, carrier)]
-    return np.flatnonzero(np.abs([one.part.velocity for one in own]).max(axis=(0, 2))), rows
+    speed = np.linalg.norm([one.part.velocity for one in own], axis=2)
+    alike = (speed > 0.0) & (np.array([one.part.uneven for one in own]) <= EVEN * speed)
+    return np.flatnonzero(alike.any(axis=0)), rows
 
 
 def measured_offsets(
@@ -268,7 +278,7 @@ def solutions(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[list[F64]
                 for n, row in zip(cycles, cyclic, strict=True)
             ]
             matrix, right = _weighed([*clear, *unwrapped], numbers)
-            solved = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
+            solved = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-6)[0], dtype=np.float64)
             seen[cycles] = float(np.sum((matrix @ solved - right) ** 2)), solved
     ordered = sorted(seen.values(), key=lambda one: one[0])[:TRIED]
     return [solved for square, solved in ordered if square < ordered[0][0] + UNLIKELY], sigma

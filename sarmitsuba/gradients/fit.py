@@ -7,14 +7,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128, F32, F64
+from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, confirmed, other_cycles
 from sarmitsuba.gradients.coarse_track import coarse_track
 from sarmitsuba.gradients.jacobian import Parameters
-from sarmitsuba.gradients.least_squares import Prior, Problem, Solution, known_priors, minimised
+from sarmitsuba.gradients.least_squares import (
+    Prior,
+    Problem,
+    Rows,
+    Samples,
+    Solution,
+    known_priors,
+    minimised,
+)
 from sarmitsuba.gradients.looks import Look, looks_of
 from sarmitsuba.gradients.multilooked import stepped
 from sarmitsuba.scene.scene import Scene, SceneLike
@@ -115,20 +123,21 @@ class _Complex(Problem):
     def __init__(self, looks: Sequence[Look]) -> None:
         self.looks, self.names = tuple(looks), looks[0].model.names
 
-    def differences(self, values: F64) -> list[C128 | F64]:
+    def differences(self, values: F64) -> list[Samples]:
         """See the base class."""
         return [look.measured.astype(np.complex128) - look.model.data(values) for look in self.looks]
 
-    def linearised(self, values: F64) -> tuple[list[C128 | F64], list[C64 | F32]]:
+    def linearised(self, values: F64) -> tuple[list[Samples], list[Rows]]:
         """See the base class."""
-        differences, jacobians = [], []
+        differences: list[Samples] = []
+        jacobians: list[Rows] = []
         for look in self.looks:
             modelled, jacobian = look.model.derivative(values)
             differences.append(look.measured.astype(np.complex128) - modelled)
             jacobians.append(jacobian)
         return differences, jacobians
 
-    def variances(self, differences: Sequence[C128 | F64]) -> F64:
+    def variances(self, differences: Sequence[Samples]) -> F64:
         """See the base class."""
         return np.array([look.noise.variance(d) for look, d in zip(self.looks, differences, strict=True)])
 
@@ -183,7 +192,7 @@ def fit(
 
     Notes
     -----
-    Ignores the same as :func:`sarmitsuba.jacobian`. Rotations must start within an eighth of a wavelength.
+    Ignores the same as :func:`sarmitsuba.jacobian`. Rotations and scales must start within an eighth of a wavelength.
     Diffuse scatterers are those of the scene's seed: speckle of a real surface is not in the model.
     """
     looks = looks_of(scene, data, parameters)
@@ -216,7 +225,7 @@ def fit(
     share = confirmed(looks, best.values)
     covariance = best.covariance(variances, known)
     doubtful = share < CONFIRMED  # off by cycles of phase, perhaps: as exact as the envelopes are
-    covariance[doubtful, doubtful] += spread[doubtful] ** 2
+    covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
     return _result(looks, best, covariance, best.bound(stated, known), share, passed)
 
 

@@ -142,13 +142,11 @@ class _Needed:
         longest = max(len(self.displacements), len(self.levels))
         n = max(1, -(-longest // MOST), -(-len(self.steps) // MOST_STEPS))
         for k in range(n):
-            yield _Needed(
-                *(
-                    one[k * len(one) // n : (k + 1) * len(one) // n]
-                    for one in (self.displacements, self.levels)
-                ),
-                self.steps[k * len(self.steps) // n : (k + 1) * len(self.steps) // n],
+            moves, levels, steps = (
+                slice(k * len(one) // n, (k + 1) * len(one) // n)
+                for one in (self.displacements, self.levels, self.steps)
             )
+            yield _Needed(self.displacements[moves], self.levels[levels], self.steps[steps])
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, C128
+from sarmitsuba.arrays import C64
 from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
-from sarmitsuba.gradients.radar_parameters import AntennaTrack, ClockOffset, Gain
+from sarmitsuba.gradients.least_squares import Samples
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene, SceneLike
 
@@ -24,8 +24,6 @@ SAME_WINDOW = 1e-3
 LEAST_NOISE = 1e-6
 # rounding of float32 data, as a share of that
 ROUNDING = 2.0**-48 / LEAST_NOISE
-# parameters that belong to one radar
-OF_THE_RADAR = (Gain, ClockOffset, AntennaTrack)
 
 
 @dataclass(frozen=True)
@@ -53,12 +51,12 @@ class NoisePower:
         """Variance within the band, from the mean power of a sample."""
         return power * self.samples
 
-    def variance(self, difference: C128) -> float:
+    def variance(self, difference: Samples) -> float:
         """Variance that priors and looks are weighed by: as stated, else as the residuals show."""
         shown = max(float(np.mean(np.abs(difference) ** 2)), self.least)
         return self.of_power(self.stated if self.stated > 0.0 else shown)
 
-    def shown(self, difference: C128) -> float:
+    def shown(self, difference: Samples) -> float:
         """Variance that the residuals show, at least the rounding of float32."""
         return self.of_power(max(float(np.mean(np.abs(difference) ** 2)), ROUNDING * self.least))
 
@@ -87,7 +85,7 @@ class Look:
         measured = _planes(model, data)
         return Look(model, data, measured, NoisePower.of(scene, measured))
 
-    def residual(self, difference: C128) -> RawData:
+    def residual(self, difference: Samples) -> RawData:
         """A difference (channels, pulses, samples) as raw data."""
         return replace(self.model.raw(difference.astype(np.complex64)), request=self.data.request)
 
@@ -153,7 +151,7 @@ def _check_shared(looks: Sequence[Look]) -> None:
     """Refuse looks of different scenes, and parameters of a radar, of which each look has its own."""
     first = looks[0].model
     for parameter in first.parameters:
-        if isinstance(parameter, OF_THE_RADAR):
+        if parameter.changed(first.scene, parameter.values(first.scene)).radar is not first.scene.radar:
             raise SceneError(
                 f"fit: {parameter.label} belongs to the radar of one look, and there are {len(looks)} looks; fit it to "
                 "the data of its look alone"

@@ -52,6 +52,8 @@ DAMPING, FARTHEST = 0.05, 3.0
 HALVINGS = 20
 # least averaged intensity that data are divided by, over the mean of the image
 FLOOR = 0.1
+# least mean square of relative differences: rounding of float32
+LEAST_SQUARE = 2.0**-24
 # pixels of a resolution cell
 OVERSAMPLED = 2.0
 # standard deviations of a Gaussian in its full width at half maximum
@@ -102,7 +104,7 @@ class MultilookedImages(Problem):
         """See the base class; pixels of one window count as one."""
         return np.array(
             [
-                2.0 * max(float(np.mean(np.abs(d) ** 2)), np.finfo(np.float32).eps) * image.pixels
+                2.0 * max(float(np.mean(np.abs(d) ** 2)), LEAST_SQUARE) * image.pixels
                 for d, image in zip(differences, self.images, strict=True)
             ]
         )
@@ -125,7 +127,9 @@ def stepped(
     problems: dict[float, MultilookedImages] = {}
     covariance, change = np.zeros((len(values), len(values))), values
     for width, share in STAGES[:iterations]:
-        problem = problems.setdefault(width, MultilookedImages(looks, width))
+        if width not in problems:
+            problems = {width: MultilookedImages(looks, width)}
+        problem = problems[width]
         differences, jacobians = problem.linearised(values)
         variances = problem.variances(differences)
         normal, right, normals = normal_sums(jacobians, differences, variances, values, known)

@@ -49,7 +49,7 @@ FINE_RANGE, FINE_AZIMUTH = 16, 3
 
 @dataclass(frozen=True, eq=False)
 class Part(Parameter):
-    """Faces of a shape that values of parameters move alike; the derivative is of a displacement along the line of sight.
+    """Faces of a shape that values of parameters move alike; differentiates by a displacement along the line of sight.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class Offset:
 
     Parameters
     ----------
-    range, azimuth : m, along the line of sight (farther) and along the track; azimuth is NaN where it was not looked for
+    range, azimuth : m, along the line of sight (farther) and along the track; azimuth is NaN where not looked for
     sigma : (2,) standard deviations of both, m
     peak : power of the correlation's peak over the mean power elsewhere
     carrier : m, the range that the phase of the carrier says, nearest to ``range``
@@ -154,7 +154,7 @@ def moving_parts(model: ForwardModel, values: F64, *, whole: bool = False) -> li
 
 
 def _velocities(model: ForwardModel, values: F64, corners: F64, mesh: I64) -> tuple[F64, NDArray[np.bool_]]:
-    """(n_values, n_faces, 3, 3) m per unit: velocities of the faces' corners; (n_faces,) whether a value deforms them."""
+    """(n_values, n_faces, 3, 3) m per unit, velocities of the faces' corners; (n_faces,) whether values deform them."""
     scene = model.at(values)
     velocity, deformed = np.zeros((len(model.names), *corners.shape)), np.zeros(len(mesh), dtype=np.bool_)
     row = 0

@@ -42,9 +42,9 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_level_is_fitted_and_written(scene: Path, capsys: Any) -> None:
+def test_a_level_is_fitted_to_two_looks_and_written(scene: Path, capsys: Any) -> None:
     data, out = str(scene.parent / "raw.h5"), scene.parent / "out"
-    command = ["fit", str(scene), "--data", data, "--parameters", "levels", "-o", str(out)]
+    command = ["fit", str(scene), "--data", data, data, "--parameters", "levels", "-o", str(out)]
     assert cli.main([*command, "--prior", "level:soil=-10:5"]) == 0
     said = capsys.readouterr().out
     assert "level:soil [dB]" in said and "converged after" in said
@@ -52,10 +52,13 @@ def test_a_level_is_fitted_and_written(scene: Path, capsys: Any) -> None:
     # tol: data of the scene's own model, float32; the prior weighs as noise of -60 dB
     assert record["values"] == pytest.approx([-7.5], abs=1e-3)
     assert record["start"] == [-10.0] and record["converged"] is True
+    assert record["confirmed"] == [None] and len(record["steps"]) > 1
+    measured = read_raw(data).data
+    for look in ("residual", "residual_2"):
+        assert np.linalg.norm(read_raw(out / f"{look}.h5").data) < 1e-3 * np.linalg.norm(measured)
+        assert (out / f"{look}.png").read_bytes().startswith(b"\x89PNG")
     with Image.open(out / "residual.png") as picture:
         assert picture.size[0] == 1400 and np.ptp(np.asarray(picture.convert("L"))) > 200
-    left, measured = read_raw(out / "residual.h5").data, read_raw(data).data
-    assert np.linalg.norm(left) < 1e-3 * np.linalg.norm(measured)
 
 
 def test_wrong_options_are_one_line(scene: Path, capsys: Any) -> None:
@@ -64,6 +67,7 @@ def test_wrong_options_are_one_line(scene: Path, capsys: Any) -> None:
         (["roughness"], "'roughness' is not one of gain"),
         (["levels", "--prior", "level:soil=3"], "is not of the form NAME=MEAN:SIGMA"),
         (["levels", "--iterations", "0"], "must be at least 1"),
+        (["levels", "--data", "a.h5", "b.h5", "--radar", "c.xml"], "each look has the radar of its data"),
     ):
         assert cli.main([*command, *options]) == 2
         assert reason in capsys.readouterr().err

@@ -20,7 +20,7 @@ from sarmitsuba import (
     build_scene,
     fit,
 )
-from sarmitsuba.arrays import F64
+from sarmitsuba.arrays import F64, I32
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import parameters_of
 from sarmitsuba.mesh.tessellate import cube
@@ -32,7 +32,7 @@ PLOT, MARGIN = 18.0, 14.0
 LOOKS = ((0.0, 38.0), (65.0, 48.0))
 
 
-def building(rng: np.random.Generator, place: F64, height: float) -> tuple[F64, F64]:
+def building(rng: np.random.Generator, place: F64, height: float) -> tuple[F64, I32]:
     """Vertices and faces of a box of drawn footprint and heading, whose feet are on the ground."""
     v, f = cube()
     size, turn = rng.uniform(6.0, 10.0, 2), rng.uniform(0.0, np.pi)
