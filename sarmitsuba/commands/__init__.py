@@ -8,6 +8,7 @@ other packages only when it runs, so that ``doctor`` works where they are missin
 from sarmitsuba.commands import (
     cost,
     dataset,
+    derivative,
     doctor,
     explain,
     fit_scene,
@@ -42,6 +43,7 @@ COMMANDS = (
     explain,
     link,
     cost,
+    derivative,
     fit_scene,
     scenes,
     importing,

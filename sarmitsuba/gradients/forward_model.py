@@ -55,10 +55,12 @@ class ForwardModel:
     ----------
     scene : as loaded
     parameters : each with one or several values
+    leave_out : effects that have no derivative are left out, instead of an error
 
     Attributes
     ----------
     run : prepared run
+    left_out : names of the effects left out
     names : of all values
     start : (n,) values of the scene as it is
     statistics : of the most recent data: where two values have equal numbers of hits and contributions, with the same
@@ -70,17 +72,26 @@ class ForwardModel:
         The scene has echoes that cannot be differentiated.
     """
 
-    def __init__(self, scene: Scene, parameters: Sequence[Parameter]) -> None:
+    def __init__(self, scene: Scene, parameters: Sequence[Parameter], *, leave_out: bool = False) -> None:
         refuse(scene)
         scene = replace(scene, settings=replace(scene.settings, keep_orders=False, keep_subsets=False))
         self.parameters = tuple(parameters)
         self.run = Run(scene)
+        self.left_out: tuple[str, ...] = ()
+        if leave_out:
+            self.left_out = tuple(name for name in UNSUPPORTED if getattr(self.run.plan.flags, name))
+        if self.left_out:
+            effects = dict(scene.settings.effects)
+            for name in self.left_out:
+                effects[name] = "off"
+            self.run = self.run.otherwise(replace(scene, settings=replace(scene.settings, effects=effects)))
         self.run.admit()
         flags = self.run.plan.flags
         for name, what in UNSUPPORTED.items():
             if getattr(flags, name):
                 raise SceneError(
-                    f"{scene.name}: {what} cannot be differentiated; switch off the effect {name}, or leave them out"
+                    f"{scene.name}: {what} cannot be differentiated; switch off the effect {name} (-D "
+                    f"sar_path.{name}=off), or leave them out"
                 )
         patterned = scene.radar.antenna.pattern != "isotropic"
         if (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from sarmitsuba.errors import SceneError
@@ -89,3 +90,28 @@ def _of_shapes(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | No
         case kind, [] if kind != one and one in DEFORMATIONS:
             return [Deformation(one, shape) for shape in bodies(scene, kind)]
     return None
+
+
+def offered(scene: Scene) -> tuple[str, ...]:
+    """Parameters of one value that a scene has, as texts: those of its shapes, then those of its materials, then gain.
+
+    Shapes whose names are not unique, ground without end, and properties that a material has not are left out.
+    """
+    geometry = scene.geometry
+    words = []
+    for name, endless in zip_longest(geometry.mesh_names, geometry.mesh_endless, fillvalue=False):
+        if not endless:
+            words += [f"shift:{name}:{axis}" for axis in AXES] + [f"{kind}:{name}" for kind in DEFORMATIONS]
+    for material in dict.fromkeys(m.name for m in with_parts(scene.materials)):
+        words += [f"{kind}:{material}" for kind in ("level", *PROPERTIES)]
+    return (*(word for word in dict.fromkeys(words) if _has(scene, word)), "gain")
+
+
+def _has(scene: Scene, word: str) -> bool:
+    """Whether a scene has the parameter of a text."""
+    try:
+        (parameter,) = parse(word, scene)
+        parameter.values(scene)
+    except SceneError:
+        return False
+    return True

@@ -22,6 +22,7 @@ from sarmitsuba.loader.from_mesh import is_mesh_file
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.radar_ground import PLUGIN as RADAR_GROUND
+from sarmitsuba.loader.references import check_document
 from sarmitsuba.loader.tables import RADAR_MATERIAL
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method
@@ -152,11 +153,6 @@ def scene_xml(state: BenchState) -> str:
     for shape in root.findall("shape"):
         if state.size != 1.0:
             _scaled(shape, state.size)
-    for node in root.iter("string"):
-        if node.get("name") == "filename":
-            node.set("value", str(state.source.parent / node.attrib["value"]))
-    for node in root.iter("include"):
-        node.set("filename", str(state.source.parent / node.attrib["filename"]))
     at = len(root.findall("default"))
     root.insert(at, _radar(state))
     root.insert(
@@ -219,12 +215,34 @@ def _write(path: Path, text: str) -> None:
 
 
 def _parsed(path: Path) -> ET.Element:
+    """Root of a scene file with the files that it includes in place; names of files are absolute.
+
+    Includes whose name holds a parameter stay.
+    """
+    if os.path.isfile(path):
+        check_document(path)
+    return _spliced(path)
+
+
+def _spliced(path: Path) -> ET.Element:
     try:
-        return ET.parse(path).getroot()
+        root = ET.parse(path).getroot()
     except ET.ParseError as error:
         raise SceneError(f"{path}: not well-formed XML: {error}") from None
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+    for node in root.iter("string"):
+        if node.get("name") == "filename":
+            node.set("value", str(path.parent / node.attrib["value"]))
+    for parent in list(root.iter()):
+        for node in parent.findall("include"):
+            name = node.attrib["filename"]
+            if "$" in name:
+                node.set("filename", str(path.parent / name))
+                continue
+            at = list(parent).index(node)
+            parent[at : at + 1] = list(_spliced(path.parent / name))
+    return root
 
 
 def _radar(state: BenchState) -> ET.Element:

@@ -1,4 +1,4 @@
-"""Web page of the studio: sliders beside a 3-D view of the scene; the only module that uses viser.
+"""Web page of the studio: sliders beside a 3-D view of the scene, with viser.
 
 Sliders only signal a change. The thread in :meth:`Studio.serve` simulates, always the newest state, so that a dragged
 slider never waits for outdated states.
@@ -18,13 +18,16 @@ from scipy.spatial.transform import Rotation
 
 from sarmitsuba.arrays import F32, F64, U8
 from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.radar.bands import BANDS
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.studio.bench import View, command, first_state, save, surfaces, view_of
+from sarmitsuba.studio.derivative_tab import DerivativeTab
 from sarmitsuba.studio.guard import Guard, check_host
 from sarmitsuba.studio.scene_3d import beam_at, bodies, image_plane, track_shown
+from sarmitsuba.view.changed_view import IMAGE
 from sarmitsuba.view.display import Display, PictureOptions, prepare
 from sarmitsuba.view.quicklook import panel, pixels
 
@@ -52,6 +55,7 @@ class Studio:
     view : last simulated view; None before the first
     saved : last saved file
     controls : sliders and boxes by the field of the state; those of surfaces as ``material NAME``
+    derivative : controls of the derivative of the image
     """
 
     def __init__(self, source: str, folder: Path, host: str = "127.0.0.1", port: int = 8080) -> None:
@@ -63,8 +67,9 @@ class Studio:
         self._stale = False  # whether the image is that of sliders before
         self.saved: Path | None = None
         self.controls: dict[str, viser.GuiInputHandle] = {}
-        self._changed = threading.Event()
+        self._changed, self._woken = threading.Event(), threading.Event()
         self._changed.set()
+        self._woken.set()
         self._lock = threading.Lock()
         self._guard = Guard()
         with _without_banner(), self._guard.installed():
@@ -89,8 +94,13 @@ class Studio:
         stop : called after every simulation, and every ``patience`` seconds without a change
         """
         while not stop():
-            if self._changed.wait(patience):
+            if not self._woken.wait(patience):
+                continue
+            self._woken.clear()
+            if self._changed.is_set():
                 self.step()
+            if self.view is not None and not self._stale:
+                self.derivative.update(self.view)
 
     def step(self) -> None:
         """Simulate the present state of the sliders, and show it."""
@@ -127,7 +137,7 @@ class Studio:
     def _build(self) -> None:
         gui, state = self.server.gui, self.state
         self._status = gui.add_markdown("*simulating ...*")
-        self._picture = gui.add_image(np.full((8, 8, 3), 255, dtype=np.uint8), label="image")
+        self._picture = gui.add_image(np.full((8, 8, 3), 255, dtype=np.uint8), label=IMAGE)
         self._rcs = gui.add_markdown("")
         # one short page of controls at a time, so that the image above stays in sight
         pages = gui.add_tab_group()
@@ -168,6 +178,8 @@ class Studio:
                 hint="moves the antenna and its beam; nothing is simulated",
             )
             self._along.on_update(lambda _: self._show_beam())
+        with pages.add_tab("derivative"):
+            self.derivative = DerivativeTab(gui, self._show_image, self._woken.set, self._changed.is_set)
         with pages.add_tab("keep"):
             button = gui.add_button("save scene (XML) and command", hint=f"into {self.folder}")
             button.on_click(lambda event: self.save(event.client))
@@ -211,6 +223,7 @@ class Studio:
         with self._lock:
             self.state = dataclasses.replace(self.state, **changes)  # type: ignore[arg-type]
         self._changed.set()
+        self._woken.set()
 
     def save(self, client: viser.ClientHandle | None = None) -> None:
         """Write the displayed scene, which may differ from the sliders; ``client`` may download it too."""
@@ -229,10 +242,9 @@ class Studio:
     # ------------------------------------------------------------ display
 
     def _show(self, view: View) -> None:
-        options = PictureOptions(quantity="sigma0")
         first, self.view = self.view is None, view
-        scene, geometry = self.server.scene, view.scene.geometry
-        self._picture.image = pixels(panel(view.image, options))
+        scene = self.server.scene
+        self._show_image(view.image, PictureOptions(), IMAGE)
         self._stale = False
         self._rcs.content = rcs_text(view)
         for body in bodies(view.scene):
@@ -244,17 +256,6 @@ class Studio:
                 flat_shading=True,
                 side="double",
             )
-        display = prepare(view.image, dataclasses.replace(options, colour_map="gray"), _LARGEST)
-        plane = image_plane(view.image, grey_levels(display), geometry.diameter)
-        axes = np.stack([plane.right, plane.up, np.cross(plane.right, plane.up)], axis=1)
-        scene.add_image(
-            "/image",
-            plane.colours,
-            plane.width * self._scale,
-            plane.height * self._scale,
-            wxyz=Rotation.from_matrix(axes).as_quat(scalar_first=True),
-            position=self._placed(plane.center),
-        )
         track = track_shown(view.scene)
         lines = self._placed(np.stack([track[:-1], track[1:]], axis=1))
         scene.add_line_segments("/track", lines, _TRACK, thickness=3.0, thickness_units="screen")
@@ -267,6 +268,23 @@ class Studio:
             self.server.initial_camera.position = _SIZE * (
                 -1.25 * along - 0.1 * across + np.array([0.0, 0.0, 0.75])
             )
+
+    def _show_image(self, image: SarImage, options: PictureOptions, label: str) -> None:
+        """Show an image of the displayed view beside the scene and on its ground."""
+        assert self.view is not None
+        self._picture.label = label
+        self._picture.image = pixels(panel(image, options))
+        display = prepare(image, dataclasses.replace(options, colour_map="gray"), _LARGEST)
+        plane = image_plane(image, grey_levels(display), self.view.scene.geometry.diameter)
+        axes = np.stack([plane.right, plane.up, np.cross(plane.right, plane.up)], axis=1)
+        self.server.scene.add_image(
+            "/image",
+            plane.colours,
+            plane.width * self._scale,
+            plane.height * self._scale,
+            wxyz=Rotation.from_matrix(axes).as_quat(scalar_first=True),
+            position=self._placed(plane.center),
+        )
 
     @property
     def _scale(self) -> float:

@@ -1,27 +1,30 @@
-"""Picture of measured data beside what a model leaves of them."""
+"""Picture of a fit: measured data, model, and what the model leaves of them."""
 
+from dataclasses import replace
+
+import numpy as np
+
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.view.display import PictureOptions
+from sarmitsuba.view.display import LARGEST, PictureOptions, prepare
 from sarmitsuba.view.figure import Figure
-from sarmitsuba.view.quicklook import draw
-
-# inches
-_WIDTH, _HEIGHT = 10.0, 4.6
+from sarmitsuba.view.side_by_side import side_by_side
 
 
 def residual_picture(measured: SarImage, left: SarImage) -> Figure:
-    """Draw the images of measured data and of their difference to a model side by side on one scale.
+    """Draw the images of measured data, of a model, and of their difference side by side on one scale.
 
     Parameters
     ----------
     measured, left : on the same grid; their first channel is drawn
     """
-    figure = Figure(figsize=(_WIDTH, _HEIGHT), layout="constrained")
-    first, second = figure.subplots(1, 2)
-    drawn = draw(measured, first)
-    low, high = drawn.get_clim()
-    draw(left, second, PictureOptions(limits=(low, high)))
-    first.set_title("measured")
-    second.set_title("left by the fit")
-    figure.colorbar(drawn, ax=(first, second), label="dB")
-    return figure
+    channel = left.channels[0]
+    model = (measured.total(channel) - left.total(channel))[None].astype(np.complex64)
+    options = PictureOptions(channel, limits=prepare(measured, PictureOptions(channel), LARGEST).limits)
+    return side_by_side(
+        [
+            ("measured", measured, options),
+            ("model", replace(left, data=model, layers=(Layer(channel),)), options),
+            ("left by the fit", left, options),
+        ]
+    )

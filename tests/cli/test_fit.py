@@ -1,4 +1,4 @@
-"""The command `fit`, on a small field of rough soil."""
+"""The commands `fit` and `derivative`, on a small field of rough soil."""
 
 import json
 from pathlib import Path
@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from sarmitsuba import cli
-from sarmitsuba.io import read_raw, write_raw
+from sarmitsuba.io import read_image, read_raw, write_raw
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.raw import simulate
 
@@ -56,6 +57,8 @@ def test_a_level_is_fitted_to_two_looks_and_written(scene: Path, capsys: Any) ->
     for look in ("residual", "residual_2"):
         assert np.linalg.norm(read_raw(out / f"{look}.h5").data) < 1e-3 * np.linalg.norm(measured)
         assert (out / f"{look}.png").read_bytes().startswith(b"\x89PNG")
+    with Image.open(out / "residual.png") as picture:
+        assert picture.size[0] == 1400 and np.ptp(np.asarray(picture.convert("L"))) > 200
 
 
 def test_wrong_options_are_one_line(scene: Path, capsys: Any) -> None:
@@ -67,4 +70,30 @@ def test_wrong_options_are_one_line(scene: Path, capsys: Any) -> None:
         (["levels", "--data", "a.h5", "b.h5", "--radar", "c.xml"], "each look has the radar of its data"),
     ):
         assert cli.main([*command, *options]) == 2
+        assert reason in capsys.readouterr().err
+
+
+def test_a_derivative_is_drawn_and_written(tmp_path: Path, capsys: Any) -> None:
+    path, out = tmp_path / "field.xml", tmp_path / "out"
+    path.write_text(FIELD, encoding="utf-8")
+    assert cli.main(["derivative", str(path)]) == 0
+    listed = capsys.readouterr().out.split()
+    assert {"level:soil", "permittivity:soil", "rms_height:soil", "gain"} <= set(listed)
+    command = ["derivative", str(path), "--parameter", "level:soil", "-o", str(out)]
+    assert cli.main([*command, "--change", "2", "--simulate"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("level:soil: +2 dB simulated") and said[-1] == str(out / "derivative.png")
+    record = json.loads((out / "derivative.json").read_text(encoding="utf-8"))
+    x = 2.0 * np.log(10.0) / 20.0
+    assert record["stated_error"] == pytest.approx(0.5 * x) and record["value"] == -10.0
+    # all echoes of the field grow by exp(x); tol: float32 images
+    assert record["simulated_error"] == pytest.approx((np.exp(x) - 1.0 - x) / (np.exp(x) - 1.0), rel=1e-3)
+    assert read_image(out / "derivative.h5").data.any()
+    with Image.open(out / "derivative.png") as picture:
+        assert picture.size[0] == 1400
+    for options, reason in (
+        (["--parameter", "level:roof"], 'no material "roof"; there are soil'),
+        (["--parameter", "track:2:x"], "is by one value, not by 2"),
+    ):
+        assert cli.main(["derivative", str(path), *options, "-o", str(out)]) == 2
         assert reason in capsys.readouterr().err

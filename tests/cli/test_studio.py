@@ -5,6 +5,7 @@ import shlex
 import socket
 import urllib.error
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -287,3 +288,124 @@ def test_the_page_is_for_this_machine_alone(tmp_path: Path) -> None:
 def _has(studio: object, asked: dict[str, object]) -> bool:
     state = getattr(studio.view, "state", None)
     return all(getattr(state, name) == value for name, value in asked.items())
+
+
+def test_a_slider_shows_what_a_moved_wall_changes(tmp_path: Path) -> None:
+    """First order at once, on the page; simulated when asked; a parameter that is refused is one line."""
+    pytest.importorskip("viser")
+    from sarmitsuba.studio.server import Studio
+    from sarmitsuba.view.changed_view import DIFFERENCE, IMAGE, PHASE
+
+    (tmp_path / "yard.xml").write_text(
+        GROUND.replace('<shape type="cube">', '<shape type="cube" id="house">')
+    )
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        studio = Studio(str(tmp_path / "yard.xml"), tmp_path, port=free.getsockname()[1] + 2)
+    studio.state = dataclasses.replace(studio.state, resolution=3.0)  # small
+    tab = studio.derivative
+
+    def until(done: Callable[[], bool]) -> None:
+        turns = iter(range(400))
+        studio.serve(lambda: done() or next(turns, None) is None, patience=0.05)
+        assert done()
+
+    try:
+        until(lambda: "shift:house:z" in tab.parameter.options)
+        assert not any("radar_ground" in option for option in tab.parameter.options) and tab.changed is None
+        plain = studio._picture.image
+        tab.parameter.value = "shift:house:z"
+        until(lambda: tab.changed is not None)
+        found = tab.changed.derivative
+        assert (tab.change.min, tab.change.max, tab.change.label) == (-2.0, 2.0, "by (cm)")
+        # an eighth of a wavelength of path, lambda / (16 cos(look angle))
+        wavelength, look = (
+            studio.view.scene.radar.waveform.wavelength,
+            np.radians(studio.state.look_angle_deg),
+        )
+        # tol: the angle over the aperture
+        assert found.largest_change == pytest.approx(wavelength / (16.0 * np.cos(look)), rel=1e-2)
+        tab.which.value, tab.change.value = DIFFERENCE, 0.1
+        until(lambda: tab.changed.change == pytest.approx(1e-3) and studio._picture.label == DIFFERENCE)
+        shown, _ = tab.changed.picture(DIFFERENCE)
+        assert np.array_equal(shown.data, np.complex64(1e-3) * found.derivative.data) and shown.data.any()
+        assert "to first order" in tab.status.content and "off by up to 17 %" in tab.status.content
+        tab._ask(studio._woken.set)
+        until(lambda: tab.changed.simulated is not None)
+        true = tab.changed.simulated.data - found.image.data
+        # tol: the error that is stated, x / 2 of the change, and edges of shadows
+        assert np.linalg.norm(true - shown.data) < (found.error(1e-3) + 0.05) * np.linalg.norm(true)
+        assert "simulated" in tab.status.content
+        tab.which.value, tab.change.value = PHASE, 1.0
+        until(lambda: "beyond first order" in tab.status.content and studio._picture.label == PHASE)
+        tab.parameter.value = "level:roof"  # not a material of the scene
+        until(lambda: "no derivative" in tab.status.content)
+        assert "\n" not in tab.status.content and tab.changed is None
+        tab.parameter.value = "nothing"
+        until(lambda: studio._picture.label == IMAGE and tab.status.content == "")
+        assert np.array_equal(studio._picture.image, plain)
+    finally:
+        studio.close()
+
+
+def test_a_derivative_gives_way_to_a_newer_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slider that moves meanwhile ends it; it is computed again for the new state."""
+    pytest.importorskip("viser")
+    from sarmitsuba.gradients.image_derivative import image_derivative
+    from sarmitsuba.studio import derivative_tab, server
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        studio = server.Studio("plate", tmp_path, port=free.getsockname()[1] + 3)
+    tab, ended = studio.derivative, []
+
+    def moved_meanwhile(*given: object, **named: object) -> object:
+        if not ended:
+            studio.controls["look_angle_deg"].value = 20.0
+            assert studio._changed.wait(10.0)
+        try:
+            return image_derivative(*given, **named)
+        except derivative_tab.SupersededError:
+            ended.append(studio.state.look_angle_deg)
+            raise
+
+    monkeypatch.setattr(derivative_tab, "image_derivative", moved_meanwhile)
+    try:
+        tab.parameter.options = ("nothing", "shift:plate:z")
+        tab.parameter.value = "shift:plate:z"
+        turns = iter(range(400))
+        studio.serve(lambda: tab.changed is not None or next(turns, None) is None, patience=0.05)
+        assert ended == [20.0] and tab.changed is not None
+        assert tab.changed.derivative.image.grid.shape == studio.view.image.grid.shape
+        assert "without edge diffraction" in tab.status.content
+    finally:
+        studio.close()
+
+
+def test_sliders_span_what_their_values_can_have() -> None:
+    from sarmitsuba.gradients.image_derivative import ImageDerivative
+    from sarmitsuba.view.changed_view import ChangeSlider
+
+    def slider(name: str, value: float, rate: float) -> tuple[str, float, float]:
+        found = ChangeSlider.of(ImageDerivative(name, value, None, None, rate))
+        return found.unit, found.low, found.high
+
+    assert slider("shift:a:x [m]", 0.0, 200.0) == ("cm", -2.0, 2.0)
+    assert slider("level:a [dB]", -10.0, 0.115) == ("dB", -10.0, 10.0)
+    assert slider("gain [dB]", 0.0, 0.0) == ("dB", -10.0, 10.0)
+    assert slider("rms_height:a [m]", 0.002, 100.0) == ("mm", pytest.approx(-2.0), pytest.approx(30.0))
+    assert slider("permittivity:a [1]", 1.5, 1.0) == ("1", pytest.approx(-0.5), 3.0)
+    unit, low, high = slider("rotation:a [rad]", 0.0, 1000.0)
+    assert unit == "deg" and low == -high == pytest.approx(-0.2)
+
+
+def test_included_files_belong_to_the_scene(tmp_path: Path) -> None:
+    """The radar of an included file sets the sliders, and gives way to the studio's."""
+    state = first_state("car_park")
+    assert (state.frequency, state.slant_range) == (16.7e9, 3000.0)
+    text = scene_xml(state)
+    assert "<include" not in text and text.count("<sensor") == 1 and text.count("<integrator") == 1
+    (tmp_path / "scene.xml").write_text('<scene version="3.0.0"><include filename="../up.xml"/></scene>')
+    (tmp_path.parent / "up.xml").write_text('<scene version="3.0.0"/>')
+    with pytest.raises(SceneError, match="outside the folder"):
+        first_state(str(tmp_path / "scene.xml"))

@@ -1,0 +1,198 @@
+"""Derivative of the focused image of a scene by one parameter, and the image to first order at other values of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sarmitsuba.arrays import C64, F64
+from sarmitsuba.constants import DEFAULT_WINDOW
+from sarmitsuba.errors import SceneError
+from sarmitsuba.exclusive import exclusive
+from sarmitsuba.focusing import focus
+from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.jacobian import Parameters, parameters_of
+from sarmitsuba.gradients.shape_parameters import DEFORMATIONS
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.scene.scene import Scene, SceneLike
+from sarmitsuba.trace.tangents import Displacement
+
+# phase, rad, up to which first order is of use: an eighth of a wavelength of path
+LARGEST_PHASE = 0.25 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class ImageDerivative:
+    r"""Image of a scene and its derivative by one value.
+
+    The image at a change v of the value is :math:`I + v \, I'` to first order.
+
+    Parameters
+    ----------
+    name : of the value, with its unit in brackets
+    value : of the scene as it is
+    image, derivative : on one grid; the derivative per unit
+    rate : largest relative change of an echo, 1 per unit; the phase in rad for a displacement, see :func:`rate_of`
+    left_out : effects of the scene that have no derivative and were left out of both
+    """
+
+    name: str
+    value: float
+    image: SarImage
+    derivative: SarImage
+    rate: float
+    left_out: tuple[str, ...] = ()
+    _model: ForwardModel | None = field(default=None, repr=False)
+    _windows: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the value."""
+        return self.name.rsplit("[", 1)[1].rstrip("]")
+
+    @property
+    def displaces(self) -> bool:
+        """Whether the value is a place or a form of a shape."""
+        return self.name.partition(":")[0] in ("shift", *DEFORMATIONS)
+
+    @property
+    def changes(self) -> bool:
+        """Whether the image depends on the value."""
+        return bool(self.derivative.data.any())
+
+    @property
+    def largest_change(self) -> float:
+        """Change of the value up to which first order is of use, ``LARGEST_PHASE`` over the rate; infinite at 0."""
+        return LARGEST_PHASE / self.rate if self.rate > 0.0 else np.inf
+
+    def error(self, change: float) -> float:
+        r"""Error of the change of the image to first order, as a share of the change.
+
+        .. math:: |e^{jx} - 1 - j x| / |e^{jx} - 1| \approx x / 2, \quad x = \mathrm{rate} \cdot v
+
+        Notes
+        -----
+        For echoes that all change by the rate; those that change less make it an upper bound. Ignores what derivatives
+        leave out (edges of shadows, see :func:`sarmitsuba.jacobian`).
+        """
+        return 0.5 * self.rate * abs(change)
+
+    def image_at(self, change: float) -> SarImage:
+        """Image at a change of the value, to first order."""
+        return replace(self.image, data=self.image.data + np.complex64(change) * self.derivative.data)
+
+    def difference_at(self, change: float) -> SarImage:
+        """Image at a change of the value less the image as it is, to first order."""
+        return replace(self.derivative, data=np.complex64(change) * self.derivative.data)
+
+    def phase_at(self, change: float) -> SarImage:
+        """Image whose phase is the change of the phase, to first order: the new image times the conjugate old one."""
+        return replace(self.image, data=self.image_at(change).data * self.image.data.conj())
+
+    @exclusive
+    def simulated_at(self, change: float) -> SarImage:
+        """Image at a change of the value, simulated with the same rays and scatterers.
+
+        Raises
+        ------
+        SceneError : a value that the parameter cannot have
+        """
+        assert self._model is not None
+        values: F64 = self._model.start + change
+        return self._focused(self._model.data(values))
+
+    def _focused(self, data: C64) -> SarImage:
+        assert self._model is not None
+        return focus(self._model.raw(data), **self._windows)  # type: ignore[arg-type]
+
+
+@exclusive
+def image_derivative(
+    scene: SceneLike,
+    parameter: Parameters,
+    *,
+    leave_out: bool = False,
+    window: str = DEFAULT_WINDOW,
+    progress: Callable[[float], None] | None = None,
+) -> ImageDerivative:
+    """Image of a scene and its derivative by one value, on the grid that the scene asks for.
+
+    Parameters
+    ----------
+    scene : as for :func:`sarmitsuba.jacobian`
+    parameter : with one value, as for :func:`sarmitsuba.jacobian`
+    leave_out : effects that have no derivative are left out, instead of an error
+    window : of the image, in azimuth and range
+    progress : called with the share of the tracing that is done; an exception from it ends the computation
+
+    Returns
+    -------
+    ImageDerivative : noise of the receiver is in neither image
+
+    Raises
+    ------
+    SceneError, RadarError
+        As for :func:`sarmitsuba.jacobian`; or a parameter of several values.
+    ResourceError
+        The derivatives do not fit into memory.
+
+    Notes
+    -----
+    Ignores the same as :func:`sarmitsuba.jacobian`.
+    """
+    scene = Scene.of(scene)
+    model = ForwardModel(scene, parameters_of(parameter, scene), leave_out=leave_out)
+    if len(model.names) != 1:
+        raise SceneError(
+            f"{scene.name}: the derivative of an image is by one value, not by {len(model.names)}: "
+            f"{', '.join(model.names)}"
+        )
+    data, derivative = model.derivative(progress=progress)
+    windows = {"range_window": window, "azimuth_window": window}
+    image, change = (focus(model.raw(plane), **windows) for plane in (data, derivative[0]))  # type: ignore[arg-type]
+    rate = rate_of(model, image, change)
+    return ImageDerivative(
+        model.names[0], float(model.start[0]), image, change, rate, model.left_out, model, windows
+    )
+
+
+def rate_of(model: ForwardModel, image: SarImage, derivative: SarImage) -> float:
+    r"""Largest relative change of an echo with a value, 1 per unit.
+
+    Of a displacement the phase of a single bounce, :math:`\max 4 \pi |u \cdot \dot{p}| / \lambda` over the corners p of
+    the shape and the pulses; of a value in dB :math:`\ln 10 / 20`; of others the median of :math:`|I'| / |I|` over the
+    pixels, weighted by :math:`|I'|^2`, which is less than that of single echoes where pixels hold others too.
+
+    Notes
+    -----
+    Ignores that the phase of an echo between moved and fixed surfaces can change twice as fast.
+    """
+    scene, (parameter,) = model.scene, model.parameters
+    moves = parameter.displacements(scene, scene.geometry.face_mesh)
+    if moves:
+        track = scene.radar.track
+        pulses = track.position[[0, track.center_index, -1]] - scene.radar.aim_point
+        sight = pulses / np.linalg.norm(pulses, axis=1, keepdims=True)
+        wavenumber = 4.0 * np.pi / scene.radar.waveform.wavelength
+        return wavenumber * max(float(np.abs(_velocities(scene, move) @ sight.T).max()) for move in moves)
+    if model.names[0].endswith("[dB]"):
+        return float(np.log(10.0) / 20.0)
+    change, pixel = (np.abs(one.data.ravel()).astype(np.float64) for one in (derivative, image))
+    seen = (change > 0.0) & (pixel > 0.0)
+    if not seen.any():
+        return 0.0
+    change, ratio = change[seen], change[seen] / pixel[seen]
+    order = np.argsort(ratio)
+    weight = np.cumsum(change[order] ** 2)
+    return float(ratio[order[np.searchsorted(weight, 0.5 * weight[-1])]])
+
+
+def _velocities(scene: Scene, move: Displacement) -> F64:
+    """Velocities (n, 3) of the antenna and of the corners of the faces that move, m per unit."""
+    if move.faces is None or move.offset is None:
+        return move.antenna[None]
+    corners = scene.geometry.vertices[np.unique(scene.geometry.faces[move.faces])]
+    moved = corners @ move.gradient.T if move.gradient is not None else np.zeros_like(corners)
+    return np.asarray(np.concatenate([moved + move.offset, move.antenna[None]]))
