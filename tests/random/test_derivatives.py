@@ -6,7 +6,7 @@ import pytest
 from tests.support.differences import EXACT, compared_all, drawn
 
 # tol: float32 amplitudes over the step of the differences, truncation of either, and the weights of the rays on facets
-# seen nearly edge-on, which change as the facets turn and stretch (1.4e-3 of seed 2, 3e-5 with rays every 0.1 m)
+# seen nearly edge-on, which change as the facets turn and stretch
 LARGEST = {"scale:box": 2e-3, "rotation:box": 2e-3}
 
 
