@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.gradients.looks import Look
+from sarmitsuba.gradients.measured_looks import MeasuredLook
 from sarmitsuba.gradients.shape_offsets import (
+    MovingPart,
     Offset,
-    Part,
     echoes,
     moving_parts,
     offset,
@@ -46,7 +46,7 @@ WEIGHED = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class OffsetEquation:
     """Equation for changes of values: their products with ``factor`` add up to ``offset``, but for whole periods.
 
     Parameters
@@ -63,7 +63,7 @@ class Row:
     uneven: F64
     period: float = 0.0
 
-    def after(self, change: F64) -> Row:
+    def after(self, change: F64) -> OffsetEquation:
         """The same, less sure by the deviations of points with these changes of the values."""
         return replace(self, sigma=float(np.hypot(self.sigma, np.linalg.norm(self.uneven * change))))
 
@@ -72,11 +72,11 @@ class Row:
 class Measured:
     """Offset of a part of a shape in one look."""
 
-    look: Look
-    part: Part
+    look: MeasuredLook
+    part: MovingPart
     found: Offset
 
-    def rows(self, in_phase: bool, carrier: bool) -> list[Row]:
+    def rows(self, in_phase: bool, carrier: bool) -> list[OffsetEquation]:
         """Equations for the values.
 
         Parameters
@@ -88,20 +88,20 @@ class Measured:
         wavelength = self.look.model.scene.radar.waveform.wavelength
         fine = max(wavelength / (4.0 * np.pi * np.sqrt(2.0 * found.peak)), LEAST_CYCLE * wavelength)
         if in_phase:
-            return [Row(part.factor, found.unmoved, fine, part.uneven)] if part.alike else []
+            return [OffsetEquation(part.factor, found.unmoved, fine, part.uneven)] if part.alike else []
         if found.peak < (LEAST_PEAK if part.alike else LEAST_UNEVEN_PEAK):
             return []
-        rows = [Row(part.factor, found.range, found.sigma[0], part.uneven)]
+        rows = [OffsetEquation(part.factor, found.range, found.sigma[0], part.uneven)]
         if np.isfinite(found.azimuth):
             along = -part.velocity @ track_direction(self.look.model.scene.radar, part)
-            rows.append(Row(np.asarray(along), found.azimuth, found.sigma[1], part.uneven))
+            rows.append(OffsetEquation(np.asarray(along), found.azimuth, found.sigma[1], part.uneven))
         if carrier and part.alike:
-            rows.append(Row(part.factor, found.carrier, fine, part.uneven, 0.5 * wavelength))
+            rows.append(OffsetEquation(part.factor, found.carrier, fine, part.uneven, 0.5 * wavelength))
         return rows
 
 
 def coarse_shapes(
-    looks: Sequence[Look], start: F64, passed: Callable[[F64], None] | None = None
+    looks: Sequence[MeasuredLook], start: F64, passed: Callable[[F64], None] | None = None
 ) -> tuple[F64, F64]:
     """Values with those that displace shapes moved by the offsets of their echoes, and standard deviations.
 
@@ -137,7 +137,7 @@ def coarse_shapes(
     return other_cycles(looks, values)[0], spread
 
 
-def checked_offsets(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
+def checked_offsets(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F64]:
     """Values with shapes moved to other cycles of phase where the envelopes of their echoes say so, and deviations.
 
     Where the shapes are nearly in place their echoes tell it better than at first.
@@ -159,7 +159,7 @@ def checked_offsets(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
     return changed, spread
 
 
-def other_cycles(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
+def other_cycles(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F64]:
     """Values of shapes that the data do not confirm with the cycles of phase that they confirm most, and the shares."""
     share = confirmed(looks, values)
     for _ in range(RETRIES):
@@ -190,7 +190,7 @@ def other_cycles(looks: Sequence[Look], values: F64) -> tuple[F64, F64]:
     return values, share
 
 
-def _possible(looks: Sequence[Look], values: F64, moved: NDArray[np.intp], step: F64) -> bool:
+def _possible(looks: Sequence[MeasuredLook], values: F64, moved: NDArray[np.intp], step: F64) -> bool:
     """Whether the scene can have changed values."""
     tried = np.array(values)
     tried[moved] += step
@@ -203,7 +203,7 @@ def _meshes(found: Sequence[Measured]) -> list[int]:
 
 def _equations(
     found: Sequence[Measured], mesh: int, in_phase: bool, carrier: bool
-) -> tuple[NDArray[np.intp], list[Row]]:
+) -> tuple[NDArray[np.intp], list[OffsetEquation]]:
     """Numbers of the values that displace some part of a shape alike, and equations, see :meth:`Measured.rows`."""
     own = [one for one in found if one.part.mesh == mesh]
     rows = [row for one in own for row in one.rows(in_phase, carrier)]
@@ -213,7 +213,7 @@ def _equations(
 
 
 def measured_offsets(
-    look: Look, values: F64, reach: float, numbers: NDArray[np.intp] | None = None
+    look: MeasuredLook, values: F64, reach: float, numbers: NDArray[np.intp] | None = None
 ) -> list[Measured]:
     """Offsets of all parts of a look, from what the model leaves of the data where it explains some of them.
 
@@ -235,7 +235,7 @@ def measured_offsets(
     return found
 
 
-def _of_values(parts: list[Part], numbers: NDArray[np.intp] | None) -> list[Part]:
+def _of_values(parts: list[MovingPart], numbers: NDArray[np.intp] | None) -> list[MovingPart]:
     return parts if numbers is None else [part for part in parts if part.moves[numbers].any()]
 
 
@@ -245,7 +245,7 @@ def shared(found: Sequence[Measured], mesh: int) -> float:
     return sum(one.share * one.energy for one in own) / sum(one.energy for one in own)
 
 
-def solutions(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[list[F64], F64]:
+def solutions(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tuple[list[F64], F64]:
     """Changes of some values, the likeliest first, and standard deviations from the unambiguous equations.
 
     The changes differ in the cycles of phase: those nearest to drawn changes, which spread as the unambiguous equations
@@ -284,13 +284,13 @@ def solutions(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[list[F64]
     return [solved for square, solved in ordered if square < ordered[0][0] + UNLIKELY], sigma
 
 
-def _weighed(rows: Sequence[Row], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
+def _weighed(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
     """Matrix and right side of equations over their standard deviations."""
     matrix = np.array([row.factor[numbers] / row.sigma for row in rows])
     return matrix, np.array([row.offset / row.sigma for row in rows])
 
 
-def confirmed(looks: Sequence[Look], values: F64, numbers: NDArray[np.intp] | None = None) -> F64:
+def confirmed(looks: Sequence[MeasuredLook], values: F64, numbers: NDArray[np.intp] | None = None) -> F64:
     """(n_values,) share of the echoes of the shape that each value moves which data and model have in common, in phase.
 
     1 where model and data are alike, less where they are off by cycles of phase, as only part of the shape's echoes

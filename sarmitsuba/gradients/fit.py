@@ -23,7 +23,7 @@ from sarmitsuba.gradients.least_squares import (
     known_priors,
     minimised,
 )
-from sarmitsuba.gradients.looks import Look, looks_of
+from sarmitsuba.gradients.measured_looks import MeasuredLook, looks_of
 from sarmitsuba.gradients.multilooked import stepped
 from sarmitsuba.scene.scene import Scene, SceneLike
 
@@ -120,7 +120,7 @@ def _known(numbers: F64) -> list[float | None]:
 class _Complex(Problem):
     """Complex raw data of several looks."""
 
-    def __init__(self, looks: Sequence[Look]) -> None:
+    def __init__(self, looks: Sequence[MeasuredLook]) -> None:
         self.looks, self.names = tuple(looks), looks[0].model.names
         self.norms = tuple(float(np.linalg.norm(look.measured)) for look in looks)
 
@@ -231,7 +231,10 @@ def fit(
 
 
 def _by_amplitude(
-    looks: Sequence[Look], known: Mapping[int, Prior], iterations: int, report: Callable[[float], None] | None
+    looks: Sequence[MeasuredLook],
+    known: Mapping[int, Prior],
+    iterations: int,
+    report: Callable[[float], None] | None,
 ) -> Fit:
     """Fit to multilooked intensities, with windows from coarse to fine."""
     found, covariance = stepped(looks, looks[0].model.start, known, iterations, report)
@@ -240,7 +243,12 @@ def _by_amplitude(
 
 
 def _result(
-    looks: Sequence[Look], found: Solution, covariance: F64, bound: F64, share: F64, passed: Sequence[F64]
+    looks: Sequence[MeasuredLook],
+    found: Solution,
+    covariance: F64,
+    bound: F64,
+    share: F64,
+    passed: Sequence[F64],
 ) -> Fit:
     """A fit from its solution."""
     model, values = looks[0].model, found.values

@@ -31,7 +31,7 @@ from sarmitsuba.gradients.least_squares import (
     energy,
     normal_sums,
 )
-from sarmitsuba.gradients.looks import Look
+from sarmitsuba.gradients.measured_looks import MeasuredLook
 from sarmitsuba.gradients.shape_offsets import frequencies
 
 # widths of the window (full width at half maximum), in range cells, and shares of the step that are taken: coarse to
@@ -69,7 +69,7 @@ class MultilookedImages(Problem):
     width : of the window, range cells
     """
 
-    def __init__(self, looks: Sequence[Look], width: float) -> None:
+    def __init__(self, looks: Sequence[MeasuredLook], width: float) -> None:
         self.looks, self.names = tuple(looks), looks[0].model.names
         self.images = [_Averaged(look, width) for look in looks]
         self.norms = tuple(float(np.linalg.norm(image.relative(image.measured))) for image in self.images)
@@ -112,7 +112,7 @@ class MultilookedImages(Problem):
 
 
 def stepped(
-    looks: Sequence[Look],
+    looks: Sequence[MeasuredLook],
     start: F64,
     known: Mapping[int, Prior],
     iterations: int,
@@ -152,7 +152,7 @@ def stepped(
     return Solution(values, tuple(steps), differences, normals, tuple(costs), found), covariance
 
 
-def envelopes(look: Look, derivative: C64) -> C64:
+def envelopes(look: MeasuredLook, derivative: C64) -> C64:
     """Derivatives (n_values, channels, pulses, samples), of displacements those without the turn of the carrier."""
     model = look.model
     radar, scene = model.scene.radar, model.scene
@@ -171,7 +171,7 @@ def envelopes(look: Look, derivative: C64) -> C64:
 class _Averaged:
     """Images of one look, averaged over a window."""
 
-    def __init__(self, look: Look, width: float) -> None:
+    def __init__(self, look: MeasuredLook, width: float) -> None:
         raw = look.residual(look.measured.astype(np.complex128))
         self.operator = focusing_operator(raw)
         across = width * look.model.scene.radar.waveform.range_cell / FULL_WIDTH

@@ -48,7 +48,7 @@ FINE_RANGE, FINE_AZIMUTH = 16, 3
 
 
 @dataclass(frozen=True, eq=False)
-class Part(Parameter):
+class MovingPart(Parameter):
     """Faces of a shape that values of parameters move alike; differentiates by a displacement along the line of sight.
 
     Parameters
@@ -124,7 +124,7 @@ class Offset:
     share: float
 
 
-def moving_parts(model: ForwardModel, values: F64, *, whole: bool = False) -> list[Part]:
+def moving_parts(model: ForwardModel, values: F64, *, whole: bool = False) -> list[MovingPart]:
     """Parts of the shapes that values of the model displace.
 
     A translated shape is one part. A deformed one is the part that moves fastest and, if other values displace it too,
@@ -172,8 +172,8 @@ def _velocities(model: ForwardModel, values: F64, corners: F64, mesh: I64) -> tu
 
 def _part(
     mesh: int, faces: NDArray[np.bool_], corners: F64, velocity: F64, antenna: F64, alike: bool
-) -> Part:
-    """Part of some faces: corners (n, 3, 3) m and their velocities (n_values, n, 3, 3)."""
+) -> MovingPart:
+    """MovingPart of some faces: corners (n, 3, 3) m and their velocities (n_values, n, 3, 3)."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1)
     center = np.average(corners.mean(axis=1), axis=0, weights=area)
@@ -185,10 +185,10 @@ def _part(
     mean = mean * together[:, None]
     apart = (((velocity - mean[:, None, None]) @ towards) ** 2).mean(axis=2)
     uneven = np.sqrt(np.average(apart, axis=1, weights=area))
-    return Part(mesh, faces, center, towards, mean, uneven, square > 0.0, alike)
+    return MovingPart(mesh, faces, center, towards, mean, uneven, square > 0.0, alike)
 
 
-def echoes(model: ForwardModel, values: F64, parts: Sequence[Part]) -> tuple[C64, C128]:
+def echoes(model: ForwardModel, values: F64, parts: Sequence[MovingPart]) -> tuple[C64, C128]:
     """Raw data (channels, pulses, samples) at some values, and spectra of the echoes of each part."""
     data, derivative = model.derivative(values, by=parts)
     radar = model.scene.radar
@@ -202,7 +202,9 @@ def frequencies(samples: int, spacing: float) -> F64:
     return np.asarray(np.fft.fftfreq(samples, d=2.0 * spacing / SPEED_OF_LIGHT), dtype=np.float64)
 
 
-def offset(model: ForwardModel, part: Part, data: C128, own: C128, reach: float = REACH) -> Offset | None:
+def offset(
+    model: ForwardModel, part: MovingPart, data: C128, own: C128, reach: float = REACH
+) -> Offset | None:
     """Offset of a part from the spectra of the data and of its echoes (channels, pulses, frequencies); None: no echo.
 
     ``reach`` : cells of range and azimuth that are looked at
@@ -297,7 +299,7 @@ def _refined(
     return float(at[0]), float(at[1]) if both else place[1]
 
 
-def _azimuths(radar: Radar, part: Part, reach: float) -> tuple[F64, F64]:
+def _azimuths(radar: Radar, part: MovingPart, reach: float) -> tuple[F64, F64]:
     """(n_pulses,) component of the directions to the antenna along the track, and the offsets to look at, m."""
     away = radar.track.position - part.center
     away /= np.linalg.norm(away, axis=1, keepdims=True)
@@ -312,7 +314,7 @@ def _azimuths(radar: Radar, part: Part, reach: float) -> tuple[F64, F64]:
     return along, np.arange(-steps, steps + 1) * cell / FINE_AZIMUTH
 
 
-def track_direction(radar: Radar, part: Part) -> F64:
+def track_direction(radar: Radar, part: MovingPart) -> F64:
     """Unit vector along which the antenna flies, across the line of sight to a part."""
     flown = radar.track.position[-1] - radar.track.position[0]
     across = flown - (flown @ part.towards) * part.towards

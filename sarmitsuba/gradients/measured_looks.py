@@ -62,7 +62,7 @@ class NoisePower:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class MeasuredLook:
     """Measured raw data of one radar with the model of what it sees.
 
     Parameters
@@ -79,11 +79,11 @@ class Look:
     noise: NoisePower
 
     @staticmethod
-    def of(scene: Scene, data: RawData, parameters: Parameters) -> Look:
+    def of(scene: Scene, data: RawData, parameters: Parameters) -> MeasuredLook:
         """Model of a scene, checked against the data."""
         model = ForwardModel(scene, parameters_of(parameters, scene))
         measured = _planes(model, data)
-        return Look(model, data, measured, NoisePower.of(scene, measured))
+        return MeasuredLook(model, data, measured, NoisePower.of(scene, measured))
 
     def residual(self, difference: Samples) -> RawData:
         """A difference (channels, pulses, samples) as raw data."""
@@ -92,7 +92,7 @@ class Look:
 
 def looks_of(
     scenes: SceneLike | Sequence[SceneLike], data: RawData | Sequence[RawData], parameters: Parameters
-) -> tuple[Look, ...]:
+) -> tuple[MeasuredLook, ...]:
     """Looks from a scene for each raw data, or from one scene, which every radar of several raw data sees.
 
     Raises
@@ -111,7 +111,9 @@ def looks_of(
         raise SceneError(
             f"fit: {len(loaded)} scenes and {len(measured)} raw data; give a scene for each, or one for all"
         )
-    looks = tuple(Look.of(scene, one, parameters) for scene, one in zip(loaded, measured, strict=True))
+    looks = tuple(
+        MeasuredLook.of(scene, one, parameters) for scene, one in zip(loaded, measured, strict=True)
+    )
     if len(looks) > 1:
         _check_shared(looks)
     return looks
@@ -147,7 +149,7 @@ def _seen_by(scene: Scene, data: RawData) -> Scene:
     return replace(scene, radar=radar, image=image)
 
 
-def _check_shared(looks: Sequence[Look]) -> None:
+def _check_shared(looks: Sequence[MeasuredLook]) -> None:
     """Refuse looks of different scenes, and parameters of a radar, of which each look has its own."""
     first = looks[0].model
     for parameter in first.parameters:
