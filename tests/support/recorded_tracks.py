@@ -74,9 +74,12 @@ def scene_of(raw: RawData, corners: Sequence[Corner]) -> Scene:
         bandwidth=radar.waveform.bandwidth,
         noise_temperature=0.0,
     )
-    off = {"diffuse_pairs": "off", "edge_diffraction": "off"}
     settings = TraceSettings(
-        method="hybrid", gridding_width=6, max_depth=3, endless_ground="off", effects=off
+        method="hybrid",
+        gridding_width=6,
+        max_depth=3,
+        endless_ground="off",
+        effects={"diffuse_pairs": "off", "edge_diffraction": "off"},
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
