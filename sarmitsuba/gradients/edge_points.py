@@ -158,15 +158,15 @@ class EdgePoints:
 
         Parameters
         ----------
-        offset, gradient : (n, 3) m and (n, 3, 3), displacement per unit: of edges (n,) ``moved``, and of mirrors
-            (n,) ``mirror_moved``
+        offset, gradient : (n, 3) m and (n, 3, 3), displacement per unit: of facets (n, 2) ``moved`` that meet in the
+            edges, and of mirrors (n,) ``mirror_moved``
         """
 
-        def of(points: F64, which: NDArray[np.bool_]) -> F64:
-            return np.asarray((offset + np.einsum("nij,nj->ni", gradient, points)) * which[:, None])
+        def of(points: F64, share: F64) -> F64:
+            return np.asarray((offset + np.einsum("nij,nj->ni", gradient, points)) * share[:, None])
 
         n, above = self.normal, self.above
-        edge, mirror = of(self.position, moved), of(self.met, mirror_moved)
+        edge, mirror = of(self.position, moved.mean(axis=1)), of(self.met, mirror_moved.astype(np.float64))
         pulled = np.einsum("ni,nij->nj", n, gradient) * mirror_moved[:, None]
         turn = n * np.einsum("nk,nk->n", n, pulled)[:, None] - pulled
         nearer = np.einsum("nk,nk->n", edge - mirror, n) + np.einsum(
@@ -180,7 +180,7 @@ class Moves(ABC):
 
     @abstractmethod
     def velocities(self, points: EdgePoints) -> tuple[F64, U32 | None]:
-        """(k, n, 3) m per unit, and the (n, 2) numbers of the shapes that move them.
+        """(k, n, 3) m per unit, and the (n, ``EDGE_SHAPES``) numbers of the shapes that move them.
 
         None where the displacements are the same for all rays.
         """
@@ -199,7 +199,7 @@ class Common(Moves):
             if d.faces is None or d.offset is None:
                 continue  # the parallax of an antenna is a displacement over the slant range
             gradient = np.zeros((3, 3)) if d.gradient is None else d.gradient
-            moved = d.faces[points.faces[:, 0]]
+            moved = d.faces[points.faces]
             mirror_moved = (points.mirror != NO_MIRROR) & d.faces[points.mirror]
             own += points.velocity(
                 np.broadcast_to(d.offset, (n, 3)), np.broadcast_to(gradient, (n, 3, 3)), moved, mirror_moved
@@ -217,17 +217,17 @@ class OfShapes(Moves):
 
     def velocities(self, points: EdgePoints) -> tuple[F64, U32]:
         """See the base class."""
-        edge = self.shape[points.faces[:, 0]]
+        edge = self.shape[points.faces]
         mirror = np.where(points.mirror == NO_MIRROR, np.uint32(NO_SHAPE), self.shape[points.mirror])
-        still = edge == NO_SHAPE
-        second = np.where((mirror == edge) | still, np.uint32(NO_SHAPE), mirror)
-        shapes = np.stack([np.where(still, mirror, edge), second], axis=1)
+        shapes = np.column_stack([edge, mirror])
+        for i in range(1, EDGE_SHAPES):  # each once
+            shapes[(shapes[:, :i] == shapes[:, i : i + 1]).any(axis=1), i] = NO_SHAPE
         out = np.zeros((EDGE_SHAPES * self.ways, len(points), 3))
         for i, own in enumerate(shapes.T):
             known = own != NO_SHAPE
             for way in range(self.ways):
                 rows = self.rows[np.where(known, own, 0), way]
                 out[i * self.ways + way] = points.velocity(
-                    rows[:, 0], rows[:, 1:], known & (edge == own), known & (mirror == own)
+                    rows[:, 0], rows[:, 1:], known[:, None] & (edge == own[:, None]), known & (mirror == own)
                 )
         return out, shapes.astype(np.uint32)

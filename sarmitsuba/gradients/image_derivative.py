@@ -75,7 +75,7 @@ class ImageDerivative:
         Notes
         -----
         For echoes that all change by the rate; those that change less make it an upper bound. Ignores what derivatives
-        leave out (edges of shadows, see :func:`sarmitsuba.jacobian`).
+        leave out, see :func:`sarmitsuba.jacobian`.
         """
         return 0.5 * self.rate * abs(change)
 

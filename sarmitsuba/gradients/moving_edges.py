@@ -130,7 +130,8 @@ def _points(
         inside = np.abs(project(points.image, antenna, frame)) <= half
         return points[np.asarray(inside.all(axis=1))]
 
-    points = EdgePoints.of(FacetEdges.of(scene.triangles), antenna, frame, spacing)
+    body = batches.tracer.sampling.scene.geometry.face_mesh[scene.geometry_faces]
+    points = EdgePoints.of(FacetEdges.of(scene.triangles, body), antenna, frame, spacing)
     yield within(points)
     if batches.tracer.flags.multi_bounce:
         images = list(points.images(scene.triangles, antenna, scene.extent))

@@ -13,6 +13,9 @@ from sarmitsuba.mesh.edge_pairs import edge_pairs
 from sarmitsuba.mesh.pieces import SMOOTH_BEND
 from sarmitsuba.mesh.welding import weld
 
+# distance over the extent of all triangles within which corners are one
+TOGETHER = 1e-7
+
 
 @dataclass(frozen=True, eq=False)
 class FacetEdges:
@@ -33,9 +36,16 @@ class FacetEdges:
     faces: I64
 
     @staticmethod
-    def of(triangles: F64) -> FacetEdges:
-        """Edges of triangles (n_faces, 3, 3), m, each once, but for those within a plane."""
-        vertex = weld(triangles.reshape(-1, 3))
+    def of(triangles: F64, body: I64 | None = None) -> FacetEdges:
+        """Edges of triangles (n_faces, 3, 3), m, each once, but for those within a plane.
+
+        Parameters
+        ----------
+        body : (n_faces,) to which the triangles belong; edges in which two bodies touch are left out. None: one body
+        """
+        corners = triangles.reshape(-1, 3)
+        size = float(np.ptp(corners, axis=0).max(initial=0.0))
+        vertex = weld(np.round(corners / (TOGETHER * size)) if size > 0.0 else corners)
         first, second = edge_pairs(vertex)
         normal = unit_normals(triangles)
         bend = np.einsum("nk,nk->n", normal[first // 3], normal[second // 3])
@@ -49,8 +59,10 @@ class FacetEdges:
         flat[first], smooth[first] = bend > np.cos(FLAT_BEND), bend > np.cos(SMOOTH_BEND)
         own = own[~flat[own]]
         ends = np.roll(triangles, -1, axis=1).reshape(-1, 3)
+        if body is not None:
+            own = own[body[own // 3] == body[other[own] // 3]]
         faces = np.stack([own, other[own]], axis=1) // 3
-        return FacetEdges(triangles.reshape(-1, 3)[own], ends[own], normal[faces], smooth[own], faces)
+        return FacetEdges(corners[own], ends[own], normal[faces], smooth[own], faces)
 
     def seen(self, antenna: F64) -> NDArray[np.bool_]:
         """(n,) edges that may bound what is seen from a place (3,), m: of a curved surface its outline alone."""

@@ -17,8 +17,9 @@ Reynolds' transport theorem; Li et al., "Differentiable Monte Carlo ray tracing 
 Notes
 -----
 Edges are those on the first leg of a path, and on the second behind a flat mirror. The others count as those of the
-reversed path, so that all of one, two and three bounces are there. Ignores edges on the middle legs of four bounces or
-more, and what hides a diffuse scatterer that is lit over a mirror from the antenna.
+reversed path, so that all of one, two and three bounces are there. Ignores edges in which two bodies touch (as one
+moves they part, or one hides the other's edge: two derivatives), those on the middle legs of four bounces or more, and
+what hides a diffuse scatterer that is lit over a mirror from the antenna.
 """
 
 from __future__ import annotations

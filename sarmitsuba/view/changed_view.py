@@ -194,9 +194,7 @@ class ChangedView:
         bound = f"of use to +-{largest}, {what}"
         if abs(self.change) > found.largest_change * (1.0 + 1e-9):
             return f"beyond first order, {bound}: simulate it"
-        return (
-            f"off by up to {_percent(found.error(self.change))} of the change; {bound}; edges of shadows stay"
-        )
+        return f"off by up to {_percent(found.error(self.change))} of the change; {bound}"
 
 
 def derivative_figure(view: ChangedView) -> Figure:
