@@ -9,7 +9,10 @@ from sarmitsuba import fit
 from sarmitsuba.errors import DataError, SceneError
 from tests.support.buildings import Drawn, drawn_town
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off"),
+    pytest.mark.filterwarnings("ignore:.*max_depth = 2 leaves out returns"),
+]
 OFF = ("height:@", "shift:@:x", "shift:@:y")
 
 
