@@ -30,7 +30,7 @@ from sarmitsuba.scene.scene import Scene, SceneLike
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
 RETRIES = 3
 # share of confirmed echoes below which a value may be off by cycles of phase
-CONFIRMED = 0.9
+CONFIRMED = 0.97
 
 
 @dataclass(frozen=True, eq=False)
