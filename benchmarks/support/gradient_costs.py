@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable
 
-import munich_materials  # of the studies
+import munich_materials_drawn as munich_materials
 import numpy as np
 
 from sarmitsuba import Prior, RawData, Scene, fit

@@ -105,5 +105,11 @@ def of_scatterer(
     """Weights of the return of a diffuse scatterer by every displacement, 1 per unit."""
     edge, state = lane.edge, None if ray.tangents is None else ray.tangents.edge
     assert edge is not None and state is not None
-    frames = (_frame(state.across, carried, k, ray, hit, centre) for k in range(len(state.frames)))
-    return tuple(edge.relative(mi.Float64(edge.weight), k, frame) for k, frame in enumerate(frames))
+    assert ray.tangents is not None
+    weight, found = mi.Float64(edge.weight), []
+    for k, boundary in enumerate(ray.tangents.boundary):
+        if boundary is None:  # the parallax of an antenna is a displacement over the slant range
+            found.append(mi.Float64(0.0))
+        else:
+            found.append(edge.relative(weight, k, _frame(state.across, carried, k, ray, hit, centre)))
+    return tuple(found)

@@ -208,8 +208,7 @@ class Lane:
     needs : m, lower and upper bound of the ray spacing needed by the faces that this ray samples
     pattern : of the receiving antenna, None for an isotropic one
     time : s, float64, of the pulse, where the kernel depends on it; None: everything is as at time zero
-    edge : of a ray beside an edge; None for rays of a lattice
-    beam_rates : 1/rad, relative derivatives of the launch's gain by the angles of the beam; None: not recorded
+    edge, beam_rates : of a ray beside an edge, and 1/rad, slopes of the launch's gain; None: not recorded
     """
 
     pulse: mi.UInt32
@@ -272,8 +271,7 @@ class RayState:
 
     Parameters
     ----------
-    active : lanes still traced
-    hits : number so far
+    active, hits : lanes still traced, and their number of hits so far
     origin : m, scene frame
     direction : float64, mirrored exactly like the antenna
     virtual_antenna, virtual_velocity : transmitting antenna and its velocity, mirrored through the chain so far, whose
@@ -325,8 +323,7 @@ class Hit:
     first : lanes whose first hit this is
     order : number of this hit, from 1
     face : row of the scene's tables
-    material : bits of the material at the hit
-    own_material : bits of the face's own material, regardless of maps
+    material, own_material : bits of the material at the hit, and of the face's own, regardless of maps
     largest_cell : m, of a diffuse scatterer on the face's piece of surface
     p : float64, m, intersection of the ray and the facet
     vertex0, centroid : float64, m, vertex 0 and middle of the triangle
@@ -465,8 +462,7 @@ class Contribution:
         displacements that turn facets, as amplitude times slant range; None without any
     rate_tangents : derivatives of the range rate by displacements, m/s per unit; None where none is recorded
     gain_tangents : relative derivatives of the channels by the two angles of the beam, 1/rad; None: not recorded
-    slots : numbers of the shapes to which ``range_tangents`` belong; empty: the same for all echoes
-    texels : numbers and shares of the texels that the level of a diffuse scatterer comes from; empty: not needed
+    slots, texels : numbers of the shapes of ``range_tangents``, numbers and shares of a level's texels; empty: none
     """
 
     kind: mi.UInt32

@@ -29,7 +29,7 @@ def side_by_side(pictures: Sequence[tuple[str, SarImage, PictureOptions]], title
     for axes, (name, image, options) in zip(figure.subplots(1, len(pictures)), pictures, strict=True):
         bar = figure.colorbar(draw(image, axes, options), ax=axes, orientation="horizontal", shrink=0.8)
         bar.set_label(prepare(image, options, LARGEST).label, fontsize=8)
-        axes.set_title(name, fontsize=10)
+        axes.set_title(name, fontsize=10, parse_math=False)
     if title:
         figure.suptitle(title, fontsize=9, parse_math=False)
     return figure

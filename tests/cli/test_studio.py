@@ -377,7 +377,7 @@ def test_a_derivative_gives_way_to_a_newer_state(tmp_path: Path, monkeypatch: py
         studio.serve(lambda: tab.changed is not None or next(turns, None) is None, patience=0.05)
         assert ended == [20.0] and tab.changed is not None
         assert tab.changed.derivative.image.grid.shape == studio.view.image.grid.shape
-        assert "without edge diffraction" in tab.status.content
+        assert "to first order" in tab.status.content
     finally:
         studio.close()
 

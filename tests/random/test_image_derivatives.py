@@ -44,10 +44,11 @@ def test_rate_of_a_shift_is_the_phase_of_the_path() -> None:
     for axis, name in enumerate("xyz"):
         found = image_derivative(scene, f"shift:box:{name}")
         rate = 4.0 * np.pi / scene.radar.waveform.wavelength * abs(sight[axis])
-        # tol: directions over the box and the aperture, a few metres of thousands, over the least component
-        assert found.rate == pytest.approx(rate, rel=0.02), name
+        # tol: directions over the box and the aperture, which automatic blocks follow: half a degree over the least
+        # component
+        assert found.rate == pytest.approx(rate, rel=0.04), name
         assert found.displaces and found.unit == "m"
         # an eighth of a wavelength of path
         assert found.largest_change == pytest.approx(
-            scene.radar.waveform.wavelength / 16.0 / abs(sight[axis]), rel=0.02
+            scene.radar.waveform.wavelength / 16.0 / abs(sight[axis]), rel=0.04
         )

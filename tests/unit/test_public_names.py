@@ -14,6 +14,7 @@ FUNCTIONS = {
     "fit": ("scene", "data", "parameters"),
     "focus": ("raw", "grid"),
     "focusing_operator": ("raw", "grid"),
+    "gradient": ("scene", "parameters", "loss"),
     "height_map": ("pair", "phase", "lowest"),
     "error_budget": ("image",),
     "image_quality": ("image", "points", "areas"),
