@@ -9,8 +9,8 @@ the average changes by
 
 .. math:: \left\langle 2 \Re (A m)^* A \, \partial m' \right\rangle, \quad \partial m' = \frac{f}{f_c + f} \, \partial m
 
-which for independent echoes is the derivative of the mean intensity. Shapes that are shifted along the track keep the
-turn of phase over the aperture, less its mean.
+which for independent echoes is the derivative of the mean intensity. Motion along the track, whose phases turn over the
+aperture, is not seen but through the range of another look.
 """
 
 from __future__ import annotations

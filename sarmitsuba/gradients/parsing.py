@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
     """Parameters from a text such as ``gain,level:soil,track:5,shift:roof:z``.
 
-    ``levels`` stands for all materials', and ``heights``, ``scales``, ``rotations``, ``shifts:x`` for those of all
-    shapes that are not ground, see :func:`sarmitsuba.gradients.shape_parameters.bodies`.
+    ``levels`` stands for all materials', ``materials`` for these and every property that a material has, and
+    ``heights``, ``scales``, ``rotations``, ``shifts:x`` for those of all shapes that are not ground, see
+    :func:`sarmitsuba.gradients.shape_parameters.bodies`.
 
     Raises
     ------
@@ -35,7 +36,7 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
         if own is None:
             raise SceneError(
                 f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], pointing[:KNOTS], "
-                f"level:MATERIAL, levels, level_map:MATERIAL, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, "
+                f"level:MATERIAL, levels, materials, level_map:MATERIAL, {', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, "
                 f"shift:SHAPE:AXIS, {', '.join(f'{k}:SHAPE' for k in DEFORMATIONS)}, shifts:AXIS, "
                 f"{', '.join(f'{k}s' for k in DEFORMATIONS)}"
             )
@@ -63,14 +64,18 @@ def _of_radar(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | Non
 
 
 def _of_materials(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
+    names = tuple(dict.fromkeys(m.name for m in with_parts(scene.materials)))
+    levels: list[Parameter] = [
+        Level(name) for name in dict.fromkeys(m.name for m in with_parts(scene.materials) if has_level(m))
+    ]
     match kind, rest:
         case "level", [material]:
             return [Level(material)]
         case "levels", []:
-            return [
-                Level(name)
-                for name in dict.fromkeys(m.name for m in with_parts(scene.materials) if has_level(m))
-            ]
+            return levels
+        case "materials", []:
+            own = (f"{kind}:{name}" for name in names for kind in PROPERTIES)
+            return levels + [p for word in own if _has(scene, word) for p in parse(word, scene)]
         case "level_map", [material]:
             return [LevelMap(material)]
         case kind, [material] if kind in PROPERTIES:

@@ -197,3 +197,12 @@ def test_launches_carry_equal_parts() -> None:
     assert sum((p.levels for p in parts), ()) == levels and sum((p.steps for p in parts), ()) == steps
     assert {len(p.steps) for p in parts} == {7, 8} and {len(p.levels) for p in parts} == {1, 2}
     assert len(list(Needed((), (), ()).parts())) == 1
+
+
+def test_materials_stand_for_all_that_they_have() -> None:
+    found = [p.label for p in parse("materials", drawn(3, "rough"))]
+    kinds = ("permittivity", "loss", "rms_height")
+    assert found[0] == "level:soil" and len(found) == len(set(found))
+    assert set(found[1:]) == {f"{k}:{m}" for k in kinds for m in ("wall", "soil")} | {
+        "correlation_length:wall"
+    }
