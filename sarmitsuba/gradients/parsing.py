@@ -37,7 +37,8 @@ def parse(text: str, scene: Scene) -> tuple[Parameter, ...]:
             raise SceneError(
                 f"parameter {word!r} is not one of gain, clock_offset, track:KNOTS[:AXES], pointing[:KNOTS], "
                 f"level:MATERIAL, levels, materials, level_map:MATERIAL, "
-                f"{', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, shift:SHAPE:AXIS, {', '.join(f'{k}:SHAPE' for k in DEFORMATIONS)}, shifts:AXIS, "
+                f"{', '.join(f'{k}:MATERIAL' for k in PROPERTIES)}, shift:SHAPE:AXIS, "
+                f"{', '.join(f'{k}:SHAPE' for k in DEFORMATIONS)}, shifts:AXIS, "
                 f"{', '.join(f'{k}s' for k in DEFORMATIONS)}"
             )
         found += own
