@@ -1,6 +1,7 @@
 """Differentiate the image of a scene by one parameter, and draw what changes with it."""
 
 import argparse
+import math
 from pathlib import Path
 
 from sarmitsuba.commands.console import Console
@@ -24,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--change",
-        type=float,
+        type=_finite,
         metavar="VALUE",
         help="change of the value that is drawn, in its unit (default: as far as first order is of use)",
     )
@@ -45,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Differentiate, draw, write the results; without a parameter list those of the scene."""
     from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.errors import SceneError
     from sarmitsuba.gradients.image_derivative import image_derivative
     from sarmitsuba.gradients.parsing import offered
     from sarmitsuba.io import parameter_file, write_image
@@ -53,6 +55,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.view.quicklook import save
 
     if args.parameter is None:
+        if args.change is not None or args.simulate:
+            raise SceneError("--change and --simulate are of a parameter; give --parameter")
         ensure_backend()
         console.say("\n".join(offered(scene_of(args))))
         return 0
@@ -75,3 +79,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
             parameter_file.write(path, {"command": NAME, "scene": scene.name, **shown.as_dict()})
     console.say(str(out / PICTURE))
     return 0
+
+
+def _finite(text: str) -> float:
+    """A finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is no finite number; give one, without its unit")
+    return value

@@ -118,6 +118,8 @@ class Objective:
     As optimisers take it: ``scipy.optimize.minimize(objective, objective.start, jac=True)``. Launch windows, rays,
     effects and blocks of pulses are those of the scene as it is, so that the loss is a fixed function of the values.
 
+    Optimisers stop by absolute tolerances, and a loss in watts is below them at once: give it weights of 1/W.
+
     Parameters
     ----------
     scene, parameters, loss : as for :func:`gradient`

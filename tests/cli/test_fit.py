@@ -94,6 +94,16 @@ def test_a_derivative_is_drawn_and_written(tmp_path: Path, capsys: Any) -> None:
     for options, reason in (
         (["--parameter", "level:roof"], 'no material "roof"; there are soil'),
         (["--parameter", "track:2:x"], "is by one value, not by 2"),
+        (["--simulate"], "give --parameter"),
     ):
         assert cli.main(["derivative", str(path), *options, "-o", str(out)]) == 2
         assert reason in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("change", ["nan", "inf", "5mm"])
+def test_a_change_is_a_finite_number(change: str, tmp_path: Path, capsys: Any) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(
+            ["derivative", "tower", "--parameter", "gain", "--change", change, "-o", str(tmp_path / "out")]
+        )
+    assert stop.value.code == 2 and f"'{change}' is no finite number" in capsys.readouterr().err
