@@ -95,7 +95,8 @@ def _of_shapes(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | No
 def offered(scene: Scene) -> tuple[str, ...]:
     """Parameters of one value that a scene has, as texts: those of its shapes, then those of its materials, then gain.
 
-    Shapes whose names are not unique or hold a comma, ground without end, and properties that a material has not are left out.
+    Shapes whose names are not unique or hold a comma, ground without end, and properties that a material has not are
+    left out.
     """
     geometry = scene.geometry
     words = []
