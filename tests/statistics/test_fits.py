@@ -141,6 +141,15 @@ def test_data_of_another_scene_are_left_unexplained() -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*prf")
+def test_a_turned_box_whose_walls_mirror_the_ground_is_found() -> None:
+    scene = fields(3, 1, 8)
+    model = ForwardModel(scene, parse("rotation:box", scene))
+    found = fit(scene, model.raw(model.data(np.array([3e-4]))), "rotation:box")
+    assert found.converged and abs(found.values[0] - 3e-4) < 1e-8  # tol: float32; rad
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*prf")
 def test_echoes_far_weaker_than_the_data_are_not_confirmed() -> None:
     scene = fields(3, 1, 8)
     model = ForwardModel(scene, parse("level:wall,height:box", scene))
