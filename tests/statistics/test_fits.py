@@ -11,6 +11,7 @@ from sarmitsuba.focusing.autofocus import correct_ranges
 from sarmitsuba.gradients.coarse_track import range_errors
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.least_squares import known_priors
+from sarmitsuba.gradients.material_parameters import with_material
 from sarmitsuba.gradients.parsing import parse
 from tests.support.fits import fields, fitted_levels, fitted_track, range_error
 
@@ -142,7 +143,7 @@ def test_data_of_another_scene_are_left_unexplained() -> None:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*prf")
 def test_a_turned_box_whose_walls_mirror_the_ground_is_found() -> None:
-    scene = fields(3, 1, 8)
+    scene = with_material(fields(3, 1, 8), "wall", rms_height=0.002)
     model = ForwardModel(scene, parse("rotation:box", scene))
     found = fit(scene, model.raw(model.data(np.array([3e-4]))), "rotation:box")
     assert found.converged and abs(found.values[0] - 3e-4) < 1e-8  # tol: float32; rad
