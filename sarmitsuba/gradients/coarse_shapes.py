@@ -294,7 +294,8 @@ def confirmed(looks: Sequence[MeasuredLook], values: F64, numbers: NDArray[np.in
     """(n_values,) share of the echoes of the shape that each value moves which data and model have in common, in phase.
 
     1 where model and data are alike, less where they are off by cycles of phase, as only part of the shape's echoes
-    agree then; NaN for values that move no shape. ``numbers``: only for shapes that one of these values moves.
+    agree then, or where either is weaker; NaN for values that move no shape. ``numbers``: only for shapes that one of
+    these values moves.
     """
     both, alone = np.zeros(len(values)), np.zeros(len(values))
     for look in looks:
@@ -309,4 +310,6 @@ def confirmed(looks: Sequence[MeasuredLook], values: F64, numbers: NDArray[np.in
                 share = 1.0 + float(np.vdot(own, left).real / np.sum(np.abs(own) ** 2))
                 both[part.moves] += energy * share
                 alone[part.moves] += energy
-    return np.where(alone > 0.0, both / np.where(alone > 0.0, alone, 1.0), np.nan)
+    share = np.where(alone > 0.0, both / np.where(alone > 0.0, alone, 1.0), np.nan)
+    # echoes that are far weaker than the data have much in common with any data
+    return np.where(share > 1.0, 1.0 / np.maximum(share, 1.0), share)

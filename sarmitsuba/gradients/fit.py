@@ -20,6 +20,7 @@ from sarmitsuba.gradients.least_squares import (
     Rows,
     Samples,
     Solution,
+    energy,
     known_priors,
     minimised,
 )
@@ -51,6 +52,8 @@ class Fit:
         relative to the intensities
     converged : whether the last step changed it by less than ``LEAST_CHANGE``
     residuals : raw data less the fitted ones, of each look
+    unexplained : share of the energy of all measured raw data that the residuals hold: that of noise and of what the
+        model lacks; near 1 for data of another scene, whatever the other numbers say
     scene : with the fitted values, as the first look sees it
     """
 
@@ -64,6 +67,7 @@ class Fit:
     costs: tuple[float, ...]
     converged: bool
     residuals: tuple[RawData, ...]
+    unexplained: float
     scene: Scene = field(repr=False)
 
     @property
@@ -89,6 +93,7 @@ class Fit:
             "covariance": [_known(row) for row in self.covariance],
             "costs": list(self.costs),
             "converged": self.converged,
+            "unexplained": self.unexplained,
         }
 
     def table(self) -> str:
@@ -105,7 +110,8 @@ class Fit:
             line = f"{name:{width}}  {start:12.6g}  {value:12.6g}  {sigma:9.2g}  {bound:9.2g}"
             lines.append(line + (f"  {share:9.2f}" if moves else ""))
         said = "converged" if self.converged else "not converged"
-        lines.append(f"{said} after {len(self.costs) - 1} steps, residual {self.costs[-1]:.3g} W")
+        line = f"{said} after {len(self.costs) - 1} steps, residual {self.costs[-1]:.3g} W"
+        lines.append(f"{line}, {100.0 * self.unexplained:.3g} % of the data's energy")
         doubtful = [name for name, share in zip(self.names, self.confirmed, strict=True) if share < CONFIRMED]
         if doubtful:
             lines.append(f"not confirmed by the phases of the data: {', '.join(doubtful)}")
@@ -264,5 +270,6 @@ def _result(
         found.costs,
         found.converged,
         tuple(look.residual(d) for look, d in zip(looks, residuals, strict=True)),
+        energy(residuals) / energy([look.measured for look in looks]),
         model.at(values),
     )

@@ -42,15 +42,17 @@ def known_priors(names: Sequence[str], priors: Mapping[str, Prior]) -> dict[int,
 
     Raises
     ------
-    SceneError : no such value, or a sigma that is not positive
+    SceneError : no such value, a mean that is not finite, or a sigma that is not positive
     """
     short = [name.rsplit(" [", 1)[0] for name in names]
     known = {}
     for name, prior in priors.items():
         if name not in names and name not in short:
             raise SceneError(f"prior of {name!r}: no such parameter; there are {', '.join(names)}")
-        if not prior.sigma > 0.0:
-            raise SceneError(f"prior of {name!r}: sigma = {prior.sigma:g} must be above 0")
+        if not np.isfinite(prior.mean):
+            raise SceneError(f"prior of {name!r}: mean = {prior.mean:g} must be finite")
+        if not prior.sigma**2 > 0.0:
+            raise SceneError(f"prior of {name!r}: sigma = {prior.sigma:g} and its square must be above 0")
         number = list(names).index(name) if name in names else short.index(name)
         known[number] = prior
     return known

@@ -54,6 +54,13 @@ class SquaredDifference:
                 "pulses, samples); give the scene the radar of the data"
             )
         difference = data.astype(np.complex128) - self._planes
+        weights = np.ones(()) if self.weights is None else np.asarray(self.weights)
+        if weights.ndim > data.ndim or any(
+            own not in (1, n) for own, n in zip(weights.shape[::-1], data.shape[::-1], strict=False)
+        ):
+            raise DataError(
+                f"loss: weights of the shape {weights.shape} do not broadcast to that of the data, {data.shape}"
+            )
         weighted = difference if self.weights is None else difference * self.weights
         return 0.5 * float(np.vdot(difference, weighted).real), weighted.astype(np.complex64)
 

@@ -20,6 +20,8 @@ from sarmitsuba.scene.scene import Scene, SceneLike
 
 # largest distance of the receive windows of data and scene, m
 SAME_WINDOW = 1e-3
+# largest relative difference of their centre frequencies
+SAME_CARRIER = 1e-6
 # noise power relative to that of the data that priors are weighed against at least
 LEAST_NOISE = 1e-6
 # rounding of float32 data, as a share of that
@@ -101,6 +103,11 @@ def looks_of(
     DataError : see :func:`sarmitsuba.fit`
     """
     measured = (data,) if isinstance(data, RawData) else tuple(data)
+    for one in measured:
+        if not isinstance(one, RawData):
+            raise DataError(
+                f"fit: raw data are expected, as simulate() or read_raw() give, not {type(one).__name__}"
+            )
     given = (scenes,) if isinstance(scenes, Scene | Path | str) else tuple(scenes)
     if not measured:
         raise DataError("fit: there are no raw data; give those of one look at least")
@@ -183,6 +190,12 @@ def _planes(model: ForwardModel, data: RawData) -> C64:
         raise DataError(
             f"{name}: raw data of {data.data.shape[1]} pulses of {data.data.shape[2]} samples, and a radar of "
             f"{model.shape[1]} of {model.shape[2]}; give the scene the radar of the data"
+        )
+    own, other = radar.waveform.center_frequency, data.radar.waveform.center_frequency
+    if abs(own - other) > SAME_CARRIER * own:
+        raise DataError(
+            f"{name}: the centre frequencies of raw data and scene are {1e-9 * other:.6g} and {1e-9 * own:.6g} GHz; "
+            "give the scene the radar of the data"
         )
     apart = float(np.abs(data.radar.window.start_range - radar.window.start_range).max())
     if apart > SAME_WINDOW:

@@ -101,7 +101,8 @@ def _of_shapes(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | No
 def offered(scene: Scene) -> tuple[str, ...]:
     """Parameters of one value that a scene has, as texts: those of its shapes, then those of its materials, then gain.
 
-    Shapes whose names are not unique, ground without end, and properties that a material has not are left out.
+    Shapes whose names are not unique or hold a comma, ground without end, and properties that a material has not are
+    left out.
     """
     geometry = scene.geometry
     words = []
@@ -116,8 +117,8 @@ def offered(scene: Scene) -> tuple[str, ...]:
 def _has(scene: Scene, word: str) -> bool:
     """Whether a scene has the parameter of a text."""
     try:
-        (parameter,) = parse(word, scene)
-        parameter.values(scene)
+        found = parse(word, scene)
+        found[0].values(scene)
     except SceneError:
         return False
-    return True
+    return len(found) == 1  # a comma in a name makes several

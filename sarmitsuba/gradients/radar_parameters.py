@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import RadarError
+from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter
 from sarmitsuba.radar.attitude import turned
 from sarmitsuba.trace.tangents import PER_DB, Displacement
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from sarmitsuba.scene.scene import Scene
+
+
+# largest change of the gain, dB: above, float32 amplitudes overflow
+MOST_GAIN = 300.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,10 @@ class Gain(Parameter):
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
         radar = scene.radar
+        if not abs(float(values[0])) <= MOST_GAIN:
+            raise SceneError(
+                f"parameter gain = {float(values[0]):g} dB must be within {MOST_GAIN:g} dB of the scene's"
+            )
         power = radar.transmit_power * 10.0 ** (0.1 * float(values[0]))
         return replace(scene, radar=replace(radar, transmit_power=power))
 
@@ -93,6 +101,7 @@ class AntennaTrack(Parameter):
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """See the base class."""
+        check_knots(self, scene)
         return tuple(f"track {axis} at knot {k} [m]" for axis in self.axes for k in range(self.knots))
 
     def values(self, scene: Scene) -> F64:
@@ -147,6 +156,7 @@ class BeamPointing(Parameter):
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """See the base class."""
+        check_knots(self, scene)
         angles = ("azimuth", "elevation")
         return tuple(f"pointing {angle} at knot {k} [rad]" for angle in angles for k in range(self.knots))
 
@@ -168,6 +178,21 @@ class BeamPointing(Parameter):
     def derivative(self, found: Derivatives) -> Iterator[C64]:
         """See the base class."""
         return at_knots(found.pointed, found.time, self.knots)
+
+
+def check_knots(parameter: AntennaTrack | BeamPointing, scene: Scene) -> None:
+    """Refuse more knots than pulses, whose values no data tell.
+
+    Raises
+    ------
+    RadarError : one line: the parameter and the largest number
+    """
+    n_pulses = scene.radar.track.n_pulses
+    if parameter.knots > n_pulses:
+        raise RadarError(
+            f"parameter {parameter.label}: {parameter.knots} knots on a track of {n_pulses} pulses; take at most "
+            f"{n_pulses}"
+        )
 
 
 def knot_weights(time: F64, knots: int) -> F64:

@@ -153,6 +153,9 @@ class Objective:
             raise SceneError(
                 f"gradient: {values.size} values for {len(model.start)} parameters; give one for each"
             )
+        if not np.isfinite(values).all():
+            wrong = ", ".join(n for n, x in zip(model.names, values, strict=True) if not np.isfinite(x))
+            raise SceneError(f"gradient: no finite value of {wrong}")
         data = model.data(values)
         value, adjoint = checked(self.loss, data)
         found, memory = transposed(model, adjoint, values)

@@ -9,6 +9,8 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.device_arrays import device_array
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sarmitsuba.trace.launch import EdgeSamples
 
 
@@ -56,14 +58,22 @@ class EdgeState:
     Parameters
     ----------
     across : normal of the edge, made perpendicular to the ray along that of the launch plane, and mirrored with the ray
+    turns : derivative of ``across`` by each displacement: that of mirrors that turn, 1 per unit
     frames : velocity along it of the lit area, as an angle about the antenna's image, rad per unit of each displacement
     outline : 1 where the edge is one of a facet that the ray hit behind it, else 0
     """
 
     across: mi.Vector3d
+    turns: tuple[mi.Vector3d, ...]
     frames: tuple[mi.Float64, ...]
     outline: mi.UInt32
 
-    def mirrored(self, n: mi.Vector3d) -> EdgeState:
-        """State of the reflected ray."""
-        return EdgeState(self.across - n * (2.0 * dr.dot(self.across, n)), self.frames, self.outline)
+    def mirrored(self, n: mi.Vector3d, rates: Sequence[mi.Vector3d | None]) -> EdgeState:
+        """State of the reflected ray; ``rates``: derivative of the mirror's normal by each displacement; None: zero."""
+        own, turns = self.across, []
+        for turn, rate in zip(self.turns, rates, strict=True):
+            image = turn - n * (2.0 * dr.dot(turn, n))
+            if rate is not None:
+                image -= 2.0 * (rate * dr.dot(own, n) + n * dr.dot(own, rate))
+            turns.append(image)
+        return EdgeState(own - n * (2.0 * dr.dot(own, n)), tuple(turns), self.frames, self.outline)

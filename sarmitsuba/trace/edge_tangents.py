@@ -49,7 +49,9 @@ def begun(
     normal = axes[0] * x + axes[1] * y
     plane = dr.cross(*axes)
     across = normal - plane * (dr.dot(normal, d) / dr.dot(plane, d))
-    state = EdgeState(across, tuple(mi.Float64(0.0) for _ in tangents.virtual), mi.UInt32(0))
+    n = len(tangents.virtual)
+    turns, frames = tuple(mi.Vector3d(0.0) for _ in range(n)), tuple(mi.Float64(0.0) for _ in range(n))
+    state = EdgeState(across, turns, frames, mi.UInt32(0))
     slots = tangents.slots
     if samples.shapes is not None:
         own = (dr.gather(mi.UInt32, device_array(mi.UInt32, n), row) for n in samples.shapes.T)
@@ -66,22 +68,23 @@ def arrived(state: EdgeState, carried: Carried, lane: Lane, ray: RayState, hit: 
             frames.append(before)
             continue
         own = hit.largest_cell <= boundary.size
-        frames.append(dr.select(own, _frame(state.across, carried, k, ray, hit, hit.p), before))
+        frames.append(dr.select(own, _frame(state, carried, k, ray, hit, hit.p), before))
     edge = lane.edge
     assert edge is not None
     of_edge = (hit.face == edge.faces[0]) | (hit.face == edge.faces[1])
     outline = dr.select(hit.order == edge.leg, dr.select(of_edge, mi.UInt32(1), 0), state.outline)
-    return EdgeState(state.across, tuple(frames), outline)
+    return EdgeState(state.across, state.turns, tuple(frames), outline)
 
 
 def _frame(
-    across: mi.Vector3d, carried: Carried, k: int, ray: RayState, hit: Hit, point: mi.Vector3d
+    state: EdgeState, carried: Carried, k: int, ray: RayState, hit: Hit, point: mi.Vector3d
 ) -> mi.Float64:
     """Velocity of a point of the facet that was hit, as an angle about the antenna's image."""
     assert ray.tangents is not None
     movement = carried.movement(k, hit.face, point, hit.active)
     towards = -ray.tangents.virtual[k] if movement is None else movement.velocity - ray.tangents.virtual[k]
-    return dr.dot(across, towards) / hit.length
+    # mirrors that turn swing the antenna's image about them, and with it the axes that the angle is measured in
+    return dr.dot(state.across, towards) / hit.length + dr.dot(state.turns[k], hit.direction64)
 
 
 def of_tube(carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> tuple[mi.Float64, ...]:
@@ -111,5 +114,5 @@ def of_scatterer(
         if boundary is None:  # the parallax of an antenna is a displacement over the slant range
             found.append(mi.Float64(0.0))
         else:
-            found.append(edge.relative(weight, k, _frame(state.across, carried, k, ray, hit, centre)))
+            found.append(edge.relative(weight, k, _frame(state, carried, k, ray, hit, centre)))
     return tuple(found)

@@ -94,13 +94,14 @@ def mirrored_tangents(
     """
     assert ray.tangents is not None
     from_hit = ray.virtual_antenna - hit.p
-    virtual, boundaries, stretches, velocities = [], [], [], []
+    virtual, boundaries, stretches, velocities, turns = [], [], [], [], []
     n32 = mi.Vector3f(n)
     for k, (velocity, boundary) in enumerate(zip(ray.tangents.virtual, ray.tangents.boundary, strict=True)):
         movement = carried.movement(k, hit.face, hit.p, hit.active)
         towards = velocity if movement is None else velocity - movement.velocity
         image = velocity - n * (2.0 * dr.dot(towards, n))
         turn = normal_rate(carried, k, hit.face, hit.active, n)
+        turns.append(turn)
         if turn is not None:
             image -= 2.0 * (turn * dr.dot(from_hit, n) + n * dr.dot(from_hit, turn))
         virtual.append(image)
@@ -119,7 +120,7 @@ def mirrored_tangents(
         boundaries.append(boundary)
     edge = ray.tangents.edge
     if edge is not None:
-        edge = arrived(edge, carried, lane, ray, hit).mirrored(n)
+        edge = arrived(edge, carried, lane, ray, hit).mirrored(n, turns)
     return RayTangents(
         tuple(virtual), tuple(boundaries), tuple(stretches), tuple(velocities), carried.slots, edge
     )

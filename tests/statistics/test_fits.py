@@ -10,6 +10,8 @@ from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.focusing.autofocus import correct_ranges
 from sarmitsuba.gradients.coarse_track import range_errors
 from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.least_squares import known_priors
+from sarmitsuba.gradients.material_parameters import with_material
 from sarmitsuba.gradients.parsing import parse
 from tests.support.fits import fields, fitted_levels, fitted_track, range_error
 
@@ -104,3 +106,56 @@ def test_data_of_another_radar_are_refused() -> None:
     late = replace(data.radar.window, start_range=data.radar.window.start_range + 1.0)
     with pytest.raises(DataError, match=r"start up to 1 m apart"):
         fit(scene, replace(data, radar=replace(data.radar, window=late)), "gain")
+    lower = replace(data.radar.waveform, center_frequency=9.0e9)
+    with pytest.raises(DataError, match=r"centre frequencies of raw data and scene are 9 and 9\.65 GHz"):
+        fit(scene, replace(data, radar=replace(data.radar, waveform=lower)), "gain")
+    with pytest.raises(DataError, match="not ndarray"):
+        fit(scene, data.data, "gain")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("prior", "reason"),
+    [
+        (Prior(np.nan, 1.0), "mean = nan"),
+        (Prior(0.0, np.nan), "sigma = nan"),
+        (Prior(0.0, 1e-200), "its square"),
+    ],
+)
+def test_priors_that_say_nothing_are_refused(prior: Prior, reason: str) -> None:
+    with pytest.raises(SceneError, match=reason):
+        known_priors(["gain [dB]"], {"gain": prior})
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*prf")
+def test_data_of_another_scene_are_left_unexplained() -> None:
+    scene = fields(3, 1, 8)
+    model = ForwardModel(scene, parse("level:wall,height:box", scene))
+    data = model.raw(model.data())
+    turns = np.exp(2j * np.pi * np.random.default_rng(3).random((1, 8, 1)))
+    other = replace(data, data=(data.data * turns).astype(np.complex64))
+    assert fit(scene, data, "level:wall,height:box").unexplained < 1e-9  # tol: float32
+    found = fit(scene, other, "level:wall,height:box")
+    assert found.unexplained > 0.3
+    assert f"{100.0 * found.unexplained:.3g} % of the data's energy" in found.table()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*prf")
+def test_a_turned_box_whose_walls_mirror_the_ground_is_found() -> None:
+    scene = with_material(fields(3, 1, 8), "wall", rms_height=0.002)
+    model = ForwardModel(scene, parse("rotation:box", scene))
+    found = fit(scene, model.raw(model.data(np.array([3e-4]))), "rotation:box")
+    assert found.converged and abs(found.values[0] - 3e-4) < 1e-8  # tol: float32; rad
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*prf")
+def test_echoes_far_weaker_than_the_data_are_not_confirmed() -> None:
+    scene = fields(3, 1, 8)
+    model = ForwardModel(scene, parse("level:wall,height:box", scene))
+    brighter = model.raw(model.data(model.start + np.array([9.0, 0.0])))
+    found = fit(scene, brighter, "height:box")
+    assert found.confirmed[0] == pytest.approx(
+        10.0**-0.45, abs=0.05
+    )  # tol: noise-free; the height may move a little

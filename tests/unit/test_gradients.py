@@ -135,11 +135,13 @@ def test_values_are_named() -> None:
         ("height:plate", "the shape is flat"),
         ("level:grass", 'no material "grass"'),
         ("thickness:soil", "its thickness is 0"),
+        ("track:1000000000", "1000000000 knots on a track of 4 pulses; take at most 4"),
+        ("pointing:5", "5 knots on a track of 4 pulses"),
         ("correlation_length:soil", "its correlation_length is 0"),
     ],
 )
 def test_wrong_parameters_are_one_line(parameters: str, reason: str) -> None:
-    with pytest.raises(SceneError, match=reason):
+    with pytest.raises((SceneError, RadarError), match=reason):
         jacobian(plate(), parameters)
 
 

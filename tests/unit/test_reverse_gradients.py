@@ -173,6 +173,8 @@ def test_wrong_losses_are_one_line() -> None:
         (lambda data: (1.0, data[:, :-1]), "its adjoint has the shape"),
         (lambda data: (1.0, data * np.nan), "its adjoint is not finite"),
         (SquaredDifference(np.zeros((1, 2, 3), dtype=np.complex64)), "measured raw data of the shape"),
+        (SquaredDifference(np.zeros(shape, dtype=np.complex64), weights=np.ones(7)), "do not broadcast"),
+        (SquaredDifference(np.zeros(shape, dtype=np.complex64), np.ones((2, *shape))), "do not broadcast"),
     ]
     for loss, reason in cases:
         with pytest.raises(DataError, match=reason):
@@ -208,6 +210,10 @@ def test_wrong_parameters_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     objective = Objective(scene, "level_map:soil", lambda data: (0.0, data))
     with pytest.raises(SceneError, match="3 values for 4 parameters"):
         objective(objective.start[:3])
+    with pytest.raises(SceneError, match=r"no finite value of level_map:soil row 0 column 1 \[dB\]"):
+        objective(np.array([0.0, np.nan, 0.0, 0.0]))
+    with pytest.raises(SceneError, match=r"gain = 1e\+06 dB must be within 300 dB"):
+        Objective(scene, "gain", lambda data: (0.0, data))(np.array([1e6]))
     monkeypatch.setattr("sarmitsuba.memory.free_memory", lambda: 10**5)
     with pytest.raises(ResourceError, match="a gradient by 4 values needs"):
         objective(objective.start)
