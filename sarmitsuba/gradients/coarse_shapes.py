@@ -310,6 +310,6 @@ def confirmed(looks: Sequence[MeasuredLook], values: F64, numbers: NDArray[np.in
                 share = 1.0 + float(np.vdot(own, left).real / np.sum(np.abs(own) ** 2))
                 both[part.moves] += energy * share
                 alone[part.moves] += energy
-    share = np.where(alone > 0.0, both / np.where(alone > 0.0, alone, 1.0), np.nan)
+    found = np.where(alone > 0.0, both / np.where(alone > 0.0, alone, 1.0), np.nan)
     # echoes that are far weaker than the data have much in common with any data
-    return np.where(share > 1.0, 1.0 / np.maximum(share, 1.0), share)
+    return np.where(found > 1.0, 1.0 / np.maximum(found, 1.0), found)

@@ -270,6 +270,6 @@ def _result(
         found.costs,
         found.converged,
         tuple(look.residual(d) for look, d in zip(looks, residuals, strict=True)),
-        energy(residuals) / energy([look.measured for look in looks]),
+        energy(residuals) / energy([look.measured.astype(np.complex128) for look in looks]),
         model.at(values),
     )
