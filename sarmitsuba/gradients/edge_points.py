@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,34 @@ MOST_PAIRS = 200_000_000
 IN_PLANE = 1e-7
 # in place of the number of a mirror: the edge itself is seen
 NO_MIRROR = -1
+
+
+@dataclass(frozen=True, eq=False)
+class _Mirror:
+    """Triangle that shows points to an antenna: (3, 3) corners, m, unit normal towards the antenna, inward normals."""
+
+    corners: F64
+    normal: F64
+    inward: F64
+    antenna: F64
+
+    @staticmethod
+    def of(corners: F64, normal: F64, antenna: F64) -> _Mirror:
+        """Mirror of a triangle."""
+        inward = np.cross(normal, np.roll(corners, -1, axis=0) - corners)
+        inward *= np.sign(np.einsum("ik,ik->i", inward, corners.mean(axis=0) - corners))[:, None]
+        return _Mirror(corners, normal, inward, antenna)
+
+    def seen(self, points: F64, extent: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], F64]:
+        """Points (n,) above the mirror, (3, n) seen within each of its sides, and (n, 3) m, where the paths meet it."""
+        height = (points - self.corners[0]) @ self.normal
+        above = height > IN_PLANE * extent
+        antenna = float((self.antenna - self.corners[0]) @ self.normal)
+        # where the line from the antenna to the image meets the mirror
+        share = antenna / np.where(above, antenna + height, 1.0)
+        met = self.antenna + (points - 2.0 * height[:, None] * self.normal - self.antenna) * share[:, None]
+        within = np.einsum("ik,ink->in", self.inward, met[None] - self.corners[:, None]) > 0.0
+        return above, within, met
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,37 +147,25 @@ class EdgePoints:
             sides = triangles[:, 1:] - triangles[:, :1]
             area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
             mirrors = np.sort(np.argsort(-area, kind="stable")[:most])
+        # of an edge whose both ends are on one side of a mirror's side nothing is seen
+        starts = np.flatnonzero((np.diff(self.faces, axis=0, prepend=-1) != 0).any(axis=1))
+        stops = np.append(starts[1:], len(self))
+        ends = self.position[np.stack([starts, stops - 1], axis=1)].reshape(-1, 3)
         for i in mirrors.tolist():
-            found = self._image(i, triangles[i], -normals[i] if behind[i] else normals[i], antenna, extent)
-            if found is not None:
-                yield found
-
-    def _image(self, face: int, corners: F64, n: F64, antenna: F64, extent: float) -> EdgePoints | None:
-        """Images in one triangle (3, 3) with the normal n towards the antenna; None where it shows none."""
-        above = (self.position - corners[0]) @ n
-        inside = above > IN_PLANE * extent
-        if not inside.any():
-            return None
-        height = float((antenna - corners[0]) @ n)
-        # where the line from the antenna to the image meets the mirror
-        share = height / np.where(inside, height + above, 1.0)
-        met = antenna + (self.position - 2.0 * above[:, None] * n - antenna) * share[:, None]
-        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            inward = np.cross(n, b - a)
-            inward *= np.sign(inward @ (corners.mean(axis=0) - a))
-            inside = inside & ((met - a) @ inward > 0.0)
-        if not inside.any():
-            return None
-        count = int(inside.sum())
-        found = self[inside]
-        return EdgePoints(
-            found.position,
-            found.step,
-            found.faces,
-            np.full(count, face),
-            np.broadcast_to(n, (count, 3)).copy(),
-            met[inside],
-        )
+            mirror = _Mirror.of(triangles[i], -normals[i] if behind[i] else normals[i], antenna)
+            above, within, _ = mirror.seen(ends, extent)
+            above, within = above.reshape(-1, 2), within.reshape(3, -1, 2)
+            seen = above.any(axis=1) & (within | ~above).any(axis=2).all(axis=0)
+            if not seen.any():
+                continue
+            some = self[np.repeat(seen, stops - starts)]
+            above, within, met = mirror.seen(some.position, extent)
+            inside = above & within.all(axis=0)
+            if inside.any():
+                n = int(inside.sum())
+                own = some[inside]
+                normal = np.broadcast_to(mirror.normal, (n, 3)).copy()
+                yield replace(own, mirror=np.full(n, i), normal=normal, met=met[inside])
 
     def velocity(
         self, offset: F64, gradient: F64, moved: NDArray[np.bool_], mirror_moved: NDArray[np.bool_]
