@@ -107,7 +107,7 @@ def gradient(scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F6
     Levels, maps of levels, shifts, heights, scales and rotations of shapes take one run back together; other parameters
     one run for every eight of them, and so do shapes where scatterers beside the surfaces (edges, wires, volumes) are
     traced. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
-    :class:`Objective` keeps what is planned once.
+    :class:`Objective` keeps what is planned once. The last bits of a gradient depend on the order in which threads end.
     """
     return Objective(scene, parameters, loss).at(values)
 
