@@ -26,7 +26,7 @@ NO_MIRROR = -1
 
 
 @dataclass(frozen=True, eq=False)
-class _Mirror:
+class _MirrorFacet:
     """Triangle that shows points to an antenna: (3, 3) corners, m, unit normal towards the antenna, inward normals."""
 
     corners: F64
@@ -35,11 +35,11 @@ class _Mirror:
     antenna: F64
 
     @staticmethod
-    def of(corners: F64, normal: F64, antenna: F64) -> _Mirror:
+    def of(corners: F64, normal: F64, antenna: F64) -> _MirrorFacet:
         """Mirror of a triangle."""
         inward = np.cross(normal, np.roll(corners, -1, axis=0) - corners)
         inward *= np.sign(np.einsum("ik,ik->i", inward, corners.mean(axis=0) - corners))[:, None]
-        return _Mirror(corners, normal, inward, antenna)
+        return _MirrorFacet(corners, normal, inward, antenna)
 
     def seen(self, points: F64, extent: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], F64]:
         """Points (n,) above the mirror, (3, n) seen within each of its sides, and (n, 3) m, where the paths meet it."""
@@ -152,7 +152,7 @@ class EdgePoints:
         stops = np.append(starts[1:], len(self))
         ends = self.position[np.stack([starts, stops - 1], axis=1)].reshape(-1, 3)
         for i in mirrors.tolist():
-            mirror = _Mirror.of(triangles[i], -normals[i] if behind[i] else normals[i], antenna)
+            mirror = _MirrorFacet.of(triangles[i], -normals[i] if behind[i] else normals[i], antenna)
             above, within, _ = mirror.seen(ends, extent)
             above, within = above.reshape(-1, 2), within.reshape(3, -1, 2)
             seen = above.any(axis=1) & (within | ~above).any(axis=2).all(axis=0)
