@@ -21,8 +21,20 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
 
 
+class _OfMaterial(Parameter):
+    """Parameter of one material; ``kind`` and ``material``: names."""
+
+    kind: str
+    material: str
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """See the base class."""
+        return f"{self.kind}:{self.material}"
+
+
 @dataclass(frozen=True)
-class Level(Parameter):
+class Level(_OfMaterial):
     """Level of a material's diffuse law, dB: ``diffuse_level_db``.
 
     Parameters
@@ -31,12 +43,8 @@ class Level(Parameter):
     """
 
     direct = True
+    kind = "level"
     material: str
-
-    @property
-    def label(self) -> str:  # type: ignore[override]
-        """See the base class."""
-        return f"level:{self.material}"
 
     def _own(self, scene: Scene) -> Material:
         m = material_of(scene, self.material, self.label)
@@ -70,7 +78,7 @@ class Level(Parameter):
 
 
 @dataclass(frozen=True)
-class LevelMap(Parameter):
+class LevelMap(_OfMaterial):
     """Levels of all texels of a material's ``sigma0_map``, dB, relative to the material's own level.
 
     Parameters
@@ -79,12 +87,8 @@ class LevelMap(Parameter):
     """
 
     direct = True
+    kind = "level_map"
     material: str
-
-    @property
-    def label(self) -> str:  # type: ignore[override]
-        """See the base class."""
-        return f"level_map:{self.material}"
 
     def _own(self, scene: Scene) -> tuple[int, Bitmap]:
         """Number of the material, and its map."""
@@ -148,7 +152,7 @@ PROPERTIES = {
 
 
 @dataclass(frozen=True)
-class MaterialProperty(Parameter):
+class MaterialProperty(_OfMaterial):
     """Property of a material: one of ``PROPERTIES``.
 
     Parameters
@@ -158,11 +162,6 @@ class MaterialProperty(Parameter):
 
     kind: str
     material: str
-
-    @property
-    def label(self) -> str:  # type: ignore[override]
-        """See the base class."""
-        return f"{self.kind}:{self.material}"
 
     def _own(self, scene: Scene) -> Material:
         m = material_of(scene, self.material, self.label)

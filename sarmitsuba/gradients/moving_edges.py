@@ -42,9 +42,15 @@ class _RaysBeside:
 
     @staticmethod
     def of(
-        points: EdgePoints, moves: Moves, antenna: F64, frame: LaunchFrame, spacing: float, extent: float
+        points: EdgePoints,
+        velocities: F64,
+        shapes: U32 | None,
+        antenna: F64,
+        frame: LaunchFrame,
+        spacing: float,
+        extent: float,
     ) -> _RaysBeside:
-        """Rays from the antenna (3,), m."""
+        """Rays from the antenna (3,), m; ``velocities``, ``shapes``: see :meth:`Moves.velocities`."""
         ux, uy, center = frame.axis_x[0], frame.axis_y[0], frame.center[0]
         plane = np.cross(ux, uy)
         image = points.image
@@ -60,7 +66,6 @@ class _RaysBeside:
         at, along = project(image, antenna, frame), moved(points.image_step)
         length = np.linalg.norm(along, axis=1)
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.maximum(length, 1e-300)[:, None]
-        velocities, shapes = moves.velocities(points)
         speeds = np.stack([(moved(v) * normal).sum(axis=1) for v in velocities])
         off = max(BESIDE * spacing, ROUNDING * extent) * normal
         weight = length / spacing**2
@@ -84,11 +89,15 @@ def edge_lattices(batches: BatchTracer, batch: Batch, moves: Moves) -> list[Laun
     else:
         antennas = EveryPulse(sampling, batch.start, batch.stop).states.position
     lattices = batches.rays.at(middle if batch.together else batch.start)[batch.subset]
-    found = (_grid(batches, one, antennas, moves) for one in lattices if one.serves(batch.start))
+    scene = batches.tracer.trace_scene
+    edges = FacetEdges.of(scene.triangles, sampling.scene.geometry.face_mesh[scene.geometry_faces])
+    found = (_grid(batches, edges, one, antennas, moves) for one in lattices if one.serves(batch.start))
     return [grid for grid in found if grid is not None]
 
 
-def _grid(batches: BatchTracer, lattice: LaunchGrid, antennas: F64, moves: Moves) -> LaunchGrid | None:
+def _grid(
+    batches: BatchTracer, edges: FacetEdges, lattice: LaunchGrid, antennas: F64, moves: Moves
+) -> LaunchGrid | None:
     """Rays beside the edges in place of a lattice, from every antenna (n, 3), in each of its levels; None: no edge."""
     frame = lattice.frame or batches.tracer.sampling.window.frame
     extent = batches.tracer.trace_scene.extent
@@ -97,10 +106,13 @@ def _grid(batches: BatchTracer, lattice: LaunchGrid, antennas: F64, moves: Moves
     first = 0
     for level in lattice.every_level:
         levels.append(replace(level, first=first))
-        for points in _points(batches, lattice, frame, antennas[len(antennas) // 2], level.spacing):
+        for points in _points(batches, edges, lattice, frame, antennas[len(antennas) // 2], level.spacing):
             first += 2 * len(points)
+            velocities, own_shapes = moves.velocities(points)
             for own, antenna in zip(parts, antennas, strict=True):
-                own.append(_RaysBeside.of(points, moves, antenna, frame, level.spacing, extent))
+                own.append(
+                    _RaysBeside.of(points, velocities, own_shapes, antenna, frame, level.spacing, extent)
+                )
     if not first:
         return None
     every = [part for own in parts for part in own]
@@ -120,7 +132,12 @@ def _grid(batches: BatchTracer, lattice: LaunchGrid, antennas: F64, moves: Moves
 
 
 def _points(
-    batches: BatchTracer, lattice: LaunchGrid, frame: LaunchFrame, antenna: F64, spacing: float
+    batches: BatchTracer,
+    edges: FacetEdges,
+    lattice: LaunchGrid,
+    frame: LaunchFrame,
+    antenna: F64,
+    spacing: float,
 ) -> Iterator[EdgePoints]:
     """Points on edges, then their images in mirrors, within the launch window."""
     scene = batches.tracer.trace_scene
@@ -130,8 +147,7 @@ def _points(
         inside = np.abs(project(points.image, antenna, frame)) <= half
         return points[np.asarray(inside.all(axis=1))]
 
-    body = batches.tracer.sampling.scene.geometry.face_mesh[scene.geometry_faces]
-    points = EdgePoints.of(FacetEdges.of(scene.triangles, body), antenna, frame, spacing)
+    points = EdgePoints.of(edges, antenna, frame, spacing)
     yield within(points)
     if batches.tracer.flags.multi_bounce:
         images = list(points.images(scene.triangles, antenna, scene.extent))
