@@ -94,6 +94,12 @@ class Open:
         text = f"async ({{{names}}}) => {{ const {{ page }} = window.sarmitsuba; {script} }}"
         return self.page.evaluate(text, values)
 
+    def resize(self, width: int, height: int) -> None:
+        """Give the window another size, and wait until the page stands in it: its canvases follow a frame later."""
+        self.page.set_viewport_size({"width": width, "height": height})
+        self.page.wait_for_function("([w, h]) => innerWidth === w && innerHeight === h", arg=[width, height])
+        self.idle()
+
     def idle(self) -> None:
         """Wait until what was asked for is drawn."""
         self.call(

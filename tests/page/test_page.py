@@ -92,13 +92,12 @@ def test_image_is_shown_as_bright_as_its_picture(shown: Any, bridge: tuple[Path,
 
 def test_texts_below_the_echo_stand_apart(shown: Any) -> None:
     for width in (1280, 1000):
-        shown.page.set_viewport_size({"width": width, "height": 800})
-        shown.idle()
+        shown.resize(width, 800)
         texts = shown.call("page.signals.draw(); return page.signals.texts;")
         assert texts[0]["text"] == "0 m" and len(texts) >= 2
         ends = sorted((one["left"], one["right"]) for one in texts)
         assert all(first[1] <= second[0] for first, second in pairwise(ends))
-    shown.page.set_viewport_size({"width": 1280, "height": 800})
+    shown.resize(1280, 800)
 
 
 def third_line(path: Path) -> tuple[int, int]:
