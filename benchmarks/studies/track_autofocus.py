@@ -76,11 +76,17 @@ def estimate(name: str, raw: RawData, grid: ImageGrid) -> F64:
     return AUTOFOCUSERS[name].estimate(task)
 
 
-def blurring(radar: Radar, error: F64) -> F64:
-    """Range error (n_pulses,), m, without the part that a displacement of the scene in its plane makes."""
+def displaced(radar: Radar, error: F64) -> tuple[F64, F64]:
+    """Range error (n_pulses,), m, without the part that a displacement (x, y), m, of the scene makes, and that."""
     sight = radar.track.position - radar.aim_point
     plane = sight[:, :2] / np.linalg.norm(sight, axis=1, keepdims=True)
-    return np.asarray(error - plane @ np.linalg.lstsq(plane, error, rcond=None)[0])
+    place = np.linalg.lstsq(plane, error, rcond=None)[0]
+    return np.asarray(error - plane @ place), np.asarray(-place)
+
+
+def blurring(radar: Radar, error: F64) -> F64:
+    """Range error (n_pulses,), m, without the part that a displacement of the scene in its plane makes."""
+    return displaced(radar, error)[0]
 
 
 def compared(one: TrackCase) -> tuple[dict[str, dict[str, float]], dict[str, SarImage]]:
@@ -143,10 +149,14 @@ def drawn(seeds: Sequence[int], scenes: Sequence[str], output: Path) -> list[dic
                 found.append(figures)
                 if seed == seeds[0]:
                     name = f"{scene.replace(' ', '_')}_{wavelengths:g}.png"
+                    titles = {
+                        one: f"{one.replace('_', ' ')}: {figures[one]['blur']:.3g} wavelengths left"
+                        for one in ("recorded", "phase_gradient", "fit")
+                    }
                     picture(
                         output / name,
                         images,
-                        figures,
+                        titles | {"true": "true"},
                         f"{scene}, knots off by up to {wavelengths:g} wavelengths",
                     )
             for method in METHODS:
@@ -163,27 +173,24 @@ def drawn(seeds: Sequence[int], scenes: Sequence[str], output: Path) -> list[dic
     return lines
 
 
-def picture(
-    path: Path, images: dict[str, SarImage], figures: dict[str, dict[str, float]], title: str
-) -> None:
-    """Images by the recorded track, phase gradient, the fit and the true track."""
+def picture(path: Path, images: dict[str, SarImage], titles: dict[str, str], title: str) -> None:
+    """Images by name, with the same grey levels: those of the last one."""
     from matplotlib.figure import Figure
 
-    shown = ("recorded", "phase_gradient", "fit", "true")
-    figure = Figure(figsize=(4.0 * len(shown), 4.6), dpi=90, layout="constrained")
-    top = 10.0 * np.log10(images["true"].rcs().max())
-    for axes, name in zip(figure.subplots(1, len(shown)), shown, strict=True):
+    figure = Figure(figsize=(4.0 * len(titles), 4.6), dpi=90, layout="constrained")
+    top = 10.0 * np.log10(images[list(titles)[-1]].rcs().max())
+    for axes, (name, text) in zip(figure.subplots(1, len(titles)), titles.items(), strict=True):
         grid = images[name].grid
-        level = 10.0 * np.log10(np.maximum(images[name].rcs(), 1e-12))
+        level = 10.0 * np.log10(np.maximum(images[name].rcs(), 10 ** (0.1 * top - 6.0)))
         extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
         axes.imshow(
             level, origin="lower", extent=extent, cmap="gray", vmin=top - 45.0, vmax=top, aspect="auto"
         )
-        left = "" if name == "true" else f": {figures[name]['blur']:.3g} wavelengths left"
-        axes.set_title(f"{name.replace('_', ' ')}{left}", fontsize=9)
-        axes.set(xlabel=f"{grid.kind} range (m)", ylabel="azimuth (m)" if name == shown[0] else "")
+        axes.set_title(text, fontsize=9)
+        axes.set_xlabel(f"{grid.kind} range (m)")
         axes.ticklabel_format(useOffset=False)
         axes.locator_params(nbins=5)
+    figure.axes[0].set_ylabel("azimuth (m)")
     figure.suptitle(title, fontsize=10)
     figure.savefig(path)
 
@@ -193,10 +200,19 @@ def only_first(raw: RawData) -> RawData:
     return replace(raw, data=raw.data[:1], layers=raw.layers[:1], autofocus_records={})
 
 
-def measured(path: Path, table: Path, knots: int, extent: float) -> dict[str, object]:
-    """Fit the track of phase histories to known corner reflectors; print it beside the provider's records."""
+def measured(
+    path: Path, table: Path, knots: int, extent: float, wavelengths: float, seed: int, output: Path
+) -> dict[str, object]:
+    """Fit the track of phase histories to known corner reflectors; print it beside the provider's records.
+
+    Range errors linear between knots, of up to so many wavelengths, are put into the data before, if any.
+    """
     raw = read_raw(path)
     radar, wavelength = raw.radar, raw.radar.waveform.wavelength
+    at = np.linspace(0.0, 1.0, knots)
+    drawn_at = np.random.default_rng([seed, 0x607]).uniform(-1.0, 1.0, knots) * wavelengths * wavelength
+    put_in = np.interp(np.linspace(0.0, 1.0, radar.track.n_pulses), at, drawn_at)
+    raw = correct_ranges(raw, -put_in)
     begun = time.process_time()
     found = fitted_to_targets(raw, read_targets(table), knots)
     seconds, converged = time.process_time() - begun, "" if found.fit.converged else "not "
@@ -210,25 +226,36 @@ def measured(path: Path, table: Path, knots: int, extent: float) -> dict[str, ob
     }
     records = raw.autofocus_records.get(channel)
     if records is not None:
-        errors["records"] = lambda: records.range_error(wavelength)
-    known = {name: blurring(radar, error()) for name, error in errors.items()}
+        errors["records"] = lambda: put_in + records.range_error(wavelength)
+    whole = {name: error() for name, error in errors.items()}
+    known = {name: displaced(radar, error) for name, error in whole.items()}
+    # all images in one place, so that they show the same scene
+    in_place = "fit" if records is None else "records"
+    moved = whole[in_place] - known[in_place][0]
     lines: dict[str, object] = {}
-    for name, error in known.items():
-        power = focus(correct_ranges(raw, error), request=request).rcs()
-        line = {
+    images, titles = {}, {}
+    for name, (error, place) in known.items():
+        images[name] = focus(correct_ranges(raw, error + moved), request=request)
+        power = images[name].rcs()
+        line: dict[str, object] = {
+            "place_m": place.tolist(),
             "range_error_rms_m": float(error.std()),
             "contrast": float(contrast(power)),
             "entropy": float(entropy(power)),
         }
-        note = ""
+        titles[name], note = f"{name.replace('_', ' ')}: contrast {line['contrast']:.1f}", ""
         if "records" in known and name != "records":
-            line["off_records_rms_m"] = float((error - known["records"]).std())
-            note = f"off the records by {1e3 * line['off_records_rms_m']:.2f} mm rms"
+            off = float((error - known["records"][0]).std())
+            line["off_records_rms_m"] = off
+            note = f"off the records by {1e3 * off:.2f} mm rms, {off / wavelength:.3f} wavelengths"
         print(
-            f"{name:15} range error {1e3 * line['range_error_rms_m']:7.2f} mm rms   contrast {line['contrast']:7.3f}   "
-            f"entropy {line['entropy']:7.3f} nats   {note}"
+            f"{name:15} scene moved by ({place[0]:6.3f}, {place[1]:6.3f}) m, "
+            f"beyond it {1e3 * error.std():6.2f} mm rms   "
+            f"contrast {line['contrast']:6.2f}   entropy {line['entropy']:7.3f} nats   {note}"
         )
         lines[name] = line
+    text = f", range errors of up to {wavelengths:g} wavelengths put in" if wavelengths else ""
+    picture(output / "measured.png", images, titles, f"measured data, {knots} knots{text}")
     return lines
 
 
@@ -246,6 +273,12 @@ def main() -> None:
     parser.add_argument("--targets", type=Path, help="table of the known corner reflectors, with --gotcha")
     parser.add_argument("--knots", type=int, default=8, help="of the track, with --gotcha")
     parser.add_argument(
+        "--error",
+        type=float,
+        default=0.0,
+        help="wavelengths, with --gotcha: knots drawn by --first of a range error that is put into the data",
+    )
+    parser.add_argument(
         "--extent", type=float, default=0.0, help="of the image, m, with --gotcha; default: the data's"
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("out/track_autofocus"))
@@ -255,7 +288,9 @@ def main() -> None:
     warnings.simplefilter("ignore")
     args.output.mkdir(parents=True, exist_ok=True)
     if args.gotcha is not None:
-        record: object = measured(args.gotcha, args.targets, args.knots, args.extent)
+        record: object = measured(
+            args.gotcha, args.targets, args.knots, args.extent, args.error, args.first, args.output
+        )
     else:
         record = drawn(range(args.first, args.first + args.count), args.scenes, args.output)
     (args.output / "track_autofocus.json").write_text(json.dumps(record, indent=1), encoding="utf-8")

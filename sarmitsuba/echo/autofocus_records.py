@@ -49,6 +49,11 @@ class AutofocusRecords:
     def range_error(self, wavelength: float) -> F64:
         r"""Range error (n_pulses,), m, with the same phase at the carrier: :math:`\lambda \phi / 4 \pi - \rho`.
 
-        The sign is that of `sarmitsuba.focusing.autofocus.Autofocuser.estimate`: true minus recorded range.
+        The sign is that of `sarmitsuba.focusing.autofocus.Autofocuser.estimate`: true minus recorded range. As the
+        phase repeats itself every half wavelength, the range corrections of measured data (AFRL's Gotcha set) jump by
+        multiples of it from pulse to pulse. The result does not: it changes by a quarter of a wavelength at most
+        from pulse to pulse, and its mean is as close as such multiples allow to that of :math:`-\rho`.
         """
-        return np.asarray(self.phase_correction * wavelength / (4.0 * np.pi) - self.range_correction)
+        half = 0.5 * wavelength
+        error = np.unwrap(self.phase_correction * half / (2.0 * np.pi) - self.range_correction, period=half)
+        return np.asarray(error - half * np.round(np.mean(error + self.range_correction) / half))

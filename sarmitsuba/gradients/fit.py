@@ -212,7 +212,7 @@ def fit(
     if by != "complex":
         raise SceneError(f"fit: by = {by!r} is neither complex nor amplitude")
     passed = [model.start]
-    start = coarse_track(model, looks[0].measured, model.start) if len(looks) == 1 else model.start
+    start = coarse_track(model, looks[0].measured, model.start, known) if len(looks) == 1 else model.start
     start, spread = coarse_shapes(looks, start, passed.append)
     best = None
     for _ in range(RETRIES):

@@ -145,7 +145,7 @@ def minimised(
         variances = problem.variances(differences)
         cost = _cost(differences, values, known, variances)
         normal, right, _ = normal_sums(jacobians, differences, variances, values, known)
-        check_determined(problem.names, normal)
+        check_determined(problem.names, normal, known)
         for _ in range(ATTEMPTS):
             change = np.asarray(
                 np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right), dtype=np.float64
@@ -233,16 +233,25 @@ def _follows(jacobian: Rows, change: F64, difference: Samples, norm: float) -> b
     return off <= max(STRAIGHT * float(np.linalg.norm(predicted)), ROUNDED * norm)
 
 
-def check_determined(names: tuple[str, ...], normal: F64) -> None:
-    """Refuse values on which the data do not depend, or of which they give only a sum."""
+def check_determined(names: tuple[str, ...], normal: F64, known: Mapping[int, Prior]) -> None:
+    """Refuse values on which the data do not depend, or of which they give only a sum that no priors separate.
+
+    ``normal`` holds the information of data and priors. Priors are far weaker than exact data, and still separate: a
+    direction that rests on them for at least half of its information is determined.
+    """
     own = np.diag(normal)
     for name, value in zip(names, own, strict=True):
         if not value > 0.0:
             raise SceneError(f"fit: the data do not depend on {name}; leave it out or give a prior")
     scaled = normal / np.sqrt(np.outer(own, own))
     weight, vectors = np.linalg.eigh(scaled)
-    if weight[0] < LEAST_WEIGHT:
-        worst = np.argsort(-np.abs(vectors[:, 0]))[:3]
+    prior = np.zeros(len(own))
+    for k, one in known.items():
+        prior[k] = 0.5 / one.sigma**2 / own[k]
+    # of each direction: too little information, and most of it not from priors
+    unknown = (weight < LEAST_WEIGHT) & (prior @ vectors**2 < 0.5 * np.abs(weight))
+    if unknown.any():
+        worst = np.argsort(-np.abs(vectors[:, unknown.argmax()]))[:3]
         raise SceneError(
             f"fit: the data determine only sums of {', '.join(names[k] for k in sorted(worst))}; leave some out or "
             "give priors"

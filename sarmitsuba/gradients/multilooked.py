@@ -134,7 +134,7 @@ def stepped(
         differences, jacobians = problem.linearised(values)
         variances = problem.variances(differences)
         normal, right, normals = normal_sums(jacobians, differences, variances, values, known)
-        check_determined(problem.names, normal)
+        check_determined(problem.names, normal, known)
         covariance = np.asarray(np.linalg.inv(2.0 * normal), dtype=np.float64)
         sigma = np.sqrt(np.diag(covariance))
         full = np.linalg.solve(normal + DAMPING * np.diag(np.diag(normal)), right)
