@@ -124,7 +124,7 @@ def no_tube_phase() -> AbstractContextManager[None]:
         polygon,
         "phase_integral",
         lambda f: (
-            lambda q, u, v, bounds, longest, kept_up_to: (
+            lambda q, u, v, bounds, longest, kept_up_to, of_part: (
                 mi.Complex2f(bounds.area(), 0.0),
                 mi.Float(0.0),
                 mi.Float(0.0),
