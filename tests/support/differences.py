@@ -18,11 +18,15 @@ from sarmitsuba import (
     build_scene,
 )
 from sarmitsuba.arrays import C64, C128, F64
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parsing import parse
 
 # steps of the differences by unit: a sixth of a radian of phase, and a hundredth of a material's property
 METRES, SECONDS, DECIBELS, SHARE, LOSS, RADIANS = 4e-4, 2e-11, 0.05, 0.02, 0.04, 5e-5
+
+# wavelength of these steps, m
+AT_WAVELENGTH = SPEED_OF_LIGHT / 9.65e9
 
 # drawn sets of channels
 CHANNELS = ("HH", "VV", "HH,HV,VH,VV")
@@ -207,18 +211,19 @@ def compared_all(scene: Scene, kinds: Sequence[str], seed: int = 0) -> list[Comp
 
 
 def step(model: ForwardModel, number: int) -> float:
-    """Step of the differences of a value of a model."""
+    """Step of the differences of a value of a model: lengths that turn phases by a share of the wavelength."""
     name, value = model.names[number], float(model.start[number])
+    length = METRES * model.scene.radar.waveform.wavelength / AT_WAVELENGTH
     kind, unit = name.split(":")[0], name.rsplit("[", 1)[1].rstrip("]")
     if kind == "loss":
         return LOSS
     if kind.startswith("pointing"):
         return BEAM / model.scene.radar.antenna.per_width[0]
     if kind == "thickness":
-        return METRES / 8.0
+        return length / 8.0
     if kind in ("permittivity", "rms_height", "correlation_length"):
         return SHARE * value
-    return {"m": METRES, "s": SECONDS, "dB": DECIBELS, "rad": RADIANS, "1": METRES / 4.0}[unit]
+    return {"m": length, "s": SECONDS, "dB": DECIBELS, "rad": RADIANS * length / METRES, "1": length / 4.0}[unit]
 
 
 def relative(found: C64 | C128, expected: C128) -> float:
