@@ -47,6 +47,7 @@ from sarmitsuba.materials.material import SurfaceMaps
 from sarmitsuba.materials.texture import Bitmap, in_plan
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.pattern import PATTERNS
+from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.settings import METHODS
 from sarmitsuba.scene.wires import WireTarget
 from tests.support.differences import box, compared_all, house
@@ -61,19 +62,22 @@ OF_RADAR = ("gain", "clock_offset", "track:2", "pointing")
 OF_SHAPE = ("shift", "height:box", "scale:box", "rotation:box")
 HALF = 25.0
 # of the rays, m: fewer than by itself, as derivatives are those of the paths that are found
-SPACING = 0.15
+SPACING = {"hybrid": 0.15, "raw": 0.4}
+# pulses: every one is traced by method raw
+PULSES = {"hybrid": 8, "raw": 3}
 DRAWS = 96
 
 HEAD = """# Derivatives: combinations
 
-Derivatives by every kind of [parameter](gradients.md#parameters) in drawn scenes of every radar mode, method, antenna pattern, channel and
-content, against central differences of whole runs. Drawn are, for each scene: mode, method, pattern or two antennas, channels, heading, side, look
-angle, squint, range, bands (L, C, X), and the sizes, places and materials of what there is to see.
+Derivatives by every kind of [parameter](gradients.md#parameters) in drawn scenes of every radar mode, method, antenna
+pattern, channel and content, against central differences of whole runs. Drawn are, for each scene: mode, method, pattern
+or two antennas, channels, heading, side, look angle, squint, range, band (L, C, X), and the sizes, places and materials
+of what there is to see.
 
 | | |
 |---|---|
 | {right} right | off by at most 3e-3 of the norm of differences of sixth order |
-| {turns} turns | a ray at an edge hits or echoes differently at the values of the differences, which then tell nothing |
+| {turns} turns | rays at edges hit or echo differently at the values of the differences, which then tell nothing |
 | {refuses} refuses | no derivative, and one line that says why |
 | {wrong} wrong | else: a failure |
 
@@ -82,8 +86,8 @@ python benchmarks/studies/derivative_combinations.py --page docs/derivative_comb
 python benchmarks/studies/derivative_combinations.py --first 3 --count 1                        # one draw
 ```
 
-Shapes are moved where nothing stands behind them: what moving shapes hide and show is compared with means over many lattices of rays
-([what moves in front](gradients.md#what-moves-in-front)).
+Shapes are moved where nothing stands behind them: what moving shapes hide and show is compared with means over many
+lattices of rays ([what moves in front](gradients.md#what-moves-in-front)).
 """
 
 
@@ -98,7 +102,9 @@ class Content:
     parameters : kinds besides the radar's
     depth : bounces
     effects : switched
-    more : adds what else there is to a scene
+    roof : whether the box is a house
+    motion : of the box
+    wires, points, volumes : beside it
     """
 
     box: Material
@@ -107,7 +113,7 @@ class Content:
     depth: int = 1
     effects: tuple[tuple[str, str], ...] = ()
     roof: bool = False
-    motion: Motion = Motion()
+    motion: Motion = STILL
     wires: tuple[WireTarget, ...] = ()
     points: tuple[PointTarget, ...] = ()
     volumes: tuple[SceneVolume, ...] = ()
@@ -157,13 +163,13 @@ def alone(rng: np.random.Generator) -> Content:
 
 def metal(rng: np.random.Generator) -> Content:
     soil = replace(silent(rng), rms_height=float(rng.uniform(0.001, 0.003)))
-    return Content(
-        Material("wall", pec=True), soil, ("permittivity:soil", "loss:soil", "rms_height:soil"), 3
-    )
+    return Content(Material("wall", pec=True), soil, ("permittivity:soil", "loss:soil", "rms_height:soil"), 3)
 
 
 def edges(rng: np.random.Generator) -> Content:
-    return Content(Material("wall", pec=True), silent(rng), OF_SHAPE[:1], effects=(("edge_diffraction", "on"),))
+    return Content(
+        Material("wall", pec=True), silent(rng), OF_SHAPE[:1], effects=(("edge_diffraction", "on"),)
+    )
 
 
 def wires(rng: np.random.Generator) -> Content:
@@ -179,9 +185,7 @@ def points(rng: np.random.Generator) -> Content:
 
 
 def crowns(rng: np.random.Generator) -> Content:
-    crown = trimesh.creation.icosphere(2, 2.0).apply_translation(
-        [*rng.uniform([6.0, -6.0], [9.0, 6.0]), 4.0]
-    )
+    crown = trimesh.creation.icosphere(2, 2.0).apply_translation([*rng.uniform([6.0, -6.0], [9.0, 6.0]), 4.0])
     season = str(rng.choice(["deciduous_summer", "conifer"]))
     own = (SceneVolume(crown.vertices, crown.faces, season, "crown"),)
     return Content(rough(rng, "wall"), silent(rng), ("permittivity:wall", *OF_SHAPE), volumes=own)
@@ -206,7 +210,10 @@ def pairs(rng: np.random.Generator) -> Content:
 
 def moving(rng: np.random.Generator) -> Content:
     return Content(
-        rough(rng, "wall"), silent(rng), ("permittivity:wall", "shift"), motion=Motion(velocity=(1.0, 2.0, 0.0))
+        rough(rng, "wall"),
+        silent(rng),
+        ("permittivity:wall", "shift"),
+        motion=Motion(velocity=(1.0, 2.0, 0.0)),
     )
 
 
@@ -221,7 +228,9 @@ def water(rng: np.random.Generator) -> Content:
 
 
 def mapped(rng: np.random.Generator) -> Content:
-    level = Bitmap(10.0 ** (0.1 * rng.normal(0.0, 3.0, (2, 3))), in_plan((-HALF, -HALF, HALF, HALF)), smooth=True)
+    level = Bitmap(
+        10.0 ** (0.1 * rng.normal(0.0, 3.0, (2, 3))), in_plan((-HALF, -HALF, HALF, HALF)), smooth=True
+    )
     soil = replace(levelled(rng, "soil"), maps=SurfaceMaps(level=level))
     return Content(rough(rng, "wall"), soil, ("level:soil", "level_map:soil", "permittivity:wall"), 3)
 
@@ -263,7 +272,7 @@ def draw(seed: int, content: str) -> tuple[Scene, tuple[str, ...], dict[str, str
         look_side=str(rng.choice(["left", "right"])),  # type: ignore[arg-type]
         center_frequency=carrier,
         bandwidth=150e6,
-        n_pulses=8,
+        n_pulses=PULSES.get(method, 8),
         noise_temperature=0.0,
         polarisation=str(rng.choice(CHANNELS)),
     )
@@ -298,7 +307,7 @@ def draw(seed: int, content: str) -> tuple[Scene, tuple[str, ...], dict[str, str
             gridding_width=8,
             max_depth=what.depth,
             effects=effects,
-            ray_spacing=SPACING,
+            ray_spacing=SPACING.get(method, 0.0),
         ),
         name=f"{content}{seed}",
     )
