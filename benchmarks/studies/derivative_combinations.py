@@ -70,7 +70,7 @@ DRAWS = 96
 HEAD = """# Derivatives: combinations
 
 Derivatives by every kind of [parameter](gradients.md#parameters) in drawn scenes of every radar mode, method, antenna
-pattern, channel and content, against central differences of whole runs. Drawn are, for each scene: mode, method, pattern
+pattern, channel and content, against central differences of whole runs. Drawn are, for each: mode, method, pattern
 or two antennas, channels, heading, side, look angle, squint, range, band (L, C, X), and the sizes, places and materials
 of what there is to see.
 

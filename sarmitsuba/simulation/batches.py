@@ -153,7 +153,8 @@ class BatchTracer:
         for at_frequency, share in tracer.over_band():
             accumulator = self.accumulator(pulses, share)
             accumulator.watch(radar.window.start_range[states.pick], radar.window.extent)
-            for launch in at_frequency.launches(serving, states.n_pulses):
+            # no lattice: no edge moves before anything that these pulses light
+            for launch in at_frequency.launches(serving, states.n_pulses) if serving else ():
                 if wanted(launch.part):
                     done = at_frequency.launch(launch, states, accumulator, pulses.each)
                     statistics = statistics.plus(replace(done, key_pulses=0))
