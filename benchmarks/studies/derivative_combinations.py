@@ -303,7 +303,7 @@ def draw(seed: int, content: str) -> tuple[Scene, tuple[str, ...], dict[str, str
         film=FilmDescription(image_extent_azimuth=22.0, image_extent_range=22.0),
         settings=TraceSettings(
             method=method,
-            key_pulse_interval=8,
+            key_pulse_interval=1 if law.all_round else 8,
             gridding_width=8,
             max_depth=what.depth,
             effects=effects,
@@ -398,8 +398,8 @@ def main() -> int:
     parser.add_argument("--page", type=Path, help="write the page of the documentation")
     args = parser.parse_args()
     cells: list[Cell] = []
-    for n, seed in enumerate(range(args.first, args.first + args.count)):
-        content = args.content or list(CONTENTS)[n % len(CONTENTS)]
+    for seed in range(args.first, args.first + args.count):
+        content = args.content or list(CONTENTS)[seed % len(CONTENTS)]
         own = cells_of(seed, content)
         cells += own
         print(f"{seed:4d} " + " ".join(own[0].axes.values()))
