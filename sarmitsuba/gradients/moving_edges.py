@@ -10,9 +10,11 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F64, U32
 from sarmitsuba.gradients.edge_points import NO_MIRROR, Common, EdgePoints, Moves
+from sarmitsuba.gradients.edge_shadows import shadows
 from sarmitsuba.mesh.facet_edges import FacetEdges
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
+from sarmitsuba.trace.edge_state import SHADOWED
 from sarmitsuba.trace.launch import EdgeSamples, LatticeLevel, LaunchFrame, LaunchGrid, project
 from sarmitsuba.trace.tangents import Tangents
 
@@ -23,6 +25,11 @@ if TYPE_CHECKING:
 
 # distance of rays from the edge that they are beside, over the ray spacing and over the extent of the scene
 BESIDE, ROUNDING = 1e-3, 1e-6
+
+
+def beside(spacing: float, extent: float) -> float:
+    """Distance of a ray from the edge that it is beside, in the launch plane, m."""
+    return max(BESIDE * spacing, ROUNDING * extent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +60,7 @@ class _RaysBeside:
         """Rays from the antenna (3,), m; ``velocities``, ``shapes``: see :meth:`Moves.velocities`."""
         ux, uy, center = frame.axis_x[0], frame.axis_y[0], frame.center[0]
         plane = np.cross(ux, uy)
-        image = points.image
+        image = points.image(antenna)
         leg = image - antenna
         depth = leg @ plane
         scale = ((center - antenna) @ plane) / depth
@@ -63,12 +70,18 @@ class _RaysBeside:
             across = (velocity - leg * ((velocity @ plane) / depth)[:, None]) * scale[:, None]
             return np.stack([across @ ux, across @ uy], axis=1)
 
-        at, along = project(image, antenna, frame), moved(points.image_step)
+        at, along = project(image, antenna, frame), moved(points.mirrored(points.cast(points.step, antenna)))
         length = np.linalg.norm(along, axis=1)
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.maximum(length, 1e-300)[:, None]
         speeds = np.stack([(moved(v) * normal).sum(axis=1) for v in velocities])
-        off = max(BESIDE * spacing, ROUNDING * extent) * normal
+        off = beside(spacing, extent) * normal
         weight = length / spacing**2
+        if points.shadows:
+            # one ray in the shadow, with the weight of one in the light
+            lit = np.sign((moved(points.mirrored(points.cast(points.side, antenna))) * normal).sum(axis=1))
+            facets = np.column_stack([points.mirror, points.lit]).astype(np.uint32)
+            leg = np.full(len(points), SHADOWED, dtype=np.uint32)
+            return _RaysBeside(at - lit[:, None] * off, -lit * weight, normal, speeds, facets, leg, shapes)
         return _RaysBeside(
             np.concatenate([at - off, at + off]),
             np.concatenate([weight, -weight]),
@@ -107,9 +120,11 @@ def _grid(
     for level in lattice.every_level:
         levels.append(replace(level, first=first))
         for points in _points(batches, edges, lattice, frame, antennas[len(antennas) // 2], level.spacing):
-            first += 2 * len(points)
-            velocities, own_shapes = moves.velocities(points)
+            first += (1 if points.shadows else 2) * len(points)
+            velocities, own_shapes = moves.velocities(points, antennas[len(antennas) // 2])
             for own, antenna in zip(parts, antennas, strict=True):
+                if points.shadows:
+                    velocities, own_shapes = moves.velocities(points, antenna)
                 own.append(
                     _RaysBeside.of(points, velocities, own_shapes, antenna, frame, level.spacing, extent)
                 )
@@ -144,13 +159,15 @@ def _points(
     half = np.array([lattice.half_x, lattice.half_y]) + lattice.taper
 
     def within(points: EdgePoints) -> EdgePoints:
-        inside = np.abs(project(points.image, antenna, frame)) <= half
+        inside = np.abs(project(points.image(antenna), antenna, frame)) <= half
         return points[np.asarray(inside.all(axis=1))]
 
     points = EdgePoints.of(edges, antenna, frame, spacing)
     yield within(points)
-    if batches.tracer.flags.multi_bounce:
-        images = list(points.images(scene.triangles, antenna, scene.extent))
+    if not batches.tracer.flags.multi_bounce:
+        return
+    for those in (points, shadows(points, scene, antenna, frame, beside(spacing, scene.extent))):
+        images = list(those.images(scene.triangles, antenna, scene.extent))
         if images:
             yield within(images[0].together(images[1:]))
 

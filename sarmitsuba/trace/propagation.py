@@ -64,7 +64,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     distance = dr.norm(leg)
     d64 = leg / distance
     d = v32(d64)
-    origin = v32(start - d64 * dr.minimum(distance, _before_bounds(start, d64, kernel.scene)))
+    origin = v32(start - d64 * dr.minimum(distance, before_bounds(start, d64, kernel.scene)))
 
     spacing, needs = _level(grid, ray)
     edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
@@ -166,7 +166,7 @@ def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: FaceRow) -
     return (need >= needs[0]) & (need < needs[1])
 
 
-def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
+def before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
     """Distance from ``start`` back to where the ray enters the scene's bounds, m: there float32 is most accurate."""
     low, high = (mi.Vector3d(*(dr.opaque(mi.Float64, float(x)) for x in corner)) for corner in scene.bounds)
     inverse = 1.0 / dr.select(dr.abs(d) > 1e-12, d, 1e-12)
