@@ -15,8 +15,8 @@ from sarmitsuba.trace.launch import LaunchFrame, project
 from sarmitsuba.trace.tangent_slots import EDGE_SHAPES, NO_SHAPE, ROW, SlotTangents
 from sarmitsuba.trace.tangents import Displacement
 
-# samples of an edge within one ray spacing
-PER_SPACING = 2.0
+# samples of an edge within one ray spacing; what is lit of it ends between two of them
+PER_SPACING = 8.0
 # points on edges times mirrors up to which every triangle is a mirror; beyond, the largest ones
 MOST_PAIRS = 200_000_000
 # distance from a mirror's plane over the extent of the scene up to which a point lies in it
@@ -160,6 +160,8 @@ class EdgePoints:
 
     def images(self, triangles: F64, antenna: F64, extent: float) -> Iterator[EdgePoints]:
         """Images in all triangles (n_faces, 3, 3) in which the antenna may see them."""
+        if not len(self):
+            return
         normals = unit_normals(triangles)
         behind = np.einsum("nk,nk->n", normals, antenna - triangles[:, 0]) < 0.0
         mirrors, most = np.arange(len(triangles)), max(1, MOST_PAIRS // max(len(self), 1))

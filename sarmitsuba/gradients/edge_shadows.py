@@ -33,6 +33,8 @@ def shadows(
     frame : launch plane
     beside : m, distance in it from the edge at which rays tell what is there
     """
+    if not len(points):
+        return points
     ux, uy, center = frame.axis_x[0], frame.axis_y[0], frame.center[0]
     at = project(points.position, antenna, frame)
     along = project(points.position + points.step, antenna, frame) - at
