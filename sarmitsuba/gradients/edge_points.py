@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from sarmitsuba.trace.tangent_slots import EDGE_SHAPES, NO_SHAPE, ROW, SlotTange
 from sarmitsuba.trace.tangents import Displacement
 
 # samples of an edge within one ray spacing; what is lit of it ends between two of them
-PER_SPACING = 8.0
+PER_SPACING = 4.0
 # points on edges times mirrors up to which every triangle is a mirror; beyond, the largest ones
 MOST_PAIRS = 200_000_000
 # distance from a mirror's plane over the extent of the scene up to which a point lies in it
@@ -26,31 +26,56 @@ NO_MIRROR = NO_SHADOW = -1
 
 
 @dataclass(frozen=True, eq=False)
-class _MirrorFacet:
-    """Triangle that shows points to an antenna: (3, 3) corners, m, unit normal towards the antenna, inward normals."""
+class MirrorFacets:
+    """Triangles that show points to an antenna: (n, 3, 3) corners, m, unit normals, (n, 3, 3) inward normals of sides.
+
+    Parameters
+    ----------
+    largest : (n,) their numbers, the largest first
+    extent : m, of the scene
+    """
 
     corners: F64
-    normal: F64
+    normals: F64
     inward: F64
-    antenna: F64
+    largest: I64
+    extent: float
 
     @staticmethod
-    def of(corners: F64, normal: F64, antenna: F64) -> _MirrorFacet:
-        """Mirror of a triangle."""
-        inward = np.cross(normal, np.roll(corners, -1, axis=0) - corners)
-        inward *= np.sign(np.einsum("ik,ik->i", inward, corners.mean(axis=0) - corners))[:, None]
-        return _MirrorFacet(corners, normal, inward, antenna)
+    def of(triangles: F64, extent: float) -> MirrorFacets:
+        """Triangles (n, 3, 3), m."""
+        normals = unit_normals(triangles)
+        inward = np.cross(normals[:, None], np.roll(triangles, -1, axis=1) - triangles)
+        inside = np.einsum("nik,nik->ni", inward, triangles.mean(axis=1)[:, None] - triangles)
+        inward *= np.sign(inside)[..., None]
+        sides = triangles[:, 1:] - triangles[:, :1]
+        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+        return MirrorFacets(triangles, normals, inward, np.argsort(-area, kind="stable"), extent)
 
-    def seen(self, points: F64, extent: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], F64]:
-        """Points (n,) above the mirror, (3, n) seen within each of its sides, and (n, 3) m, where the paths meet it."""
-        height = (points - self.corners[0]) @ self.normal
-        above = height > IN_PLANE * extent
-        antenna = float((self.antenna - self.corners[0]) @ self.normal)
+    def seen(
+        self, i: int, points: F64, antenna: F64
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], F64, F64]:
+        """How an antenna (3,), m, sees points (n, 3), m, in triangle i.
+
+        Returns
+        -------
+        above : (n,) whether the points are above the triangle's plane, on the side of the antenna
+        within : (n, 3) whether the path meets the plane within each side of the triangle
+        met : (n, 3) m, where it does
+        normal : (3,) of the triangle, towards the antenna
+        """
+        corner, normal = self.corners[i, 0], self.normals[i]
+        away = float((antenna - corner) @ normal)
+        if away < 0.0:
+            normal, away = -normal, -away
+        height = points @ normal - corner @ normal
+        above = height > IN_PLANE * self.extent
         # where the line from the antenna to the image meets the mirror
-        share = antenna / np.where(above, antenna + height, 1.0)
-        met = self.antenna + (points - 2.0 * height[:, None] * self.normal - self.antenna) * share[:, None]
-        within = np.einsum("ik,ink->in", self.inward, met[None] - self.corners[:, None]) > 0.0
-        return above, within, met
+        share = away / np.where(above, away + height, 1.0)
+        met = antenna + (points - antenna - np.multiply.outer(2.0 * height, normal)) * share[:, None]
+        own = self.inward[i]
+        within = met @ own.T > np.einsum("ik,ik->i", own, self.corners[i])
+        return above, within, met, normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +140,7 @@ class EdgePoints:
         """Number of points."""
         return len(self.position)
 
-    def __getitem__(self, which: NDArray[np.bool_]) -> EdgePoints:
+    def __getitem__(self, which: NDArray[np.bool_] | I64) -> EdgePoints:
         """Some of them."""
         return EdgePoints(*(getattr(self, own.name)[which] for own in fields(self)))
 
@@ -123,11 +148,6 @@ class EdgePoints:
     def shadows(self) -> bool:
         """Whether they are those of shadows."""
         return bool((self.lit != NO_SHADOW).any())
-
-    def together(self, others: Sequence[EdgePoints]) -> EdgePoints:
-        """These points, then those of others."""
-        every = (self, *others)
-        return EdgePoints(*(np.concatenate([getattr(p, own.name) for p in every]) for own in fields(self)))
 
     def _share(self, antenna: F64) -> tuple[F64, F64, F64]:
         """(n, 3) m, from the antenna to the edge; (n, 1) the way to the lit facet over that; (n, 3) 1/m, its tilt."""
@@ -158,39 +178,38 @@ class EdgePoints:
         """(n, 3) m, where the antenna sees the points or shadows."""
         return self.met + self.mirrored(self.place(antenna) - self.met)
 
-    def images(self, triangles: F64, antenna: F64, extent: float) -> Iterator[EdgePoints]:
-        """Images in all triangles (n_faces, 3, 3) in which the antenna may see them."""
-        if not len(self):
-            return
-        normals = unit_normals(triangles)
-        behind = np.einsum("nk,nk->n", normals, antenna - triangles[:, 0]) < 0.0
-        mirrors, most = np.arange(len(triangles)), max(1, MOST_PAIRS // max(len(self), 1))
-        if len(mirrors) > most:
-            sides = triangles[:, 1:] - triangles[:, :1]
-            area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-            mirrors = np.sort(np.argsort(-area, kind="stable")[:most])
+    def images(self, mirrors: MirrorFacets, antenna: F64) -> EdgePoints:
+        """Images in all triangles in which the antenna may see them."""
+        some = mirrors.largest
+        if len(self):
+            some = np.sort(some[: max(1, MOST_PAIRS // len(self))])
         # of an edge whose both ends are on one side of a mirror's side nothing is seen
         place = self.place(antenna)
         lines = np.column_stack([self.faces, self.lit])
         starts = np.flatnonzero((np.diff(lines, axis=0, prepend=-2) != 0).any(axis=1))
-        stops = np.append(starts[1:], len(self))
-        ends = place[np.stack([starts, stops - 1], axis=1)].reshape(-1, 3)
-        for i in mirrors.tolist():
-            mirror = _MirrorFacet.of(triangles[i], -normals[i] if behind[i] else normals[i], antenna)
-            above, within, _ = mirror.seen(ends, extent)
-            above, within = above.reshape(-1, 2), within.reshape(3, -1, 2)
-            seen = above.any(axis=1) & (within | ~above).any(axis=2).all(axis=0)
-            if not seen.any():
+        stops = np.append(starts[1:], len(self))[: len(starts)]
+        ends = place[np.column_stack([starts, stops - 1]).ravel()]
+        rows, numbers, normals, places = [np.zeros(0, dtype=np.int64)], [0], [np.zeros(3)], [np.zeros((0, 3))]
+        for i in some.tolist():
+            above, within, _, _ = mirrors.seen(i, ends, antenna)
+            above, within = above.reshape(-1, 2), within.reshape(-1, 2, 3)
+            may = above.any(axis=1) & (within | ~above[..., None]).any(axis=1).all(axis=1)
+            if not may.any():
                 continue
-            rows = np.repeat(seen, stops - starts)
-            some = self[rows]
-            above, within, met = mirror.seen(place[rows], extent)
-            inside = above & within.all(axis=0)
-            if inside.any():
-                n = int(inside.sum())
-                own = some[inside]
-                normal = np.broadcast_to(mirror.normal, (n, 3)).copy()
-                yield replace(own, mirror=np.full(n, i), normal=normal, met=met[inside])
+            row = np.flatnonzero(np.repeat(may, stops - starts))
+            above, within, met, normal = mirrors.seen(i, place[row], antenna)
+            inside = above & within.all(axis=1)
+            rows.append(row[inside])
+            numbers.append(i)
+            normals.append(normal)
+            places.append(met[inside])
+        n = [len(row) for row in rows]
+        return replace(
+            self[np.concatenate(rows)],
+            mirror=np.repeat(numbers, n),
+            normal=np.repeat(normals, n, axis=0),
+            met=np.concatenate(places),
+        )
 
     def velocity(
         self,
