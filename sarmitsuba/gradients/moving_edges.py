@@ -11,7 +11,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F64, U32
 from sarmitsuba.gradients.edge_points import NO_MIRROR, Common, EdgePoints, MirrorFacets, Moves
-from sarmitsuba.gradients.edge_shadows import shadows
+from sarmitsuba.gradients.edge_sight import Sight
 from sarmitsuba.mesh.facet_edges import FacetEdges
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
@@ -167,11 +167,12 @@ class EdgeLattices:
             return points[np.asarray(inside.all(axis=1))]
 
         points = EdgePoints.of(self.edges, antenna, frame, spacing)
-        yield within(points)
+        sight = Sight(self.scene, antenna, frame, beside(spacing, self.scene.extent))
+        seen, shadows = sight.of_edges(points)
+        yield within(seen)
         if self.batches.tracer.flags.multi_bounce:
-            yield within(points.images(self.mirrors, antenna))
-            off = beside(spacing, self.scene.extent)
-            yield within(shadows(points, self.scene, antenna, frame, off).images(self.mirrors, antenna))
+            for those in (points, shadows):
+                yield sight.in_mirrors(within(those.images(self.mirrors, antenna)))
 
 
 class EdgeBatches(BatchTracer):
