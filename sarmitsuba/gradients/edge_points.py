@@ -193,7 +193,8 @@ class EdgePoints:
         for i in some.tolist():
             above, within, _, _ = mirrors.seen(i, ends, antenna)
             above, within = above.reshape(-1, 2), within.reshape(-1, 2, 3)
-            may = above.any(axis=1) & (within | ~above[..., None]).any(axis=1).all(axis=1)
+            beyond = np.asarray((~within & above[..., None]).all(axis=1))
+            may = above.any(axis=1) & ~beyond.any(axis=1)
             if not may.any():
                 continue
             row = np.flatnonzero(np.repeat(may, stops - starts))
@@ -234,7 +235,10 @@ class EdgePoints:
         n, place = self.normal, self.place(antenna)
         from_mirror = place - self.met
         above = np.einsum("nk,nk->n", from_mirror, n)
-        edge, mirror = of(self.position, moved[:, :2].mean(axis=1)), of(self.met, mirror_moved.astype(np.float64))
+        edge, mirror = (
+            of(self.position, moved[:, :2].mean(axis=1)),
+            of(self.met, mirror_moved.astype(np.float64)),
+        )
         edge = self.cast(edge, antenna, of(place, moved[:, 3].astype(np.float64)))
         pulled = np.einsum("ni,nij->nj", n, gradient) * mirror_moved[:, None]
         turn = n * np.einsum("nk,nk->n", n, pulled)[:, None] - pulled
@@ -247,9 +251,9 @@ class Moves(ABC):
 
     @abstractmethod
     def velocities(self, points: EdgePoints, antenna: F64) -> tuple[F64, U32 | None]:
-        """(k, n, 3) m per unit as seen from an antenna (3,), m, and the (n, ``EDGE_SHAPES``) numbers of the shapes that move them.
+        """(k, n, 3) m per unit, and the (n, ``EDGE_SHAPES``) numbers of the shapes that move them.
 
-        None where the displacements are the same for all rays.
+        ``antenna`` : (3,) m, from which shadows are seen. None where the displacements are the same for all rays.
         """
 
 

@@ -52,7 +52,13 @@ class Sight:
         face, away = _first(self.scene, self.antenna, sides)
         edge = np.linalg.norm(points.position - self.antenna, axis=1)
         seen = self._reached(points, face, away, edge)
-        points, face, away, normal, edge = points[seen], face[:, seen], away[:, seen], normal[seen], edge[seen]
+        points, face, away, normal, edge = (
+            points[seen],
+            face[:, seen],
+            away[:, seen],
+            normal[seen],
+            edge[seen],
+        )
         far = np.argmax(away, axis=0)
         lit = face[far, np.arange(len(points))]
         triangles = self.scene.triangles[lit]

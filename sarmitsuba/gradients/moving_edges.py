@@ -81,7 +81,7 @@ class _RaysBeside:
             # one ray in the shadow, with the weight of one in the light
             lit = np.sign((moved(points.mirrored(points.cast(points.side, antenna))) * normal).sum(axis=1))
             facets = np.column_stack([points.mirror, points.lit]).astype(np.uint32)
-            leg = np.full(len(points), SHADOWED, dtype=np.uint32)
+            leg: U32 = np.full(len(points), SHADOWED, dtype=np.uint32)
             return _RaysBeside(at - lit[:, None] * off, -lit * weight, normal, speeds, facets, leg, shapes)
         return _RaysBeside(
             np.concatenate([at - off, at + off]),
@@ -107,9 +107,7 @@ class EdgeLattices:
         self.batches, self.moves = batches, moves
         scene, sampling = batches.tracer.trace_scene, batches.tracer.sampling
         self.scene, self.sampling = scene, sampling
-        self.edges = FacetEdges.of(
-            scene.triangles, sampling.scene.geometry.face_mesh[scene.geometry_faces]
-        )
+        self.edges = FacetEdges.of(scene.triangles, sampling.scene.geometry.face_mesh[scene.geometry_faces])
         self.mirrors = MirrorFacets.of(scene.triangles, scene.extent)
 
     def of(self, batch: Batch) -> list[LaunchGrid]:

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Protocol, TypeVar, runtime_checkable
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.closing import TubeReturn, close_coherent, receiver, selected, tube_return
 from sarmitsuba.trace.diffuse_return import DiffuseReturns, Slot, close_diffuse
-from sarmitsuba.trace.edge_tangents import shadowed
 from sarmitsuba.trace.propagation import (
     arrive,
     footprint,
@@ -169,8 +168,6 @@ def _bounce(
     """
     flags = kernel.flags
     hit = arrive(kernel, lane, ray, found)
-    if lane.edge is not None:
-        hit = shadowed(lane, ray, hit)
     if kernel.tangents is not None:
         kernel = replace(kernel, tangents=kernel.tangents.at(ray.tangents, hit.face, hit.active))
     there = by_stages(kernel, lane, through_passages(kernel, ray, hit), hit)

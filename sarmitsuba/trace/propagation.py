@@ -14,7 +14,7 @@ from sarmitsuba.trace.antenna_weight import fade
 from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
 from sarmitsuba.trace.edge_state import EdgeLane
-from sarmitsuba.trace.edge_tangents import begun
+from sarmitsuba.trace.edge_tangents import begun, shadowed
 from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.leg import Surroundings, beam_patterns
 from sarmitsuba.trace.movement import ShadowBoundary
@@ -221,7 +221,7 @@ def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
         )
     bits = scene.material_at(face, info.material_bits, mi.Vector3f(p - vertex0), known)
     material = bits & MATERIAL_MASK
-    return Hit(
+    hit = Hit(
         active=active,
         first=first,
         order=dr.select(active, ray.hits + 1, ray.hits),
@@ -250,6 +250,7 @@ def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
         met=met,
         before_facet=before,
     )
+    return hit if lane.edge is None else shadowed(lane, ray, hit)
 
 
 def next_facet(scene: TraceScene, lane: Lane, ray: RayState) -> Found:

@@ -9,7 +9,14 @@ from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parsing import parse
 from sarmitsuba.mesh.facet_edges import FacetEdges
 from tests.support.differences import drawn, relative
-from tests.support.occluders import SIDEWAYS, EdgeModel, displacements, edge_share, half_hidden_corner, hidden_wall
+from tests.support.occluders import (
+    SIDEWAYS,
+    EdgeModel,
+    displacements,
+    edge_share,
+    half_hidden_corner,
+    hidden_wall,
+)
 
 # scenes, the parameter, its step (None: usual) and what is special
 FAST = (
@@ -46,10 +53,10 @@ def test_a_screen_before_a_corner_hides_every_path_once(place: float, beyond: bo
     scene, sign = half_hidden_corner(place, beyond=beyond)
     model = EdgeModel.of(scene, "shift:body:y")
     (edges,) = model.beside_edges(model.placed(), displacements(model))
-    data = 0.0
+    data = np.zeros(model.shape[2], dtype=np.complex128)
     for k in range(4):
         model.rays = model.run.rays(model.sampling, k)
-        data = data + 0.25 * model.data()[0, 0].astype(np.complex128)
+        data += 0.25 * model.data()[0, 0]
     sample = int(np.abs(data).argmax())
     away, k = scene.radar.track.center_position, 2.0 * np.pi / scene.radar.waveform.wavelength
     across = np.linspace(-3.0, place, 4001) if beyond else np.linspace(place, 3.0, 4001)
