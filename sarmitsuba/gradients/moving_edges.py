@@ -81,8 +81,8 @@ class _RaysBeside:
             # one ray in the shadow, with the weight of one in the light
             lit = np.sign((moved(points.mirrored(points.cast(points.side, antenna))) * normal).sum(axis=1))
             facets = np.column_stack([points.mirror, points.lit]).astype(np.uint32)
-            leg: U32 = np.full(len(points), SHADOWED, dtype=np.uint32)
-            return _RaysBeside(at - lit[:, None] * off, -lit * weight, normal, speeds, facets, leg, shapes)
+            last: U32 = np.full(len(points), SHADOWED, dtype=np.uint32)
+            return _RaysBeside(at - lit[:, None] * off, -lit * weight, normal, speeds, facets, last, shapes)
         return _RaysBeside(
             np.concatenate([at - off, at + off]),
             np.concatenate([weight, -weight]),
