@@ -11,13 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.backend import dr, mi
 from sarmitsuba.gradients.edge_points import NO_SHADOW, EdgePoints
 from sarmitsuba.mesh.facet_edges import unit_normals
-from sarmitsuba.trace.device_arrays import vector_rows
-from sarmitsuba.trace.intersector import query_ray
+from sarmitsuba.trace.first_facets import first_facets
 from sarmitsuba.trace.launch import project
-from sarmitsuba.trace.propagation import before_bounds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,7 +46,7 @@ class Sight:
         if not len(points):
             return points, points
         sides, normal = self._sides(points)
-        face, away = _first(self.scene, self.antenna, sides)
+        face, away = first_facets(self.scene, self.antenna, sides)
         edge = np.linalg.norm(points.position - self.antenna, axis=1)
         seen = self._reached(points, face, away, edge)
         points, face, away, normal, edge = (
@@ -79,7 +76,7 @@ class Sight:
         if not len(points):
             return points
         sides, _ = self._sides(points)
-        face, away = _first(self.scene, self.antenna, sides)
+        face, away = first_facets(self.scene, self.antenna, sides)
         seen = (face == points.mirror).all(axis=0)
         points, sides, away = points[seen], sides[:, seen], away[:, seen]
         if points.shadows or not len(points):
@@ -90,7 +87,7 @@ class Sight:
         met = self.antenna + out * away[..., None]
         back = out - 2.0 * np.einsum("snk,nk->sn", out, n)[..., None] * n
         start = met + (n - out) * self.scene.clearance
-        face, away = _first(self.scene, start, start + back)
+        face, away = first_facets(self.scene, start, start + back)
         edge = np.linalg.norm(points.position - start, axis=2)
         return points[self._reached(points, face, away, edge)]
 
@@ -114,30 +111,3 @@ class Sight:
         normal = normal[:, :1] * ux + normal[:, 1:] * uy
         place = center + at[:, :1] * ux + at[:, 1:] * uy
         return np.stack([place - self.beside * normal, place + self.beside * normal]), normal
-
-
-def _first(scene: TraceScene, start: F64, towards: F64) -> tuple[I64, F64]:
-    """First facets (...,) on rays from a place towards points (..., 3), m, and their distances.
-
-    ``NO_SHADOW`` and inf where there is none.
-    """
-    shape = towards.shape[:-1]
-    number = dr.arange(mi.UInt32, int(np.prod(shape)))
-    one = start.ndim == 1
-    origin = dr.gather(mi.Vector3d, vector_rows(start.reshape(-1, 3)), number * 0 if one else number)
-    leg = dr.gather(mi.Vector3d, vector_rows(towards.reshape(-1, 3)), number) - origin
-    distance = dr.norm(leg)
-    d = leg / distance
-    if one:  # an antenna may be far away
-        skipped = dr.maximum(distance - before_bounds(origin + leg, d, scene), 0.0)
-        origin, offset = origin + d * skipped, skipped
-    else:
-        offset = mi.Float64(0.0)
-    found = scene.mi_scene.ray_intersect_preliminary(
-        query_ray(mi.Point3f(origin), mi.Vector3f(d)), coherent=True
-    )
-    valid = found.is_valid()
-    away = dr.select(valid, offset + mi.Float64(found.t), np.inf)
-    face = dr.select(valid, mi.Int32(found.prim_index), NO_SHADOW)
-    dr.eval(face, away)
-    return np.array(face, dtype=np.int64).reshape(shape), np.array(away).reshape(shape)
