@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """Sight of an antenna.
+class EdgeSight:
+    """EdgeSight of an antenna.
 
     Parameters
     ----------

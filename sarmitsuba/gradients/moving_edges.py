@@ -11,7 +11,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F64, U32
 from sarmitsuba.gradients.edge_points import NO_MIRROR, Common, EdgePoints, MirrorFacets, Moves
-from sarmitsuba.gradients.edge_sight import Sight
+from sarmitsuba.gradients.edge_sight import EdgeSight
 from sarmitsuba.mesh.facet_edges import FacetEdges
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
@@ -165,7 +165,7 @@ class EdgeLattices:
             return points[np.asarray(inside.all(axis=1))]
 
         points = EdgePoints.of(self.edges, antenna, frame, spacing)
-        sight = Sight(self.scene, antenna, frame, beside(spacing, self.scene.extent))
+        sight = EdgeSight(self.scene, antenna, frame, beside(spacing, self.scene.extent))
         seen, shadows = sight.of_edges(points)
         yield within(seen)
         if self.batches.tracer.flags.multi_bounce:

@@ -18,9 +18,9 @@ Notes
 -----
 Edges are those on the first leg of a path, on the second behind a flat mirror, and on the last of a double bounce,
 where a ray is sent to the edge's shadow on the surface that closes the path. Those on the last legs of three bounces
-count as those of the reversed path. Several legs may be beside one edge, in one plane with the antenna: the first counts alone.
-Ignores edges in which two bodies touch (as one moves they part, or one hides the other's edge: two derivatives), those
-on the middle legs of four bounces or more, and such planes among the legs of three bounces.
+count as those of the reversed path. Several legs may be beside one edge, in one plane with the antenna: the first
+counts alone. Ignores edges in which two bodies touch (as one moves they part, or one hides the other's edge: two
+derivatives), those on the middle legs of four bounces or more, and such planes among the legs of three bounces.
 """
 
 from __future__ import annotations
