@@ -1,7 +1,7 @@
 """What moving edges add to derivatives: against means over ray lattices of whole runs with the shape moved.
 
 Usage: python benchmarks/studies/moving_edges.py [--count N] [--first SEED] [--lattices N] [--kinds KIND ...]
-       [--json FILE]
+       [--parameters NAME ...] [--json FILE]
 
 A single lattice of rays cannot tell the derivative of what is hidden: its rays jump from one surface to another one by
 one. The reference is the mean over many lattices of central differences of whole runs. ``hidden``: a wall behind a body
@@ -48,6 +48,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=7000, help="first seed")
     parser.add_argument("--lattices", type=int, default=40, help="of rays, in the mean")
     parser.add_argument("--kinds", nargs="+", default=["hidden", "metal", "rough"], help="kinds of scenes")
+    parser.add_argument("--parameters", nargs="+", help="of those that are compared; all")
     parser.add_argument("--json", help="file for the numbers")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -57,6 +58,8 @@ def main() -> None:
     record = []
     for kind in args.kinds:
         for parameter, step in HIDDEN if kind == "hidden" else BOXES:
+            if args.parameters and parameter not in args.parameters:
+                continue
             found = []
             for seed in seeds:
                 scene = hidden_wall(seed) if kind == "hidden" else drawn(seed, kind, 4)

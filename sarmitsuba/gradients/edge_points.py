@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,47 +15,72 @@ from sarmitsuba.trace.launch import LaunchFrame, project
 from sarmitsuba.trace.tangent_slots import EDGE_SHAPES, NO_SHAPE, ROW, SlotTangents
 from sarmitsuba.trace.tangents import Displacement
 
-# samples of an edge within one ray spacing
-PER_SPACING = 2.0
+# samples of an edge within one ray spacing; what is lit of it ends between two of them
+PER_SPACING = 4.0
 # points on edges times mirrors up to which every triangle is a mirror; beyond, the largest ones
 MOST_PAIRS = 200_000_000
 # distance from a mirror's plane over the extent of the scene up to which a point lies in it
 IN_PLANE = 1e-7
-# in place of the number of a mirror: the edge itself is seen
-NO_MIRROR = -1
+# in place of the number of a mirror: it is seen directly; of a lit facet: the edge itself is seen, not its shadow
+NO_MIRROR = NO_SHADOW = -1
 
 
 @dataclass(frozen=True, eq=False)
-class _MirrorFacet:
-    """Triangle that shows points to an antenna: (3, 3) corners, m, unit normal towards the antenna, inward normals."""
+class MirrorFacets:
+    """Triangles that show points to an antenna: (n, 3, 3) corners, m, unit normals, (n, 3, 3) inward normals of sides.
+
+    Parameters
+    ----------
+    largest : (n,) their numbers, the largest first
+    extent : m, of the scene
+    """
 
     corners: F64
-    normal: F64
+    normals: F64
     inward: F64
-    antenna: F64
+    largest: I64
+    extent: float
 
     @staticmethod
-    def of(corners: F64, normal: F64, antenna: F64) -> _MirrorFacet:
-        """Mirror of a triangle."""
-        inward = np.cross(normal, np.roll(corners, -1, axis=0) - corners)
-        inward *= np.sign(np.einsum("ik,ik->i", inward, corners.mean(axis=0) - corners))[:, None]
-        return _MirrorFacet(corners, normal, inward, antenna)
+    def of(triangles: F64, extent: float) -> MirrorFacets:
+        """Triangles (n, 3, 3), m."""
+        normals = unit_normals(triangles)
+        inward = np.cross(normals[:, None], np.roll(triangles, -1, axis=1) - triangles)
+        inside = np.einsum("nik,nik->ni", inward, triangles.mean(axis=1)[:, None] - triangles)
+        inward *= np.sign(inside)[..., None]
+        sides = triangles[:, 1:] - triangles[:, :1]
+        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+        return MirrorFacets(triangles, normals, inward, np.argsort(-area, kind="stable"), extent)
 
-    def seen(self, points: F64, extent: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], F64]:
-        """Points (n,) above the mirror, (3, n) seen within each of its sides, and (n, 3) m, where the paths meet it."""
-        height = (points - self.corners[0]) @ self.normal
-        above = height > IN_PLANE * extent
-        antenna = float((self.antenna - self.corners[0]) @ self.normal)
+    def seen(
+        self, i: int, points: F64, antenna: F64
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], F64, F64]:
+        """How an antenna (3,), m, sees points (n, 3), m, in triangle i.
+
+        Returns
+        -------
+        above : (n,) whether the points are above the triangle's plane, on the side of the antenna
+        within : (n, 3) whether the path meets the plane within each side of the triangle
+        met : (n, 3) m, where it does
+        normal : (3,) of the triangle, towards the antenna
+        """
+        corner, normal = self.corners[i, 0], self.normals[i]
+        away = float((antenna - corner) @ normal)
+        if away < 0.0:
+            normal, away = -normal, -away
+        height = points @ normal - corner @ normal
+        above = height > IN_PLANE * self.extent
         # where the line from the antenna to the image meets the mirror
-        share = antenna / np.where(above, antenna + height, 1.0)
-        met = self.antenna + (points - 2.0 * height[:, None] * self.normal - self.antenna) * share[:, None]
-        within = np.einsum("ik,ink->in", self.inward, met[None] - self.corners[:, None]) > 0.0
-        return above, within, met
+        share = away / np.where(above, away + height, 1.0)
+        met = antenna + (points - antenna - np.multiply.outer(2.0 * height, normal)) * share[:, None]
+        own = self.inward[i]
+        within = met @ own.T > np.einsum("ik,ik->i", own, self.corners[i])
+        return above, within, met, normal
 
 
 @dataclass(frozen=True, eq=False)
 class EdgePoints:
-    """Points on edges as the antenna sees them: themselves, or their images in mirrors.
+    """Points on edges as the antenna sees them: themselves, their images in mirrors, or those of their shadows.
 
     Parameters
     ----------
@@ -65,6 +90,9 @@ class EdgePoints:
     mirror : (n,) facet in which it is seen, or ``NO_MIRROR``
     normal : (n, 3) unit normal of the mirror; zero without
     met : (n, 3) m, where the path meets the mirror
+    lit : (n,) facet that the shadow of the edge is on, as the antenna sees it, or ``NO_SHADOW``
+    lit_point, lit_normal : (n, 3) m, a point of that facet, and its unit normal; zero without
+    side : (n, 3) unit vector from the edge into the light
     """
 
     position: F64
@@ -73,6 +101,10 @@ class EdgePoints:
     mirror: I64
     normal: F64
     met: F64
+    lit: I64
+    lit_point: F64
+    lit_normal: F64
+    side: F64
 
     @staticmethod
     def of(edges: FacetEdges, antenna: F64, frame: LaunchFrame, spacing: float) -> EdgePoints:
@@ -85,109 +117,132 @@ class EdgePoints:
         place = (np.arange(len(number)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[number]
         position = start[number] + (end - start)[number] * place[:, None]
         zero = np.zeros_like(position)
-        mirror = np.full(len(number), NO_MIRROR)
+        none = np.full(len(number), NO_MIRROR)
         return EdgePoints(
             position,
             (end - start)[number] / n[number][:, None],
             edges.faces[seen][number],
-            mirror,
-            zero,
-            zero,
+            mirror=none,
+            normal=zero,
+            met=zero,
+            lit=none,
+            lit_point=zero,
+            lit_normal=zero,
+            side=zero,
         )
+
+    @property
+    def facets(self) -> I64:
+        """(n, ``EDGE_SHAPES``) facets that move the points: those of the edges, mirrors and lit facets."""
+        return np.column_stack([self.faces, self.mirror, self.lit])
 
     def __len__(self) -> int:
         """Number of points."""
         return len(self.position)
 
-    def __getitem__(self, which: NDArray[np.bool_]) -> EdgePoints:
+    def __getitem__(self, which: NDArray[np.bool_] | I64) -> EdgePoints:
         """Some of them."""
-        return EdgePoints(
-            self.position[which],
-            self.step[which],
-            self.faces[which],
-            self.mirror[which],
-            self.normal[which],
-            self.met[which],
-        )
-
-    def together(self, others: Sequence[EdgePoints]) -> EdgePoints:
-        """These points, then those of others."""
-        every = (self, *others)
-        return EdgePoints(
-            np.concatenate([p.position for p in every]),
-            np.concatenate([p.step for p in every]),
-            np.concatenate([p.faces for p in every]),
-            np.concatenate([p.mirror for p in every]),
-            np.concatenate([p.normal for p in every]),
-            np.concatenate([p.met for p in every]),
-        )
+        return EdgePoints(*(getattr(self, own.name)[which] for own in fields(self)))
 
     @property
-    def above(self) -> F64:
-        """(n,) m, heights above the mirrors."""
-        return np.asarray(np.einsum("nk,nk->n", self.position - self.met, self.normal))
+    def shadows(self) -> bool:
+        """Whether they are those of shadows."""
+        return bool((self.lit != NO_SHADOW).any())
 
-    @property
-    def image(self) -> F64:
-        """(n, 3) m, where the antenna sees the points."""
-        return np.asarray(self.position - 2.0 * self.above[:, None] * self.normal)
+    def _share(self, antenna: F64) -> tuple[F64, F64, F64]:
+        """(n, 3) m, from the antenna to the edge; (n, 1) the way to the lit facet over that; (n, 3) 1/m, its tilt."""
+        leg = self.position - antenna
+        towards = np.einsum("nk,nk->n", leg, self.lit_normal)
+        shaded = self.lit != NO_SHADOW
+        tilt = self.lit_normal / np.where(shaded, towards, 1.0)[:, None]
+        share = np.where(shaded, np.einsum("nk,nk->n", self.lit_point - antenna, tilt), 1.0)
+        return leg, share[:, None], tilt
 
-    @property
-    def image_step(self) -> F64:
-        """(n, 3) m, ``step`` as the antenna sees it."""
-        along = np.einsum("nk,nk->n", self.step, self.normal)
-        return np.asarray(self.step - 2.0 * along[:, None] * self.normal)
+    def cast(self, velocity: F64, antenna: F64, lit: F64 | float = 0.0) -> F64:
+        """(n, 3) velocities of the shadows, of those (n, 3) of the edges and of the ``lit`` facets there."""
+        leg, share, tilt = self._share(antenna)
+        own = share * velocity
+        return np.asarray(own - leg * np.einsum("nk,nk->n", own - lit, tilt)[:, None])
 
-    def images(self, triangles: F64, antenna: F64, extent: float) -> Iterator[EdgePoints]:
-        """Images in all triangles (n_faces, 3, 3) in which the antenna may see them."""
-        normals = unit_normals(triangles)
-        behind = np.einsum("nk,nk->n", normals, antenna - triangles[:, 0]) < 0.0
-        mirrors, most = np.arange(len(triangles)), max(1, MOST_PAIRS // max(len(self), 1))
-        if len(mirrors) > most:
-            sides = triangles[:, 1:] - triangles[:, :1]
-            area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-            mirrors = np.sort(np.argsort(-area, kind="stable")[:most])
+    def place(self, antenna: F64) -> F64:
+        """(n, 3) m, the points themselves, or their shadows."""
+        leg, share, _ = self._share(antenna)
+        return np.asarray(np.where(self.lit[:, None] == NO_SHADOW, self.position, antenna + share * leg))
+
+    def mirrored(self, vectors: F64) -> F64:
+        """Vectors (n, 3) as the antenna sees them."""
+        along = np.einsum("nk,nk->n", vectors, self.normal)
+        return np.asarray(vectors - 2.0 * along[:, None] * self.normal)
+
+    def image(self, antenna: F64) -> F64:
+        """(n, 3) m, where the antenna sees the points or shadows."""
+        return self.met + self.mirrored(self.place(antenna) - self.met)
+
+    def images(self, mirrors: MirrorFacets, antenna: F64) -> EdgePoints:
+        """Images in all triangles in which the antenna may see them."""
+        some = mirrors.largest
+        if len(self):
+            some = np.sort(some[: max(1, MOST_PAIRS // len(self))])
         # of an edge whose both ends are on one side of a mirror's side nothing is seen
-        starts = np.flatnonzero((np.diff(self.faces, axis=0, prepend=-1) != 0).any(axis=1))
-        stops = np.append(starts[1:], len(self))
-        ends = self.position[np.stack([starts, stops - 1], axis=1)].reshape(-1, 3)
-        for i in mirrors.tolist():
-            mirror = _MirrorFacet.of(triangles[i], -normals[i] if behind[i] else normals[i], antenna)
-            above, within, _ = mirror.seen(ends, extent)
-            above, within = above.reshape(-1, 2), within.reshape(3, -1, 2)
-            seen = above.any(axis=1) & (within | ~above).any(axis=2).all(axis=0)
-            if not seen.any():
+        place = self.place(antenna)
+        lines = np.column_stack([self.faces, self.lit])
+        starts = np.flatnonzero((np.diff(lines, axis=0, prepend=-2) != 0).any(axis=1))
+        stops = np.append(starts[1:], len(self))[: len(starts)]
+        ends = place[np.column_stack([starts, stops - 1]).ravel()]
+        rows, numbers, normals, places = [np.zeros(0, dtype=np.int64)], [0], [np.zeros(3)], [np.zeros((0, 3))]
+        for i in some.tolist():
+            above, within, _, _ = mirrors.seen(i, ends, antenna)
+            above, within = above.reshape(-1, 2), within.reshape(-1, 2, 3)
+            beyond = np.asarray((~within & above[..., None]).all(axis=1))
+            may = above.any(axis=1) & ~beyond.any(axis=1)
+            if not may.any():
                 continue
-            some = self[np.repeat(seen, stops - starts)]
-            above, within, met = mirror.seen(some.position, extent)
-            inside = above & within.all(axis=0)
-            if inside.any():
-                n = int(inside.sum())
-                own = some[inside]
-                normal = np.broadcast_to(mirror.normal, (n, 3)).copy()
-                yield replace(own, mirror=np.full(n, i), normal=normal, met=met[inside])
+            row = np.flatnonzero(np.repeat(may, stops - starts))
+            above, within, met, normal = mirrors.seen(i, place[row], antenna)
+            inside = above & within.all(axis=1)
+            rows.append(row[inside])
+            numbers.append(i)
+            normals.append(normal)
+            places.append(met[inside])
+        n = [len(row) for row in rows]
+        return replace(
+            self[np.concatenate(rows)],
+            mirror=np.repeat(numbers, n),
+            normal=np.repeat(normals, n, axis=0),
+            met=np.concatenate(places),
+        )
 
     def velocity(
-        self, offset: F64, gradient: F64, moved: NDArray[np.bool_], mirror_moved: NDArray[np.bool_]
+        self,
+        offset: F64,
+        gradient: F64,
+        moved: NDArray[np.bool_],
+        antenna: F64,
     ) -> F64:
         """(n, 3) velocity of the images, m per unit.
 
         Parameters
         ----------
-        offset, gradient : (n, 3) m and (n, 3, 3), displacement per unit: of facets (n, 2) ``moved`` that meet in the
-            edges, and of mirrors (n,) ``mirror_moved``
+        offset, gradient : (n, 3) m and (n, 3, 3), displacement per unit
+        moved : (n, 4) whether it moves the facets that meet in the edges, the mirrors, and the lit facets
+        antenna : (3,) m
         """
+        mirror_moved = moved[:, 2]
 
         def of(points: F64, share: F64) -> F64:
             return np.asarray((offset + np.einsum("nij,nj->ni", gradient, points)) * share[:, None])
 
-        n, above = self.normal, self.above
-        edge, mirror = of(self.position, moved.mean(axis=1)), of(self.met, mirror_moved.astype(np.float64))
+        n, place = self.normal, self.place(antenna)
+        from_mirror = place - self.met
+        above = np.einsum("nk,nk->n", from_mirror, n)
+        edge, mirror = (
+            of(self.position, moved[:, :2].mean(axis=1)),
+            of(self.met, mirror_moved.astype(np.float64)),
+        )
+        edge = self.cast(edge, antenna, of(place, moved[:, 3].astype(np.float64)))
         pulled = np.einsum("ni,nij->nj", n, gradient) * mirror_moved[:, None]
         turn = n * np.einsum("nk,nk->n", n, pulled)[:, None] - pulled
-        nearer = np.einsum("nk,nk->n", edge - mirror, n) + np.einsum(
-            "nk,nk->n", self.position - self.met, turn
-        )
+        nearer = np.einsum("nk,nk->n", edge - mirror, n) + np.einsum("nk,nk->n", from_mirror, turn)
         return np.asarray(edge - 2.0 * (nearer[:, None] * n + above[:, None] * turn))
 
 
@@ -195,10 +250,10 @@ class Moves(ABC):
     """Displacements by which points move."""
 
     @abstractmethod
-    def velocities(self, points: EdgePoints) -> tuple[F64, U32 | None]:
+    def velocities(self, points: EdgePoints, antenna: F64) -> tuple[F64, U32 | None]:
         """(k, n, 3) m per unit, and the (n, ``EDGE_SHAPES``) numbers of the shapes that move them.
 
-        None where the displacements are the same for all rays.
+        ``antenna`` : (3,) m, from which shadows are seen. None where the displacements are the same for all rays.
         """
 
 
@@ -208,17 +263,19 @@ class Common(Moves):
 
     displacements: Sequence[Displacement]
 
-    def velocities(self, points: EdgePoints) -> tuple[F64, None]:
+    def velocities(self, points: EdgePoints, antenna: F64) -> tuple[F64, None]:
         """See the base class."""
         out, n = np.zeros((len(self.displacements), len(points), 3)), len(points)
         for own, d in zip(out, self.displacements, strict=True):
             if d.faces is None or d.offset is None:
                 continue  # the parallax of an antenna is a displacement over the slant range
             gradient = np.zeros((3, 3)) if d.gradient is None else d.gradient
-            moved = d.faces[points.faces]
-            mirror_moved = (points.mirror != NO_MIRROR) & d.faces[points.mirror]
+            facets = points.facets
             own += points.velocity(
-                np.broadcast_to(d.offset, (n, 3)), np.broadcast_to(gradient, (n, 3, 3)), moved, mirror_moved
+                np.broadcast_to(d.offset, (n, 3)),
+                np.broadcast_to(gradient, (n, 3, 3)),
+                (facets != NO_MIRROR) & d.faces[facets],
+                antenna,
             )
         return out, None
 
@@ -231,11 +288,11 @@ class OfShapes(Moves):
         self.shape: U32 = np.array(tangents.shape)
         self.rows = np.array(tangents.rows).reshape(-1, self.ways, ROW // 4, 4)[..., :3]
 
-    def velocities(self, points: EdgePoints) -> tuple[F64, U32]:
+    def velocities(self, points: EdgePoints, antenna: F64) -> tuple[F64, U32]:
         """See the base class."""
-        edge = self.shape[points.faces]
-        mirror = np.where(points.mirror == NO_MIRROR, np.uint32(NO_SHAPE), self.shape[points.mirror])
-        shapes = np.column_stack([edge, mirror])
+        facets = points.facets
+        own_shape = np.where(facets == NO_MIRROR, np.uint32(NO_SHAPE), self.shape[facets])
+        shapes = own_shape.copy()
         for i in range(1, EDGE_SHAPES):  # each once
             shapes[(shapes[:, :i] == shapes[:, i : i + 1]).any(axis=1), i] = NO_SHAPE
         out = np.zeros((EDGE_SHAPES * self.ways, len(points), 3))
@@ -244,6 +301,6 @@ class OfShapes(Moves):
             for way in range(self.ways):
                 rows = self.rows[np.where(known, own, 0), way]
                 out[i * self.ways + way] = points.velocity(
-                    rows[:, 0], rows[:, 1:], known[:, None] & (edge == own[:, None]), known & (mirror == own)
+                    rows[:, 0], rows[:, 1:], known[:, None] & (own_shape == own[:, None]), antenna
                 )
         return out, shapes.astype(np.uint32)

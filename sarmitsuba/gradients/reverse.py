@@ -18,7 +18,7 @@ from sarmitsuba.gradients.edge_points import OfShapes
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
 from sarmitsuba.gradients.losses import checked
-from sarmitsuba.gradients.moving_edges import edge_lattices
+from sarmitsuba.gradients.moving_edges import EdgeLattices
 from sarmitsuba.gradients.needed import At
 from sarmitsuba.gradients.tangent_batches import per_metre
 from sarmitsuba.materials.map_materials import with_parts
@@ -270,15 +270,16 @@ class AdjointBatches(BatchTracer):
         moves: OfShapes | None = None,
     ) -> None:
         super().__init__(tracer, rays, len(tracer.sampling.scene.radar.channels), 0)
-        self.tangents, self.total, self.moves = tangents, total, moves
+        self.tangents, self.total = tangents, total
+        self.edges = None if moves is None else EdgeLattices(self, moves)
         self.first, self.data, self.memory = 0, np.zeros((0, 0, 0), dtype=np.complex64), 0
         for one in {tracer, *tracer.by_frequency}:
             one.tangents = tangents
 
     def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
         """See the base class."""
-        if self.moves is not None:
-            lattices = edge_lattices(self, batch, self.moves)
+        if self.edges is not None:
+            lattices = self.edges.of(batch)
         return super().trace(batch, lattices)
 
     def accumulator(self, pulses: Pulses, share: RangeFilter | None) -> GridAccumulator:
@@ -288,9 +289,9 @@ class AdjointBatches(BatchTracer):
         carrier = 4.0 * np.pi * wave.center_frequency / SPEED_OF_LIGHT
         by_range = partial(per_metre, carrier, share)
         plain = farther = turning = None
-        if self.moves is not None or self.tangents.n_materials or self.tangents.n_texels:
+        if self.edges is not None or self.tangents.n_materials or self.tangents.n_texels:
             plain = pulses.adjoint(own, share)
-        if self.moves is None and self.tangents.n_shapes:
+        if self.edges is None and self.tangents.n_shapes:
             farther = pulses.adjoint(own, by_range)
             if self.tangents.rates and isinstance(pulses, KeyPulse) and pulses.each > 1:
                 turning = pulses.adjoint(own * pulses.plan.tau.astype(np.float32)[:, None], by_range)

@@ -131,7 +131,7 @@ def tube_return(
     """
     factor = kernel.constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     whole, turned = factor, None
-    if ray.mirror is not None and not (kernel.tangents is not None and kernel.tangents.beside_edges):
+    if ray.mirror is not None:
         share, corner = corner_share(kernel, ray.mirror, hit)
         if ray.virtual_receiver is None:
             factor = factor * share

@@ -164,7 +164,7 @@ class DiffuseReturns:
         slots: tuple[mi.UInt32, ...] = ()
         if self.kernel.tangents is not None:
             if self.kernel.tangents.beside_edges:
-                rates = back_rates = edge_tangents.of_scatterer(self.kernel.tangents, lane, ray, hit, centre)
+                rates, back_rates = edge_tangents.of_scatterer(self.kernel.tangents, lane, ray, hit, centre)
             else:
                 found = of_scatterer(self.kernel, ray, hit, lane, centre)
                 (rates, swings), (back_rates, back_swings) = found

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 
     from sarmitsuba.trace.launch import EdgeSamples
 
+# leg of a path that an edge shadows from the antenna: the last one of a double bounce
+SHADOWED = 3
+
 
 @dataclass(frozen=True, eq=False)
 class EdgeLane:
@@ -24,7 +27,7 @@ class EdgeLane:
     speeds : of the edge along its normal in the launch plane, m per unit of each displacement; of the first ones alone,
         if it stands still by the others
     distance : m, from the antenna to the launch plane
-    faces : that meet in the edge
+    faces : that meet in the edge; on leg ``SHADOWED`` the mirror, then the facet that the shadow of the edge is on
     leg : of the path, from 1, on which the ray passes the edge
     """
 
@@ -60,7 +63,8 @@ class EdgeState:
     across : normal of the edge, made perpendicular to the ray along that of the launch plane, and mirrored with the ray
     turns : derivative of ``across`` by each displacement: that of mirrors that turn, 1 per unit
     frames : velocity along it of the lit area, as an angle about the antenna's image, rad per unit of each displacement
-    outline : 1 where the edge is one of a facet that the ray hit behind it, else 0
+    outline : 1 where the edge is one of a facet that the ray hit behind it, else 0; on leg ``SHADOWED`` 1 behind the
+        mirror
     """
 
     across: mi.Vector3d

@@ -16,10 +16,11 @@ Reynolds' transport theorem; Li et al., "Differentiable Monte Carlo ray tracing 
 
 Notes
 -----
-Edges are those on the first leg of a path, and on the second behind a flat mirror. The others count as those of the
-reversed path, so that all of one, two and three bounces are there. Ignores edges in which two bodies touch (as one
-moves they part, or one hides the other's edge: two derivatives), those on the middle legs of four bounces or more, and
-what hides a diffuse scatterer that is lit over a mirror from the antenna.
+Edges are those on the first leg of a path, on the second behind a flat mirror, and on the last of a double bounce,
+where a ray is sent to the edge's shadow on the surface that closes the path. Those on the last legs of three bounces
+count as those of the reversed path. Several legs may be beside one edge, in one plane with the antenna: the first
+counts alone. Ignores edges in which two bodies touch (as one moves they part, or one hides the other's edge: two
+derivatives), those on the middle legs of four bounces or more, and such planes among the legs of three bounces.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.device_arrays import device_array
-from sarmitsuba.trace.edge_state import EdgeState
+from sarmitsuba.trace.edge_state import SHADOWED, EdgeState
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.launch import EdgeSamples
@@ -73,7 +74,20 @@ def arrived(state: EdgeState, carried: Carried, lane: Lane, ray: RayState, hit: 
     assert edge is not None
     of_edge = (hit.face == edge.faces[0]) | (hit.face == edge.faces[1])
     outline = dr.select(hit.order == edge.leg, dr.select(of_edge, mi.UInt32(1), 0), state.outline)
-    return EdgeState(state.across, state.turns, tuple(frames), outline)
+    mirror = (edge.leg == SHADOWED) & hit.first & (hit.face == edge.faces[0])
+    return EdgeState(state.across, state.turns, tuple(frames), dr.select(mirror, mi.UInt32(1), outline))
+
+
+def shadowed(lane: Lane, ray: RayState, hit: Hit) -> Hit:
+    """A hit that the antenna sees but for an edge, if the ray was sent there.
+
+    Rays whose last leg is beside an edge are sent to its shadow. Where the edge is beside another leg too, they do not
+    come there: that leg has rays of its own.
+    """
+    edge, before = lane.edge, None if ray.tangents is None else ray.tangents.edge
+    assert edge is not None and before is not None
+    here = hit.active & (hit.order == 2) & (before.outline == 1) & (hit.face == edge.faces[1])
+    return replace(hit, sees=dr.select(edge.leg == SHADOWED, here, hit.sees))
 
 
 def _frame(
@@ -90,22 +104,22 @@ def _frame(
 def of_tube(carried: Carried, lane: Lane, ray: RayState, hit: Hit) -> tuple[mi.Float64, ...]:
     """Weights of a coherent return by every displacement, 1 per unit.
 
-    A path and the reversed one have the same return, and each is traced. They count twice for what happens on legs of
-    the reversed path that no ray is sampled for: a facet hidden from the antenna on the way back, and outlines beyond
-    the second.
+    A path and the reversed one have the same return, and each is traced. Of three bounces or more they count twice for
+    what happens on legs of the reversed path that no ray is sampled for: a facet hidden from the antenna on the way
+    back, and outlines beyond the second.
     """
     edge, before = lane.edge, None if ray.tangents is None else ray.tangents.edge
     assert edge is not None and before is not None
     state = arrived(before, carried, lane, ray, hit)
     legs = edge.leg + dr.select(state.outline == 1, mi.UInt32(1), 0)
-    weight = mi.Float64(edge.weight * dr.select(hit.order > legs, 2.0, 1.0))
+    weight = mi.Float64(edge.weight * dr.select(hit.order > dr.maximum(legs, 2), 2.0, 1.0))
     return tuple(edge.relative(weight, k, frame) for k, frame in enumerate(state.frames))
 
 
 def of_scatterer(
     carried: Carried, lane: Lane, ray: RayState, hit: Hit, centre: mi.Vector3d
-) -> tuple[mi.Float64, ...]:
-    """Weights of the return of a diffuse scatterer by every displacement, 1 per unit."""
+) -> tuple[tuple[mi.Float64, ...], tuple[mi.Float64, ...]]:
+    """Weights of the returns of a diffuse scatterer by every displacement: straight, and back through the mirrors."""
     edge, state = lane.edge, None if ray.tangents is None else ray.tangents.edge
     assert edge is not None and state is not None
     assert ray.tangents is not None
@@ -115,4 +129,5 @@ def of_scatterer(
             found.append(mi.Float64(0.0))
         else:
             found.append(edge.relative(weight, k, _frame(state, carried, k, ray, hit, centre)))
-    return tuple(found)
+    straight = edge.leg == SHADOWED
+    return tuple(found), tuple(dr.select(straight, 0.0, rate) for rate in found)

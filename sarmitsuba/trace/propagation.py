@@ -14,7 +14,7 @@ from sarmitsuba.trace.antenna_weight import fade
 from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.device_arrays import device_array, vector_rows
 from sarmitsuba.trace.edge_state import EdgeLane
-from sarmitsuba.trace.edge_tangents import begun
+from sarmitsuba.trace.edge_tangents import begun, shadowed
 from sarmitsuba.trace.intersector import query_ray
 from sarmitsuba.trace.leg import Surroundings, beam_patterns
 from sarmitsuba.trace.movement import ShadowBoundary
@@ -64,7 +64,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     distance = dr.norm(leg)
     d64 = leg / distance
     d = v32(d64)
-    origin = v32(start - d64 * dr.minimum(distance, _before_bounds(start, d64, kernel.scene)))
+    origin = v32(start - d64 * dr.minimum(distance, before_bounds(start, d64, kernel.scene)))
 
     spacing, needs = _level(grid, ray)
     edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
@@ -166,7 +166,7 @@ def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: FaceRow) -
     return (need >= needs[0]) & (need < needs[1])
 
 
-def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
+def before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
     """Distance from ``start`` back to where the ray enters the scene's bounds, m: there float32 is most accurate."""
     low, high = (mi.Vector3d(*(dr.opaque(mi.Float64, float(x)) for x in corner)) for corner in scene.bounds)
     inverse = 1.0 / dr.select(dr.abs(d) > 1e-12, d, 1e-12)
@@ -221,7 +221,7 @@ def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
         )
     bits = scene.material_at(face, info.material_bits, mi.Vector3f(p - vertex0), known)
     material = bits & MATERIAL_MASK
-    return Hit(
+    hit = Hit(
         active=active,
         first=first,
         order=dr.select(active, ray.hits + 1, ray.hits),
@@ -250,6 +250,7 @@ def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
         met=met,
         before_facet=before,
     )
+    return hit if lane.edge is None else shadowed(lane, ray, hit)
 
 
 def next_facet(scene: TraceScene, lane: Lane, ray: RayState) -> Found:

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 NO_SHAPE = 0xFFFFFFFF
 # numbers of a displacement's row: offset and a zero, then the rows of its gradient with a zero each
 ROW = 16
-# shapes that move an edge as the antenna sees it: those of both facets that meet in it, and that of a mirror
-EDGE_SHAPES = 3
+# shapes that move an edge as the antenna sees it: of both facets that meet in it, of a mirror, and of what it shadows
+EDGE_SHAPES = 4
 
 
 class MovingShapes:

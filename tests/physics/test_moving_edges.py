@@ -9,7 +9,14 @@ from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parsing import parse
 from sarmitsuba.mesh.facet_edges import FacetEdges
 from tests.support.differences import drawn, relative
-from tests.support.occluders import SIDEWAYS, displacements, edge_share, hidden_wall
+from tests.support.occluders import (
+    SIDEWAYS,
+    EdgeModel,
+    displacements,
+    edge_share,
+    half_hidden_corner,
+    hidden_wall,
+)
 
 # scenes, the parameter, its step (None: usual) and what is special
 FAST = (
@@ -34,6 +41,30 @@ def test_what_a_body_hides_is_in_the_derivative(
     assert found.without > 0.9  # it hides, and returns nothing itself
     # tol: lattices end within the body's edges, in the mean of four; the step
     assert found.found < 0.08 + 3.0 * found.noise
+
+
+@pytest.mark.parametrize(("place", "beyond"), [(-1.3, False), (-1.3, True), (1.7, False), (1.7, True)])
+def test_a_screen_before_a_corner_hides_every_path_once(place: float, beyond: bool) -> None:
+    r"""All three legs of a double bounce are beside the edge of a tall screen, in one plane with the antenna.
+
+    The return of the corner is that of its lit length, :math:`E = \int f e^{-2 j k R(y)} dy` with the distance R of the
+    fold, and its derivative by the place of the edge the integrand there.
+    """
+    scene, sign = half_hidden_corner(place, beyond=beyond)
+    model = EdgeModel.of(scene, "shift:body:y")
+    (edges,) = model.beside_edges(model.placed(), displacements(model))
+    data = np.zeros(model.shape[2], dtype=np.complex128)
+    for k in range(4):
+        model.rays = model.run.rays(model.sampling, k)
+        data += 0.25 * model.data()[0, 0]
+    sample = int(np.abs(data).argmax())
+    away, k = scene.radar.track.center_position, 2.0 * np.pi / scene.radar.waveform.wavelength
+    across = np.linspace(-3.0, place, 4001) if beyond else np.linspace(place, 3.0, 4001)
+    distance = np.sqrt(away[0] ** 2 + (across - sign * away[1]) ** 2 + away[2] ** 2)
+    lit = np.trapezoid(np.exp(-2j * k * distance), across)
+    at = np.exp(-2j * k * distance[-1 if beyond else 0]) * (1.0 if beyond else -1.0)
+    # tol: lattices end within the screen's edge, in the mean of four; single bounces from the facets' outlines
+    assert abs(sign * edges[0, 0, sample] / data[sample] * lit / at - 1.0) < 0.03
 
 
 @pytest.mark.slow
