@@ -125,7 +125,7 @@ def _prior(text: str) -> "tuple[str, Prior]":
     from sarmitsuba.errors import SceneError
     from sarmitsuba.gradients.least_squares import Prior
 
-    name, equals, value = text.partition("=")
+    name, equals, value = text.rpartition("=")
     mean, colon, sigma = value.partition(":")
     try:
         if not (equals and colon):

@@ -20,6 +20,7 @@ from sarmitsuba.gradients.least_squares import (
     Rows,
     Samples,
     Solution,
+    checked_iterations,
     energy,
     known_priors,
     minimised,
@@ -182,7 +183,7 @@ def fit(
     by : ``complex`` samples, or ``amplitude``: multilooked intensities of the images, for scatterers of unknown phase,
         see :mod:`sarmitsuba.gradients.multilooked`
     priors : by name of the value, with or without its unit
-    iterations : most steps
+    iterations : most steps, at least 1
     progress : called with the number of each accepted step and its sum of squares, W
 
     Returns
@@ -193,7 +194,7 @@ def fit(
     ------
     SceneError, RadarError
         As for :func:`sarmitsuba.jacobian`; parameters that the data do not determine, or that several looks do not
-        share.
+        share; priors that are none, ``iterations`` that is no whole number of at least 1.
     DataError
         Data of other channels, pulses or samples than the scene's radar has.
 
@@ -202,6 +203,7 @@ def fit(
     Ignores the same as :func:`sarmitsuba.jacobian`. Rotations and scales must start within an eighth of a wavelength.
     Diffuse scatterers are those of the scene's seed: speckle of a real surface is not in the model.
     """
+    iterations = checked_iterations(iterations)
     looks = looks_of(scene, data, parameters)
     model = looks[0].model
     known = known_priors(model.names, priors or {})

@@ -5,12 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import TypeAlias
 
 import numpy as np
 
 from sarmitsuba.arrays import C64, C128, F32, F64
 from sarmitsuba.errors import SceneError
+from sarmitsuba.parameters import one_line
 
 # data, and derivatives of a model of them, complex or real
 Samples: TypeAlias = "C128 | F64"
@@ -42,11 +44,18 @@ def known_priors(names: Sequence[str], priors: Mapping[str, Prior]) -> dict[int,
 
     Raises
     ------
-    SceneError : no such value, a mean that is not finite, or a sigma that is not positive
+    SceneError : no such value, no prior of two numbers, a mean that is not finite, or a sigma that is not positive
     """
     short = [name.rsplit(" [", 1)[0] for name in names]
     known = {}
+    if not isinstance(priors, Mapping):
+        raise SceneError(f"priors: {_said(priors)} is no mapping; give {{name: Prior(mean, sigma)}}")
     for name, prior in priors.items():
+        numbers = isinstance(prior, Prior) and isinstance(prior.mean, Real) and isinstance(prior.sigma, Real)
+        if not numbers:
+            raise SceneError(
+                f"prior of {name!r}: {_said(prior)} is no prior; give sarmitsuba.Prior(mean, sigma)"
+            )
         if name not in names and name not in short:
             raise SceneError(f"prior of {name!r}: no such parameter; there are {', '.join(names)}")
         if not np.isfinite(prior.mean):
@@ -56,6 +65,22 @@ def known_priors(names: Sequence[str], priors: Mapping[str, Prior]) -> dict[int,
         number = list(names).index(name) if name in names else short.index(name)
         known[number] = prior
     return known
+
+
+def checked_iterations(iterations: object) -> int:
+    """Largest number of steps.
+
+    Raises
+    ------
+    SceneError : no whole number, or below 1
+    """
+    if isinstance(iterations, bool) or not isinstance(iterations, Integral) or int(iterations) < 1:
+        raise SceneError(f"fit: iterations = {_said(iterations)} must be a whole number of at least 1")
+    return int(iterations)
+
+
+def _said(given: object) -> str:
+    return one_line(repr(given))
 
 
 class Problem(ABC):

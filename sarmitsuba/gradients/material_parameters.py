@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.errors import SceneError
-from sarmitsuba.gradients.parameter import Derivatives, Parameter, Step
+from sarmitsuba.gradients.parameter import Derivatives, Parameter, Step, quoted
 from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.map_materials import with_parts
 
@@ -30,7 +30,7 @@ class _OfMaterial(Parameter):
     @property
     def label(self) -> str:  # type: ignore[override]
         """See the base class."""
-        return f"{self.kind}:{self.material}"
+        return f"{self.kind}:{quoted(self.material)}"
 
 
 @dataclass(frozen=True)
