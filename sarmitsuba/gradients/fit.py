@@ -26,7 +26,7 @@ from sarmitsuba.gradients.least_squares import (
     minimised,
 )
 from sarmitsuba.gradients.measured_looks import MeasuredLook, looks_of
-from sarmitsuba.gradients.multilooked import stepped
+from sarmitsuba.gradients.multilooked import stepped, window_of
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
@@ -49,8 +49,10 @@ class Fit:
         of 0
     confirmed : (n,) share of the echoes of the shape that a value moves which the data hold as the fit says, in phase:
         1 where all do, less where the value is off by cycles of phase; NaN for values that move no shape
-    costs : sum of squares of the residuals of all looks after every accepted step, the start first: W, by amplitude
-        relative to the intensities
+    costs : sum of squares of the residuals of all looks after every accepted step, the start first: W. By amplitude
+        before every step, of averaged intensities relative to the data's, a window counted once: they rise where the
+        window shrinks, as there are more of them and each has more speckle.
+    windows : by amplitude the width of that window at each cost, range cells; else empty
     converged : whether the last step changed it by less than ``LEAST_CHANGE``
     residuals : raw data less the fitted ones, of each look
     unexplained : share of the energy of all measured raw data that the residuals hold: that of noise and of what the
@@ -70,6 +72,7 @@ class Fit:
     residuals: tuple[RawData, ...]
     unexplained: float
     scene: Scene = field(repr=False)
+    windows: tuple[float, ...] = ()
 
     @property
     def residual(self) -> RawData:
@@ -93,6 +96,7 @@ class Fit:
             "confirmed": _known(self.confirmed),
             "covariance": [_known(row) for row in self.covariance],
             "costs": list(self.costs),
+            "windows": list(self.windows),
             "converged": self.converged,
             "unexplained": self.unexplained,
         }
@@ -111,8 +115,12 @@ class Fit:
             line = f"{name:{width}}  {start:12.6g}  {value:12.6g}  {sigma:9.2g}  {bound:9.2g}"
             lines.append(line + (f"  {share:9.2f}" if moves else ""))
         said = "converged" if self.converged else "not converged"
-        line = f"{said} after {len(self.costs) - 1} steps, residual {self.costs[-1]:.3g} W"
-        lines.append(f"{line}, {100.0 * self.unexplained:.3g} % of the data's energy")
+        if self.windows:
+            residual = f"{len(self.costs)} steps, residual {self.costs[-1]:.3g}"
+            residual += f" in windows of {self.windows[-1]:g} range cells"
+        else:
+            residual = f"{len(self.costs) - 1} steps, residual {self.costs[-1]:.3g} W"
+        lines.append(f"{said} after {residual}, {100.0 * self.unexplained:.3g} % of the data's energy")
         doubtful = [name for name, share in zip(self.names, self.confirmed, strict=True) if share < CONFIRMED]
         if doubtful:
             lines.append(f"not confirmed by the phases of the data: {', '.join(doubtful)}")
@@ -184,7 +192,7 @@ def fit(
         see :mod:`sarmitsuba.gradients.multilooked`
     priors : by name of the value, with or without its unit
     iterations : most steps, at least 1
-    progress : called with the number of each accepted step and its sum of squares, W
+    progress : called with the number of each accepted step and its sum of squares, see ``costs``
 
     Returns
     -------
@@ -247,7 +255,8 @@ def _by_amplitude(
     """Fit to multilooked intensities, with windows from coarse to fine."""
     found, covariance = stepped(looks, looks[0].model.start, known, iterations, report)
     none: F64 = np.full(len(found.values), np.nan)
-    return _result(looks, found, covariance, none, none, found.steps)
+    windows = tuple(window_of(step) for step in range(1, len(found.costs) + 1))
+    return _result(looks, found, covariance, none, none, found.steps, windows)
 
 
 def _result(
@@ -257,6 +266,7 @@ def _result(
     bound: F64,
     share: F64,
     passed: Sequence[F64],
+    windows: tuple[float, ...] = (),
 ) -> Fit:
     """A fit from its solution."""
     model, values = looks[0].model, found.values
@@ -274,4 +284,5 @@ def _result(
         tuple(look.residual(d) for look, d in zip(looks, residuals, strict=True)),
         energy(residuals) / energy([look.measured.astype(np.complex128) for look in looks]),
         model.at(values),
+        windows,
     )

@@ -111,6 +111,11 @@ class MultilookedImages(Problem):
         )
 
 
+def window_of(step: int) -> float:
+    """Width of the window of a step, counted from 1, range cells."""
+    return STAGES[step - 1][0]
+
+
 def stepped(
     looks: Sequence[MeasuredLook],
     start: F64,
