@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.gradients.confirmation import coherences, least
 from sarmitsuba.gradients.measured_looks import MeasuredLook
 from sarmitsuba.gradients.shape_offsets import (
     MovingPart,
@@ -134,7 +135,7 @@ def coarse_shapes(
             passed(values)
         if farthest < SETTLED * looks[0].model.scene.radar.waveform.wavelength:
             break
-    return other_cycles(looks, values)[0], spread
+    return other_cycles(looks, values), spread
 
 
 def checked_offsets(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F64]:
@@ -159,9 +160,9 @@ def checked_offsets(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F6
     return changed, spread
 
 
-def other_cycles(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F64]:
-    """Values of shapes that the data do not confirm with the cycles of phase that they confirm most, and the shares."""
-    share = confirmed(looks, values)
+def other_cycles(looks: Sequence[MeasuredLook], values: F64) -> F64:
+    """Values of shapes that the data do not confirm with the cycles of phase that they confirm most."""
+    share = _coherent(looks, values)
     for _ in range(RETRIES):
         doubtful = np.flatnonzero(share < SURE)
         if not len(doubtful):
@@ -180,14 +181,20 @@ def other_cycles(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F64]:
             tried = np.array(values)
             for moved, steps in others:
                 tried[moved] += steps[min(k, len(steps) - 1)]
-            new = confirmed(looks, tried, doubtful)
+            new = _coherent(looks, tried, doubtful)
             for moved, _ in others:
                 if (new[moved] > share[moved] + BETTER).all():
                     best[moved], share[moved], better = tried[moved], new[moved], True
         if not better:
             break
         values = best
-    return values, share
+    return values
+
+
+def _coherent(looks: Sequence[MeasuredLook], values: F64, numbers: NDArray[np.intp] | None = None) -> F64:
+    """(n_values,) least coherence of the shapes that each value moves; NaN for values that move none."""
+    found, moves = coherences(looks, values, numbers)
+    return least(((moves[mesh], one.coherence) for mesh, one in found.items()), len(values))
 
 
 def _possible(looks: Sequence[MeasuredLook], values: F64, moved: NDArray[np.intp], step: F64) -> bool:
@@ -288,28 +295,3 @@ def _weighed(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tuple
     """Matrix and right side of equations over their standard deviations."""
     matrix = np.array([row.factor[numbers] / row.sigma for row in rows])
     return matrix, np.array([row.offset / row.sigma for row in rows])
-
-
-def confirmed(looks: Sequence[MeasuredLook], values: F64, numbers: NDArray[np.intp] | None = None) -> F64:
-    """(n_values,) share of the echoes of the shape that each value moves which data and model have in common, in phase.
-
-    1 where model and data are alike, less where they are off by cycles of phase, as only part of the shape's echoes
-    agree then, or where either is weaker; NaN for values that move no shape. ``numbers``: only for shapes that one of
-    these values moves.
-    """
-    both, alone = np.zeros(len(values)), np.zeros(len(values))
-    for look in looks:
-        parts = _of_values(moving_parts(look.model, values, whole=True), numbers)
-        if not parts:
-            continue
-        modelled, spectra = echoes(look.model, values, parts)
-        left = np.fft.fft((look.measured - modelled).astype(np.complex128), axis=-1)
-        for part, own in zip(parts, spectra, strict=True):
-            energy = float(np.sum(np.abs(own) ** 2)) / look.noise.variance(left / np.sqrt(left.shape[-1]))
-            if energy > 0.0:
-                share = 1.0 + float(np.vdot(own, left).real / np.sum(np.abs(own) ** 2))
-                both[part.moves] += energy * share
-                alone[part.moves] += energy
-    found = np.where(alone > 0.0, both / np.where(alone > 0.0, alone, 1.0), np.nan)
-    # echoes that are far weaker than the data have much in common with any data
-    return np.where(found > 1.0, 1.0 / np.maximum(found, 1.0), found)

@@ -11,8 +11,9 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, confirmed, other_cycles
+from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, other_cycles
 from sarmitsuba.gradients.coarse_track import coarse_track
+from sarmitsuba.gradients.confirmation import CONFIRMED, confirmed
 from sarmitsuba.gradients.jacobian import Parameters
 from sarmitsuba.gradients.least_squares import (
     Prior,
@@ -31,8 +32,6 @@ from sarmitsuba.scene.scene import Scene, SceneLike
 
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
 RETRIES = 3
-# share of confirmed echoes below which a value may be off by cycles of phase
-CONFIRMED = 0.97
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +46,10 @@ class Fit:
     covariance : (n, n) of the values, with the noise power that the residuals show
     bound : (n,) Cramer-Rao bound of the standard deviations with the radars' noise power; NaN for a noise temperature
         of 0
-    confirmed : (n,) share of the echoes of the shape that a value moves which the data hold as the fit says, in phase:
-        1 where all do, less where the value is off by cycles of phase; NaN for values that move no shape
+    confirmed : (n,) coherence of data and model over the echoes of the shape that a value moves (of other values: over
+        all echoes), without noise, see :mod:`sarmitsuba.gradients.confirmation`: 1 where the data hold them as the fit
+        says, less where it is off by cycles of phase, 0 for data of another scene, whatever amplitudes are fitted;
+        below ``CONFIRMED`` not confirmed. NaN by amplitude, and for shapes without echoes
     costs : sum of squares of the residuals of all looks after every accepted step, the start first: W. By amplitude
         before every step, of averaged intensities relative to the data's, a window counted once: they rise where the
         window shrinks, as there are more of them and each has more speckle.
@@ -231,7 +232,7 @@ def fit(
             break
         best = found
         passed += found.steps
-        start, _ = other_cycles(looks, found.values)
+        start = other_cycles(looks, found.values)
         if np.array_equal(start, found.values):
             start, spread = checked_offsets(looks, found.values)
         if np.array_equal(start, found.values):
@@ -241,7 +242,8 @@ def fit(
     stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
     share = confirmed(looks, best.values)
     covariance = best.covariance(variances, known)
-    doubtful = share < CONFIRMED  # off by cycles of phase, perhaps: as exact as the envelopes are
+    # off by cycles of phase, perhaps: as exact as the envelopes are
+    doubtful = (share < CONFIRMED) & looks[0].model.moving
     covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
     return _result(looks, best, covariance, best.bound(stated, known), share, passed)
 

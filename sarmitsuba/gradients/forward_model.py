@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
@@ -147,6 +148,12 @@ class ForwardModel:
             if not np.array_equal(own, parameter.values(self.scene)):
                 scene = parameter.changed(scene, own)
         return scene
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """(n_values,) whether a value moves a shape."""
+        own = zip(self.parameters, self.split(self.start), strict=True)
+        return np.concatenate([np.full(len(v), p.moved(self.scene, v) is not None) for p, v in own])
 
     def possible(self, values: F64) -> bool:
         """Whether the scene can have these values."""
