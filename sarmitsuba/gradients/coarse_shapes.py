@@ -82,20 +82,24 @@ class Measured:
 
         Parameters
         ----------
-        in_phase : the shape is within its cycle of phase: only the carrier counts, without ambiguity
+        in_phase : the shape is within its cycle of phase: of the range only the carrier counts, without ambiguity
         carrier : whether the phase of the carrier counts beside the envelope
         """
         part, found = self.part, self.found
         wavelength = self.look.model.scene.radar.waveform.wavelength
         fine = max(wavelength / (4.0 * np.pi * np.sqrt(2.0 * found.peak)), LEAST_CYCLE * wavelength)
-        if in_phase:
-            return [OffsetEquation(part.factor, found.unmoved, fine, part.uneven)] if part.alike else []
+        rows = (
+            [OffsetEquation(part.factor, found.unmoved, fine, part.uneven)] if in_phase and part.alike else []
+        )
         if found.peak < (LEAST_PEAK if part.alike else LEAST_UNEVEN_PEAK):
-            return []
-        rows = [OffsetEquation(part.factor, found.range, found.sigma[0], part.uneven)]
-        if np.isfinite(found.azimuth):
+            return rows
+        # the carrier alone would move along the track, by metres, what it says of the range
+        if np.isfinite(found.azimuth) and (part.alike or not in_phase):
             along = -part.velocity @ track_direction(self.look.model.scene.radar, part)
             rows.append(OffsetEquation(np.asarray(along), found.azimuth, found.sigma[1], part.uneven))
+        if in_phase:
+            return rows
+        rows.append(OffsetEquation(part.factor, found.range, found.sigma[0], part.uneven))
         if carrier and part.alike:
             rows.append(OffsetEquation(part.factor, found.carrier, fine, part.uneven, 0.5 * wavelength))
         return rows

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.gradients.forward_model import ForwardModel
-from sarmitsuba.gradients.measured_looks import MeasuredLook
+from sarmitsuba.gradients.measured_looks import ROUNDING, MeasuredLook
 from sarmitsuba.gradients.shape_offsets import echoes, frequencies, moving_parts
 
 # coherence from which a shape counts as confirmed: that of phases uniform within an eighth of a turn, so of points that
@@ -169,13 +169,13 @@ def _coherence(
     if count == 0:
         return Coherence()
     m, d = modelled[chosen], measured[chosen]
-    weight = 1.0 / max(noise, np.finfo(np.float64).tiny)
+    weight = 1.0 / noise
     energy = float(np.sum(np.abs(m) ** 2))
     return Coherence(
         float(np.vdot(m, d).real) * weight,
         energy * weight,
         (float(np.sum(np.abs(d) ** 2)) - noise * count) * weight,
-        float(np.sqrt(count * samples)) if noise > 0.0 else 0.0,
+        float(np.sqrt(count * samples)),
         float(np.sum(np.abs(m) ** 4)) * weight**2 * samples,
     )
 
@@ -194,7 +194,7 @@ def _own_cells(power: F64) -> NDArray[np.bool_]:
 
 
 def _focused(model: ForwardModel, center: F64, spectrum: C128) -> C128:
-    """Spectra (channels, pulses, frequencies) as an image about a point, (channels, azimuths, ranges), energies kept."""
+    """Spectra (channels, pulses, frequencies) as an image about a point (channels, azimuths, ranges), energies kept."""
     radar = model.scene.radar
     frequency = frequencies(radar.window.n_samples, radar.window.sample_spacing)
     away = np.linalg.norm(radar.track.position - center, axis=1)
@@ -207,7 +207,10 @@ def _focused(model: ForwardModel, center: F64, spectrum: C128) -> C128:
 
 
 def _noise(look: MeasuredLook, center: F64, left: C128) -> float:
-    """Mean noise power of a sample, W: as stated, else at most that of the residual and of the weakest cells."""
+    """Mean noise power of a sample, W: as stated, else at most that of the residual and of the weakest cells.
+
+    At least the rounding of float32.
+    """
     if look.noise.stated > 0.0:
         return look.noise.stated
     from scipy.ndimage import uniform_filter
@@ -217,4 +220,4 @@ def _noise(look: MeasuredLook, center: F64, left: C128) -> float:
         np.quantile(uniform_filter(np.abs(data) ** 2, (1, SMOOTHED, SMOOTHED), mode="wrap"), WEAKEST)
     )
     residual = float(np.mean(np.abs(np.fft.ifft(left, axis=-1)) ** 2))
-    return min(weakest, residual)
+    return max(min(weakest, residual), ROUNDING * look.noise.least)

@@ -11,6 +11,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
+from sarmitsuba.gradients.coarse_forms import coarse_forms
 from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, other_cycles
 from sarmitsuba.gradients.coarse_track import coarse_track
 from sarmitsuba.gradients.confirmation import CONFIRMED, confirmed
@@ -22,6 +23,7 @@ from sarmitsuba.gradients.least_squares import (
     Samples,
     Solution,
     checked_iterations,
+    cost_of,
     energy,
     known_priors,
     minimised,
@@ -224,11 +226,13 @@ def fit(
         raise SceneError(f"fit: by = {by!r} is neither complex nor amplitude")
     passed = [model.start]
     start = coarse_track(model, looks[0].measured, model.start) if len(looks) == 1 else model.start
+    given, problem = start, _Complex(looks)
+    start = coarse_forms(looks, start, passed.append)
     start, spread = coarse_shapes(looks, start, passed.append)
     best = None
     for _ in range(RETRIES):
-        found = minimised(_Complex(looks), start, known, iterations, report)
-        if best is not None and found.costs[-1] >= best.costs[-1]:
+        found = minimised(problem, start, known, iterations, report)
+        if best is not None and not _better(problem, found, best, known):
             break
         best = found
         passed += found.steps
@@ -238,6 +242,12 @@ def fit(
         if np.array_equal(start, found.values):
             break
     assert best is not None
+    # offsets of envelopes that led astray: the steps from where it started are never worse than that
+    if not np.array_equal(given, best.steps[0]) and not _lower(problem, best, given, known):
+        found = minimised(problem, given, known, iterations, report)
+        if _better(problem, found, best, known):
+            best = found
+            passed += found.steps
     variances = np.array([look.noise.shown(d) for look, d in zip(looks, best.differences, strict=True)])
     stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
     share = confirmed(looks, best.values)
@@ -246,6 +256,20 @@ def fit(
     doubtful = (share < CONFIRMED) & looks[0].model.moving
     covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
     return _result(looks, best, covariance, best.bound(stated, known), share, passed)
+
+
+def _better(problem: Problem, found: Solution, other: Solution, known: Mapping[int, Prior]) -> bool:
+    """Whether a solution has the lower cost of two."""
+    variances = problem.variances(other.differences)
+    costs = [cost_of(one.differences, one.values, known, variances) for one in (found, other)]
+    return costs[0] < costs[1]
+
+
+def _lower(problem: Problem, found: Solution, values: F64, known: Mapping[int, Prior]) -> bool:
+    """Whether a solution has a lower cost than some values."""
+    variances = problem.variances(found.differences)
+    own = cost_of(found.differences, found.values, known, variances)
+    return own < cost_of(problem.differences(values), values, known, variances)
 
 
 def _by_amplitude(

@@ -168,7 +168,7 @@ def minimised(
     steps, costs, damping, converged = [values], [energy(differences)], FIRST_DAMPING, False
     for step in range(1, iterations + 1):
         variances = problem.variances(differences)
-        cost = _cost(differences, values, known, variances)
+        cost = cost_of(differences, values, known, variances)
         normal, right, _ = normal_sums(jacobians, differences, variances, values, known)
         check_determined(problem.names, normal)
         for _ in range(ATTEMPTS):
@@ -177,7 +177,7 @@ def minimised(
             )
             tried = values + change
             left = problem.differences(tried)
-            new = _cost(left, tried, known, variances)
+            new = cost_of(left, tried, known, variances)
             if new < cost:
                 break
             damping *= GROWS
@@ -228,7 +228,7 @@ def energy(differences: Sequence[Samples]) -> float:
     return float(sum(np.sum(np.abs(difference) ** 2) for difference in differences))
 
 
-def _cost(differences: Sequence[Samples], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
+def cost_of(differences: Sequence[Samples], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
     """Sum of squares of data and priors over their variances."""
     own = sum(
         float(np.sum(np.abs(difference) ** 2) / variance)

@@ -178,11 +178,10 @@ def test_a_turned_box_whose_walls_mirror_the_ground_is_found() -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*prf")
-def test_echoes_far_weaker_than_the_data_are_not_confirmed() -> None:
+def test_echoes_are_confirmed_by_their_phases_whatever_their_level() -> None:
     scene = fields(3, 1, 8)
     model = ForwardModel(scene, parse("level:wall,height:box", scene))
     brighter = model.raw(model.data(model.start + np.array([9.0, 0.0])))
     found = fit(scene, brighter, "height:box")
-    assert found.confirmed[0] == pytest.approx(
-        10.0**-0.45, abs=0.05
-    )  # tol: noise-free; the height may move a little
+    # echoes 9 dB weaker than the data are right in phase: so is the height; tol: the wrong level pulls at it
+    assert found.confirmed[0] > 0.99 and abs(found.values[0] - model.start[1]) < 1e-4
