@@ -100,7 +100,7 @@ class Measured:
         if in_phase:
             return rows
         rows.append(OffsetEquation(part.factor, found.range, found.sigma[0], part.uneven))
-        if carrier and part.alike:
+        if carrier:
             rows.append(OffsetEquation(part.factor, found.carrier, fine, part.uneven, 0.5 * wavelength))
         return rows
 
@@ -122,12 +122,12 @@ def coarse_shapes(
         if not found:
             return values, spread
         if number == 0:
-            in_phase = {mesh for mesh in _meshes(found) if shared(found, mesh) > IN_PHASE}
+            in_phase = {mesh for mesh in meshes(found) if shared(found, mesh) > IN_PHASE}
         elif number > 1:  # the envelopes tell now whether it is the right cycle
             in_phase = set()
         change, farthest = np.zeros(len(values)), 0.0
-        for mesh in _meshes(found):
-            moved, rows = _equations(found, mesh, mesh in in_phase, number > 0)
+        for mesh in meshes(found):
+            moved, rows = equations(found, mesh, mesh in in_phase, number > 0)
             if not len(moved):
                 continue
             steps, spread[moved] = solutions(rows, moved)
@@ -149,8 +149,8 @@ def checked_offsets(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F6
     """
     found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[-1])]
     changed, spread = np.array(values), np.full(len(values), np.nan)
-    for mesh in _meshes(found):
-        moved, rows = _equations(found, mesh, False, True)
+    for mesh in meshes(found):
+        moved, rows = equations(found, mesh, False, True)
         if not len(moved):
             continue
         steps, spread[moved] = solutions(rows, moved)
@@ -173,8 +173,8 @@ def other_cycles(looks: Sequence[MeasuredLook], values: F64) -> F64:
             break
         found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[1], doubtful)]
         others = []
-        for mesh in _meshes(found):
-            moved, rows = _equations(found, mesh, False, True)
+        for mesh in meshes(found):
+            moved, rows = equations(found, mesh, False, True)
             if not len(moved):
                 continue
             steps = [s for s in solutions(rows, moved)[0] if _possible(looks, values, moved, s)]
@@ -208,11 +208,12 @@ def _possible(looks: Sequence[MeasuredLook], values: F64, moved: NDArray[np.intp
     return looks[0].model.possible(tried)
 
 
-def _meshes(found: Sequence[Measured]) -> list[int]:
+def meshes(found: Sequence[Measured]) -> list[int]:
+    """Numbers of the shapes of some offsets."""
     return sorted({one.part.mesh for one in found})
 
 
-def _equations(
+def equations(
     found: Sequence[Measured], mesh: int, in_phase: bool, carrier: bool
 ) -> tuple[NDArray[np.intp], list[OffsetEquation]]:
     """Numbers of the values that displace some part of a shape alike, and equations, see :meth:`Measured.rows`."""
@@ -260,7 +261,7 @@ def solutions(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tupl
     """Changes of some values, the likeliest first, and standard deviations from the unambiguous equations.
 
     The changes differ in the cycles of phase: those nearest to drawn changes, which spread as the unambiguous equations
-    say; by the least sum of squares.
+    say; by the least sum of squares, each weighed by what its own change makes of unequally moved parts.
     """
     if all(row.period for row in rows):
         return [np.zeros(len(numbers))], np.full(len(numbers), np.inf)
@@ -284,15 +285,30 @@ def solutions(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tupl
             round((float(row.factor[numbers] @ drawn) - row.offset) / row.period) for row in cyclic
         )
         if cycles not in seen:
-            unwrapped = [
-                replace(row, offset=row.offset + n * row.period)
-                for n, row in zip(cycles, cyclic, strict=True)
-            ]
-            matrix, right = _weighed([*clear, *unwrapped], numbers)
-            solved = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-6)[0], dtype=np.float64)
-            seen[cycles] = float(np.sum((matrix @ solved - right) ** 2)), solved
+            seen[cycles] = _solved(rows, numbers, cycles, drawn)
     ordered = sorted(seen.values(), key=lambda one: one[0])[:TRIED]
     return [solved for square, solved in ordered if square < ordered[0][0] + UNLIKELY], sigma
+
+
+def _solved(
+    rows: Sequence[OffsetEquation], numbers: NDArray[np.intp], cycles: Sequence[int], near: F64
+) -> tuple[float, F64]:
+    """Twice minus the log likelihood of changes of some values with given cycles, and these changes.
+
+    ``near`` : changes by which unequally moved parts are weighed at first
+    """
+    cyclic = iter(cycles)
+    unwrapped = [
+        replace(row, offset=row.offset + next(cyclic) * row.period) if row.period else row for row in rows
+    ]
+    change, solved = np.zeros(len(rows[0].factor)), near
+    for _ in range(WEIGHED):
+        change[numbers] = solved
+        weighed = [row.after(change) for row in unwrapped]
+        matrix, right = _weighed(weighed, numbers)
+        solved = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-6)[0], dtype=np.float64)
+    spread = 2.0 * sum(float(np.log(row.sigma)) for row in weighed)
+    return float(np.sum((matrix @ solved - right) ** 2)) + spread, solved
 
 
 def _weighed(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tuple[F64, F64]:

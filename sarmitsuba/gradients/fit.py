@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,10 +30,13 @@ from sarmitsuba.gradients.least_squares import (
 )
 from sarmitsuba.gradients.measured_looks import MeasuredLook, looks_of
 from sarmitsuba.gradients.multilooked import stepped, window_of
+from sarmitsuba.gradients.rival_cycles import OUT, Rival, likely, rival_cycles
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
 RETRIES = 3
+# other cycles of phase from which the steps are taken to see whether they are as likely
+RIVALS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +245,7 @@ def fit(
         if np.array_equal(start, found.values):
             break
     assert best is not None
+    best, rivals = _beside_rivals(looks, problem, best, known, iterations, report)
     # offsets of envelopes that led astray: the steps from where it started are never worse than that
     if not np.array_equal(given, best.steps[0]) and not _lower(problem, best, given, known):
         found = minimised(problem, given, known, iterations, report)
@@ -250,12 +254,36 @@ def fit(
             passed += found.steps
     variances = np.array([look.noise.shown(d) for look, d in zip(looks, best.differences, strict=True)])
     stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
-    share = confirmed(looks, best.values)
+    share = confirmed(looks, best.values) * likely(rivals, len(best.values))
     covariance = best.covariance(variances, known)
     # off by cycles of phase, perhaps: as exact as the envelopes are
     doubtful = (share < CONFIRMED) & looks[0].model.moving
     covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
     return _result(looks, best, covariance, best.bound(stated, known), share, passed)
+
+
+def _beside_rivals(
+    looks: Sequence[MeasuredLook],
+    problem: Problem,
+    best: Solution,
+    known: Mapping[int, Prior],
+    iterations: int,
+    report: Callable[[float], None] | None,
+) -> tuple[Solution, list[Rival]]:
+    """The best solution at other cycles of phase that may be as likely, and those that are left."""
+    rivals, tried = rival_cycles(looks, best.values), list[Rival]()
+    for _ in range(RIVALS):
+        if not rivals:
+            break
+        found = minimised(problem, rivals[0].values, known, iterations, report)
+        if _better(problem, found, best, known):
+            best, rivals, tried = found, rival_cycles(looks, found.values), []
+            continue
+        variances = problem.variances(best.differences)
+        costs = [cost_of(one.differences, one.values, known, variances) for one in (best, found)]
+        tried.append(replace(rivals[0], advantage=costs[0] - costs[1]))
+        rivals = rivals[1:]
+    return best, rivals + [rival for rival in tried if rival.advantage > OUT]
 
 
 def _better(problem: Problem, found: Solution, other: Solution, known: Mapping[int, Prior]) -> bool:

@@ -1,0 +1,126 @@
+r"""Other cycles of phase that a fit may have missed: how likely they are beside the one it found.
+
+The offsets of a shape's parts between data and model leave some cycles open, see
+:func:`sarmitsuba.gradients.coarse_shapes.solutions`. For each the raw data are traced anew, and with the data d less
+all other echoes and the shape's echoes m its log likelihood with unknown amplitude, and phase in each look, exceeds
+that of no echo by
+
+.. math:: A = \Big(\sum |\langle m, d \rangle| / \sigma^2\Big)^2 \Big/ \sum |m|^2 / \sigma^2
+
+which is at least what is left after the values are fitted there; of the cycle that was found the real part counts. The
+probability of the latter is one over the sum of all :math:`e^{A_k - A_0}`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.arrays import C128, F64
+from sarmitsuba.gradients.coarse_shapes import (
+    ROUNDS,
+    OffsetEquation,
+    equations,
+    measured_offsets,
+    meshes,
+    solutions,
+)
+from sarmitsuba.gradients.measured_looks import MeasuredLook
+from sarmitsuba.gradients.shape_offsets import echoes, moving_parts
+
+# least displacement of a part that makes another cycle, in periods
+ANOTHER = 0.5
+# log of the ratio of likelihoods below which a cycle is out of the question: one in 1e5 is another by chance
+OUT = -12.0
+# cycles of a shape that are looked at
+MOST = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """Another cycle of a shape.
+
+    Parameters
+    ----------
+    mesh : number of the shape
+    moved : numbers of the values that differ
+    values : (n_values,) all of them
+    advantage : most by which its log likelihood exceeds that of the cycle found
+    """
+
+    mesh: int
+    moved: NDArray[np.intp]
+    values: F64
+    advantage: float
+
+
+def rival_cycles(looks: Sequence[MeasuredLook], values: F64) -> list[Rival]:
+    """Other cycles that are not out of the question, the likeliest first."""
+    found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[-1])]
+    rivals = []
+    for mesh in meshes(found):
+        moved, rows = equations(found, mesh, False, True)
+        if not len(moved):
+            continue
+        steps = [step for step in solutions(rows, moved)[0] if _another(rows, moved, step)][:MOST]
+        tried = [_stepped(values, moved, step) for step in steps]
+        tried = [one for one in tried if looks[0].model.possible(one)]
+        if tried:
+            shape = _Shape(looks, values, mesh)
+            rivals += [Rival(mesh, moved, one, shape.advantage(one)) for one in tried]
+    return sorted((r for r in rivals if r.advantage > OUT), key=lambda r: -r.advantage)
+
+
+def likely(rivals: Sequence[Rival], n_values: int) -> F64:
+    """(n_values,) probability that the shape which each value moves is at the cycle found; 1 without rivals."""
+    others = np.zeros(n_values)
+    for rival in rivals:
+        others[rival.moved] += np.exp(min(rival.advantage, 100.0))
+    return np.asarray(1.0 / (1.0 + others))
+
+
+def _another(rows: Sequence[OffsetEquation], moved: NDArray[np.intp], step: F64) -> bool:
+    """Whether changes of some values displace a part by half a cycle or more."""
+    return any(row.period and abs(float(row.factor[moved] @ step)) > ANOTHER * row.period for row in rows)
+
+
+def _stepped(values: F64, moved: NDArray[np.intp], step: F64) -> F64:
+    changed = np.array(values)
+    changed[moved] += step
+    return changed
+
+
+class _Shape:
+    """Data less all echoes but a shape's, and the likelihood of that."""
+
+    def __init__(self, looks: Sequence[MeasuredLook], values: F64, mesh: int) -> None:
+        self.looks = looks
+        self.others: list[C128] = []
+        self.data: list[C128] = []
+        self.variances: list[float] = []
+        own: list[C128] = []
+        for look in looks:
+            (part,) = [p for p in moving_parts(look.model, values, whole=True) if p.mesh == mesh]
+            modelled, (spectrum,) = echoes(look.model, values, [part])
+            shape = np.fft.ifft(spectrum, axis=-1)
+            own.append(shape)
+            self.others.append(modelled - shape)
+            self.data.append(look.measured - self.others[-1])
+            self.variances.append(look.noise.variance(look.measured - modelled))
+        self.best = self._gain(own, modulus=False)
+
+    def advantage(self, values: F64) -> float:
+        """See :class:`Rival`."""
+        own = [look.model.data(values) - others for look, others in zip(self.looks, self.others, strict=True)]
+        return self._gain(own, modulus=True) - self.best
+
+    def _gain(self, own: Sequence[C128], *, modulus: bool) -> float:
+        """A of the module from the shape's echoes of each look."""
+        products = [np.vdot(m, d) for m, d in zip(own, self.data, strict=True)]
+        parts = [abs(x) if modulus else x.real for x in products]
+        both = sum(x / v for x, v in zip(parts, self.variances, strict=True))
+        energy = sum(float(np.sum(np.abs(m) ** 2)) / v for m, v in zip(own, self.variances, strict=True))
+        return float(max(both, 0.0) ** 2 / energy) if energy > 0.0 else 0.0
