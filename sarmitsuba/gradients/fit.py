@@ -145,6 +145,10 @@ class _Complex(Problem):
         self.looks, self.names = tuple(looks), looks[0].model.names
         self.norms = tuple(float(np.linalg.norm(look.measured)) for look in looks)
 
+    def possible(self, values: F64) -> bool:
+        """See the base class."""
+        return self.looks[0].model.possible(values)
+
     def differences(self, values: F64) -> list[Samples]:
         """See the base class."""
         return [look.measured.astype(np.complex128) - look.model.data(values) for look in self.looks]

@@ -103,6 +103,10 @@ class Problem(ABC):
     def linearised(self, values: F64) -> tuple[list[Samples], list[Rows]]:
         """The same, with the derivatives of the model (n_values, ...) of each set."""
 
+    def possible(self, values: F64) -> bool:
+        """Whether the model can have these values; steps to others are damped."""
+        return True
+
     @abstractmethod
     def variances(self, differences: Sequence[Samples]) -> F64:
         """(n_sets,) mean of ``|d - m|^2`` that the noise gives a sample, by which the sets are weighed."""
@@ -136,7 +140,11 @@ class Solution:
             information += 2.0 * normal / variance
         for k, prior in known.items():
             information[k, k] += 1.0 / prior.sigma**2
-        return np.asarray(np.linalg.inv(information), dtype=np.float64)
+        # values that the data no longer depend on, such as a level that shrank to nothing
+        seen = np.diag(information) > 0.0
+        out = np.diag(np.where(seen, 0.0, np.inf))
+        out[np.ix_(seen, seen)] = np.linalg.inv(information[np.ix_(seen, seen)])
+        return out
 
     def bound(self, variances: F64, known: Mapping[int, Prior]) -> F64:
         """(n,) Cramer-Rao bound of the standard deviations with stated variances; NaN where one is not stated."""
@@ -161,7 +169,7 @@ def minimised(
 
     Raises
     ------
-    SceneError : values that the data do not determine
+    SceneError : values that the data do not determine at the start
     """
     values = np.asarray(start, dtype=np.float64)
     differences, jacobians = problem.linearised(values)
@@ -170,16 +178,22 @@ def minimised(
         variances = problem.variances(differences)
         cost = cost_of(differences, values, known, variances)
         normal, right, _ = normal_sums(jacobians, differences, variances, values, known)
-        check_determined(problem.names, normal)
+        try:
+            check_determined(problem.names, normal)
+        except SceneError:
+            if step == 1:
+                raise
+            break  # the steps led to where the data determine nothing
         for _ in range(ATTEMPTS):
             change = np.asarray(
                 np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right), dtype=np.float64
             )
             tried = values + change
-            left = problem.differences(tried)
-            new = cost_of(left, tried, known, variances)
-            if new < cost:
-                break
+            if problem.possible(tried):
+                left = problem.differences(tried)
+                new = cost_of(left, tried, known, variances)
+                if new < cost:
+                    break
             damping *= GROWS
         else:
             converged = True
