@@ -30,6 +30,7 @@ from sarmitsuba.gradients.least_squares import (
 )
 from sarmitsuba.gradients.measured_looks import MeasuredLook, looks_of
 from sarmitsuba.gradients.multilooked import stepped, window_of
+from sarmitsuba.gradients.profiles import profiled, scales
 from sarmitsuba.gradients.rival_cycles import OUT, Rival, likely, rival_cycles
 from sarmitsuba.scene.scene import Scene, SceneLike
 
@@ -48,7 +49,9 @@ class Fit:
     names : of the values, with their units in brackets
     start, values : (n,) float64, before and after the fit
     steps : (n_steps, n) values on the way: the start, after every round of the coarse start, after every accepted step
-    covariance : (n, n) of the values, with the noise power that the residuals show
+    covariance : (n, n) of the values, with the noise power that the residuals show; its diagonal from the profile of
+        the cost where that is no parabola (:mod:`sarmitsuba.gradients.profiles`): infinite where the data bound a
+        value on one side only, such as the rms height of a surface whose mirror has vanished
     bound : (n,) Cramer-Rao bound of the standard deviations with the radars' noise power; NaN for a noise temperature
         of 0
     confirmed : (n,) coherence of data and model over the echoes of the shape that a value moves (of other values: over
@@ -262,6 +265,9 @@ def fit(
     covariance = best.covariance(variances, known)
     # off by cycles of phase, perhaps: as exact as the envelopes are
     doubtful = (share < CONFIRMED) & looks[0].model.moving
+    scale = scales(model.scene, model.parameters, best.values)
+    deviation = profiled(problem, best, covariance, scale, variances, known)
+    covariance[np.diag_indices(len(deviation))] = deviation**2
     covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
     return _result(looks, best, covariance, best.bound(stated, known), share, passed)
 
