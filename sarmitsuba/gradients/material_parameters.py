@@ -149,6 +149,8 @@ PROPERTIES = {
     "correlation_length": "correlation length, m",
     "thickness": "thickness of the slab, m",
 }
+# least values, of a vacuum or of nothing; those of lengths themselves are none
+LEAST = {"permittivity": 1.0, "loss": 0.0, "rms_height": 0.0, "correlation_length": 0.0, "thickness": 0.0}
 
 
 @dataclass(frozen=True)
@@ -202,8 +204,14 @@ class MaterialProperty(_OfMaterial):
         return {self.kind: value}
 
     def changed(self, scene: Scene, values: F64) -> Scene:
-        """See the base class."""
-        return with_material(scene, self.material, **self._field(self._own(scene), float(values[0])))
+        """See the base class; SceneError: a value that no passive material has."""
+        value, least = float(values[0]), LEAST[self.kind]
+        if not least <= value < np.inf or (least == 0.0 == value and self.kind != "loss"):
+            bound = (
+                "must be above 0" if least == 0.0 and self.kind != "loss" else f"must be at least {least:g}"
+            )
+            raise SceneError(f"parameter {self.label} = {value:g} {bound}")
+        return with_material(scene, self.material, **self._field(self._own(scene), value))
 
     def steps(self, scene: Scene) -> Sequence[Step]:
         """See the base class."""

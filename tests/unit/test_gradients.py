@@ -124,6 +124,23 @@ def test_values_are_named() -> None:
         found.number("level")
 
 
+@pytest.mark.parametrize(
+    ("kind", "value", "bound"),
+    [
+        ("permittivity", 0.5, "at least 1"),
+        ("loss", -0.1, "at least 0"),
+        ("rms_height", 0.0, "above 0"),
+        ("rms_height", np.nan, "above 0"),
+    ],
+)
+def test_materials_have_values_that_there_are(kind: str, value: float, bound: str) -> None:
+    scene = plate()
+    (parameter,) = parse(f"{kind}:soil", scene)
+    with pytest.raises(SceneError, match=f"parameter {kind}:soil = {value:g} must be {bound}"):
+        parameter.changed(scene, np.array([value]))
+    assert not ForwardModel(scene, [parameter]).possible(np.array([value]))
+
+
 @pytest.mark.parametrize("name", ["block:3", "north, 2", 'a "house"', " ", "x"])
 def test_names_of_any_characters_can_be_given(name: str) -> None:
     scene = plate()
