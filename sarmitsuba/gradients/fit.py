@@ -241,7 +241,7 @@ def fit(
     start, spread = coarse_shapes(looks, start, passed.append)
     best = None
     for _ in range(RETRIES):
-        found = minimised(problem, start, known, iterations, report)
+        found = minimised(problem, start, known, iterations, report, again=best is not None)
         if best is not None and not _better(problem, found, best, known):
             break
         best = found
@@ -255,7 +255,7 @@ def fit(
     best, rivals = _beside_rivals(looks, problem, best, known, iterations, report)
     # offsets of envelopes that led astray: the steps from where it started are never worse than that
     if not np.array_equal(given, best.steps[0]) and not _lower(problem, best, given, known):
-        found = minimised(problem, given, known, iterations, report)
+        found = minimised(problem, given, known, iterations, report, again=True)
         if _better(problem, found, best, known):
             best = found
             passed += found.steps
@@ -285,7 +285,7 @@ def _beside_rivals(
     for _ in range(RIVALS):
         if not rivals:
             break
-        found = minimised(problem, rivals[0].values, known, iterations, report)
+        found = minimised(problem, rivals[0].values, known, iterations, report, again=True)
         if _better(problem, found, best, known):
             best, rivals, tried = found, rival_cycles(looks, found.values), []
             continue

@@ -159,13 +159,16 @@ def minimised(
     known: Mapping[int, Prior],
     iterations: int,
     progress: Callable[[float], None] | None = None,
+    *,
+    again: bool = False,
 ) -> Solution:
     r"""Levenberg-Marquardt steps from start values.
 
     .. math:: (H + \mu \, \mathrm{diag} H) \, \delta = g, \quad H = \Re J^H J, \quad g = \Re J^H (d - m)
 
     H and g are summed over the sets, each over its variance. The Jacobian is kept for the next step where the data
-    followed it to ``STRAIGHT`` of their change.
+    followed it to ``STRAIGHT`` of their change. ``again``: from values of an earlier solution, where data that
+    determine nothing end the steps without an error.
 
     Raises
     ------
@@ -181,7 +184,7 @@ def minimised(
         try:
             check_determined(problem.names, normal)
         except SceneError:
-            if step == 1:
+            if step == 1 and not again:
                 raise
             break  # the steps led to where the data determine nothing
         for _ in range(ATTEMPTS):

@@ -141,6 +141,19 @@ def other_scene(seed: int) -> FitDraw:
     return _drawn(seed, rng, [kind for kind in kinds if kind], 1, snr_db=snr_db, source=source)
 
 
+def form(seed: int) -> FitDraw:
+    """A rotation or a scale, half of them beyond the reach of the search, perhaps with a shift."""
+    rng = np.random.default_rng([seed, 0xF3])
+    kinds = [str(rng.choice(["rotation:@", "scale:@"])), *(["shift:@:x"] if rng.uniform() < 0.3 else [])]
+    return _drawn(seed, rng, kinds, 1, snr_db=float(rng.choice([10.0, 20.0])), source=OWN, wide=3.0)
+
+
+def place(seed: int) -> FitDraw:
+    """Height and place of a building from two looks, a metre off."""
+    rng = np.random.default_rng([seed, 0xF4])
+    return _drawn(seed, rng, ["height:@", "shift:@:x", "shift:@:y"], 2, snr_db=20.0, source=OWN)
+
+
 def _drawn(
     seed: int,
     rng: np.random.Generator,
@@ -153,8 +166,9 @@ def _drawn(
     channels: str = "VV",
     mode: str = "spotlight",
     priors: bool = False,
+    wide: float = 1.0,
 ) -> FitDraw:
-    """Scenes of a building at drawn headings with drawn errors of the start."""
+    """Scenes of a building at drawn headings with errors of the start of up to ``wide`` times ``OFF``."""
     heights, first = rng.uniform(5.0, 12.0, 1), float(rng.uniform(0.0, 360.0))
     turns = (0.0, float(rng.uniform(40.0, 120.0)))
     angles = rng.uniform(30.0, 50.0, 2)
@@ -176,7 +190,7 @@ def _drawn(
         if not len(truth):
             names = model.names
             scale = np.array([OFF[name.replace(":", " ").split(" ")[0]] for name in names])
-            offsets = rng.uniform(-1.0, 1.0, len(names)) * scale
+            offsets = wide * rng.uniform(-1.0, 1.0, len(names)) * scale
             truth = model.start + offsets
         noise, temperature = noisy(model.raw(model.data(truth)), snr_db, 100 * seed + look)
         scenes.append(replace(scene, radar=replace(scene.radar, noise_temperature=temperature)))
