@@ -17,6 +17,7 @@ standard deviation, the least `Fit.confirmed`, processor seconds.
 
 import argparse
 import json
+import time
 import warnings
 from collections import Counter
 
@@ -42,17 +43,21 @@ def main() -> None:
     lines: list[dict[str, object]] = []
     for seed in range(args.first, args.first + args.count):
         drawn = DRAWS[args.draw](seed)
+        start = time.process_time()
         ended = drawn.ended()
+        seconds = time.process_time() - start
         prior = " prior" if drawn.priors else ""
         print(
             f"{seed} {drawn.told:16s} {drawn.by:9s} {drawn.snr_db:3.0f} dB {drawn.source:7s} {ended.how:13s} "
-            f"{ended.worst:8.2f} sigma, confirmed {ended.confirmed:5.2f}, {ended.seconds:4.0f} s  "
+            f"{ended.worst:8.2f} sigma, confirmed {ended.confirmed:5.2f}, {seconds:4.0f} s  "
             f"{drawn.parameters}{prior}",
             flush=True,
         )
         if ended.how not in ("right", "not confirmed"):
             print(f"      {ended.told}", flush=True)
-        lines.append({"seed": seed, "source": drawn.source, "by": drawn.by, **vars(ended)})
+        lines.append(
+            {"seed": seed, "source": drawn.source, "by": drawn.by, "seconds": seconds, **vars(ended)}
+        )
     for source in sorted({str(line["source"]) for line in lines}):
         counts = Counter(str(line["how"]) for line in lines if line["source"] == source)
         print(f"data {source}: " + ", ".join(f"{n} {how}" for how, n in counts.most_common()))

@@ -11,10 +11,11 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.gradients.coarse_forms import coarse_forms
 from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, other_cycles
 from sarmitsuba.gradients.coarse_track import coarse_track
 from sarmitsuba.gradients.confirmation import CONFIRMED, confirmed
+from sarmitsuba.gradients.cost_profiles import profiled, scales
+from sarmitsuba.gradients.form_search import searched_forms
 from sarmitsuba.gradients.jacobian import Parameters
 from sarmitsuba.gradients.least_squares import (
     Prior,
@@ -30,7 +31,6 @@ from sarmitsuba.gradients.least_squares import (
 )
 from sarmitsuba.gradients.measured_looks import MeasuredLook, looks_of
 from sarmitsuba.gradients.multilooked import stepped, window_of
-from sarmitsuba.gradients.profiles import profiled, scales
 from sarmitsuba.gradients.rival_cycles import OUT, Rival, likely, rival_cycles
 from sarmitsuba.scene.scene import Scene, SceneLike
 
@@ -50,7 +50,7 @@ class Fit:
     start, values : (n,) float64, before and after the fit
     steps : (n_steps, n) values on the way: the start, after every round of the coarse start, after every accepted step
     covariance : (n, n) of the values, with the noise power that the residuals show; its diagonal from the profile of
-        the cost where that is no parabola (:mod:`sarmitsuba.gradients.profiles`): infinite where the data bound a
+        the cost where that is no parabola (:mod:`sarmitsuba.gradients.cost_profiles`): infinite where the data bound a
         value on one side only, such as the rms height of a surface whose mirror has vanished
     bound : (n,) Cramer-Rao bound of the standard deviations with the radars' noise power; NaN for a noise temperature
         of 0
@@ -237,7 +237,7 @@ def fit(
     passed = [model.start]
     start = coarse_track(model, looks[0].measured, model.start) if len(looks) == 1 else model.start
     given, problem = start, _Complex(looks)
-    start = coarse_forms(looks, start, passed.append)
+    start = searched_forms(looks, start, passed.append)
     start, spread = coarse_shapes(looks, start, passed.append)
     best = None
     for _ in range(RETRIES):

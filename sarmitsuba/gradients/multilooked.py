@@ -21,6 +21,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.focusing.operator import focusing_operator
+from sarmitsuba.gradients.cost_profiles import scales
 from sarmitsuba.gradients.least_squares import (
     Prior,
     Problem,
@@ -32,7 +33,6 @@ from sarmitsuba.gradients.least_squares import (
     normal_sums,
 )
 from sarmitsuba.gradients.measured_looks import MeasuredLook
-from sarmitsuba.gradients.profiles import scales
 from sarmitsuba.gradients.shape_offsets import frequencies
 
 # widths of the window (full width at half maximum), in range cells, and shares of the step that are taken: coarse to

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -71,11 +70,10 @@ class FitDraw:
 
     def ended(self) -> Ended:
         """Fit, and say how it ended."""
-        start = time.process_time()
         try:
             found: Fit = fit(self.scenes, self.data, self.parameters, by=self.by, priors=self.priors)
         except SarmitsubaError as error:
-            return Ended("refused", np.nan, np.nan, time.process_time() - start, str(error))
+            return Ended("refused", np.nan, np.nan, str(error))
         error = np.abs(found.values - self.truth) / found.sigma
         worst = float(np.max(error)) if self.source == OWN else np.nan
         least = float(np.nanmin(found.confirmed)) if np.isfinite(found.confirmed).any() else np.nan
@@ -88,7 +86,7 @@ class FitDraw:
             (True, False): "doubted",
             (False, False): "not confirmed",
         }
-        return Ended(words[right, sure], worst, least, time.process_time() - start, ", ".join(off))
+        return Ended(words[right, sure], worst, least, ", ".join(off))
 
 
 @dataclass(frozen=True)
@@ -101,14 +99,12 @@ class Ended:
         ``doubted`` (right, and not confirmed), ``not confirmed``, ``refused``
     worst : largest error over the stated standard deviation
     confirmed : least of the values
-    seconds : of the processor
     told : errors, or the reason of the refusal
     """
 
     how: str
     worst: float
     confirmed: float
-    seconds: float
     told: str
 
 

@@ -32,7 +32,7 @@ LAGS, FINE = 16, 2
 SEARCHED = ("scale", "rotation")
 
 
-def coarse_forms(
+def searched_forms(
     looks: Sequence[MeasuredLook], start: F64, passed: Callable[[F64], None] | None = None
 ) -> F64:
     """Values with the scales and rotations of shapes that the data do not confirm searched for.
