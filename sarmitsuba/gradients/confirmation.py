@@ -87,7 +87,8 @@ class Coherence:
             return coherence
         # noise bounds from below what can be known of the part that is not alike
         unlike = max(1.0 - coherence**2, self.spread / self.data)
-        return coherence * (1.0 - min(LOOKED_AT * unlike ** max(cells - 1.0, 0.0), 1.0))
+        chance = float(LOOKED_AT * unlike ** max(cells - 1.0, 0.0))
+        return coherence * (1.0 - min(chance, 1.0))
 
 
 def coherences(

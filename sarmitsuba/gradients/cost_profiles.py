@@ -9,6 +9,7 @@ deviations (likelihood profiles, to first order in the other values); half the f
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -59,9 +60,9 @@ def profiled(
     sigma = np.sqrt(np.diag(covariance))
     least = cost_of(found.differences, found.values, known, variances)
 
-    def rise(number: int, way: float) -> float:
-        """Rise of the cost so many standard deviations off; infinite at impossible values."""
-        tried = found.values + way * covariance[:, number] / sigma[number]
+    def rise(number: int, sign: float, way: float) -> float:
+        """Rise of the cost so many standard deviations to one side; infinite at impossible values."""
+        tried = found.values + sign * way * covariance[:, number] / sigma[number]
         if not problem.possible(tried):
             return np.inf
         return cost_of(problem.differences(tried), tried, known, variances) - least
@@ -71,7 +72,7 @@ def profiled(
         if sigma[number] > NOTHING * scale[number]:
             out[number] = np.inf
             continue
-        sides = [_side(lambda way, k=number, s=sign: rise(k, s * way)) for sign in (1.0, -1.0)]
+        sides = [_side(partial(rise, number, sign)) for sign in (1.0, -1.0)]
         out[number] = sigma[number] * max(1.0, *(side / SIDES for side in sides))
     return out
 

@@ -66,6 +66,7 @@ class Level(_OfMaterial):
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
         self._own(scene)
+        check_levels(self.label, values)
         return with_material(scene, self.material, diffuse_level_db=float(values[0]))
 
     def levels(self, scene: Scene) -> Sequence[frozenset[int]]:
@@ -122,6 +123,7 @@ class LevelMap(_OfMaterial):
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
         number, bitmap = self._own(scene)
+        check_levels(self.label, values)
         bitmap = replace(bitmap, values=10.0 ** (0.1 * np.reshape(values, bitmap.values.shape)))
         m = scene.materials[number]
         assert m.maps is not None
@@ -140,6 +142,9 @@ class LevelMap(_OfMaterial):
 
 # share of a property by which it is changed on either side, and of the wavelength for the thickness of a slab
 STEP, THICKNESS_STEP = 0.01, 0.0005
+
+# largest modulus of a level, dB
+MOST_LEVEL = 200.0
 
 # kinds of properties: what they are called in a fit's table
 PROPERTIES = {
@@ -227,6 +232,13 @@ class MaterialProperty(_OfMaterial):
     def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""
         return found.changed
+
+
+def check_levels(label: str, values: F64) -> None:
+    """Refuse levels beyond ``MOST_LEVEL``, whose powers overflow."""
+    worst = float(values[np.argmax(np.abs(values))])
+    if not abs(worst) <= MOST_LEVEL:
+        raise SceneError(f"parameter {label} = {worst:g} dB must be within {MOST_LEVEL:g} dB of 0")
 
 
 def has_level(m: Material) -> bool:

@@ -134,7 +134,7 @@ def offered(scene: Scene) -> tuple[str, ...]:
     words = []
     for name, endless in zip_longest(geometry.mesh_names, geometry.mesh_endless, fillvalue=False):
         if not endless:
-            own = quoted(name)
+            own = quoted(str(name))
             words += [f"shift:{own}:{axis}" for axis in AXES] + [f"{kind}:{own}" for kind in DEFORMATIONS]
     for material in dict.fromkeys(m.name for m in with_parts(scene.materials)):
         words += [f"{kind}:{quoted(material)}" for kind in ("level", *PROPERTIES)]

@@ -109,7 +109,8 @@ class _Shape:
             own.append(shape)
             self.others.append(modelled - shape)
             self.data.append(look.measured - self.others[-1])
-            self.variances.append(look.noise.variance(look.measured - modelled))
+            left = (look.measured - modelled).astype(np.complex128)
+            self.variances.append(look.noise.variance(left))
         self.best = self._gain(own, modulus=False)
 
     def advantage(self, values: F64) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -74,8 +75,8 @@ class FitDraw:
             found: Fit = fit(self.scenes, self.data, self.parameters, by=self.by, priors=self.priors)
         except SarmitsubaError as error:
             return Ended("refused", np.nan, np.nan, str(error))
-        error = np.abs(found.values - self.truth) / found.sigma
-        worst = float(np.max(error)) if self.source == OWN else np.nan
+        off_by = np.abs(found.values - self.truth) / found.sigma
+        worst = float(np.max(off_by)) if self.source == OWN else np.nan
         least = float(np.nanmin(found.confirmed)) if np.isfinite(found.confirmed).any() else np.nan
         sure = not least < CONFIRMED and found.converged
         right = self.source == OWN and worst < WITHIN
@@ -171,7 +172,7 @@ def _drawn(
     scenes, data = [], []
     parameters, names, truth = "", tuple[str, ...](), np.zeros(0)
     for look in range(looks):
-        radar = {
+        radar: dict[str, Any] = {
             "heading_deg": (first + turns[look]) % 360.0,
             "look_angle_deg": float(angles[look]),
             "polarisation": channels,
@@ -180,7 +181,7 @@ def _drawn(
         scene = town(seed, heights, 0, **radar)
         wall = next(m.name for m in scene.materials if m.name != "soil")
         parameters = ",".join(kind.replace("@", "building0").replace("*", wall) for kind in kinds)
-        real = scene if source == OWN else town(seed + (source == OTHER), heights, 0, 5, **radar)
+        real = scene if source == OWN else town(seed + int(source == OTHER), heights, 0, 5, **radar)
         text = parameters.replace(wall, next(m.name for m in real.materials if m.name != "soil"))
         model = ForwardModel(real, parameters_of(text, real))
         if not len(truth):
