@@ -81,13 +81,10 @@ class FitDraw:
         sure = not least < CONFIRMED and found.converged
         right = self.source == OWN and worst < WITHIN
         off = [f"{n} {e:.2g}" for n, e in zip(found.names, found.values - self.truth, strict=True)]
-        words = {
-            (True, True): "right",
-            (False, True): "WRONG",
-            (True, False): "doubted",
-            (False, False): "not confirmed",
-        }
-        return Ended(words[right, sure], worst, least, ", ".join(off))
+        finite = bool(np.isfinite(found.sigma).all())
+        said = not sure or not finite
+        how = ("right" if sure else "doubted") if right and finite else "not confirmed" if said else "WRONG"
+        return Ended(how, worst, least, ", ".join(off))
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ class Ended:
     Parameters
     ----------
     how : ``right`` (within ``WITHIN`` standard deviations, confirmed), ``WRONG`` (confirmed, and it is not right),
-        ``doubted`` (right, and not confirmed), ``not confirmed``, ``refused``
+        ``doubted`` (right, and not confirmed), ``not confirmed`` (or without a finite standard deviation), ``refused``
     worst : largest error over the stated standard deviation
     confirmed : least of the values
     told : errors, or the reason of the refusal
