@@ -72,7 +72,7 @@ def profiled(
         if sigma[number] > NOTHING * scale[number]:
             out[number] = np.inf
             continue
-        sides = [_side(partial(rise, number, sign)) for sign in (1.0, -1.0)]
+        sides = [_side(partial(rise, int(number), sign)) for sign in (1.0, -1.0)]
         out[number] = sigma[number] * max(1.0, *(side / SIDES for side in sides))
     return out
 

@@ -194,7 +194,9 @@ def fit(
     phase over the band, which is unambiguous within a range cell, then by the phase of the carrier, unwrapped from
     pulse to pulse. Shapes that are shifted, stretched or scaled are first moved by the offsets of their echoes, up to
     a dozen range cells, see :mod:`sarmitsuba.gradients.shape_offsets`: by the peaks of correlations, then by the
-    phases of the carrier in all looks, whose cycles the peaks tell.
+    phases of the carrier in all looks, whose cycles the peaks tell; scales and rotations are searched for before, see
+    :mod:`sarmitsuba.gradients.form_search`. In the end other cycles that may be as likely are tried, and the values are
+    never worse than those of the start.
 
     Parameters
     ----------
@@ -221,7 +223,7 @@ def fit(
 
     Notes
     -----
-    Ignores the same as :func:`sarmitsuba.jacobian`. Rotations and scales must start within an eighth of a wavelength.
+    Ignores the same as :func:`sarmitsuba.jacobian`. Of a shape whose scale and rotation are both off neither is found.
     Diffuse scatterers are those of the scene's seed: speckle of a real surface is not in the model.
     """
     iterations = checked_iterations(iterations)
