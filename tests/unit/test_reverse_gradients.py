@@ -133,7 +133,7 @@ def test_zero_adjoint_data_give_zero() -> None:
     scene = city(4, 1, pitch=8.0, settings={"max_depth": 1})
     model = ForwardModel(scene, parse("heights,levels", scene))
     found, memory = transposed(model, np.zeros(model.shape, dtype=np.complex64))
-    assert not found.any() and memory == 0
+    assert not found.any() and memory > 0  # of grids that are not made
 
 
 def numbers(rng: np.random.Generator, shape: tuple[int, ...]) -> C64:
