@@ -14,18 +14,36 @@ from sarmitsuba.gradients.radar_parameters import AntennaTrack, knot_weights
 ACROSS = 1e-3
 # rounds by which range errors are found
 ROUNDS = 3
+# other cycles of the whole track that are looked at on either side
+CYCLES = 3
 # share of the energy of the strongest pulse from which a pulse counts
 LIT = 1e-4
 
 
 def coarse_track(model: ForwardModel, measured: C64, start: F64) -> F64:
     """Values with those of a track moved by the range errors of whole pulses; others stay."""
-    tracks = [k for k, p in enumerate(model.parameters) if isinstance(p, AntennaTrack)]
-    if not tracks:
+    if not any(isinstance(p, AntennaTrack) for p in model.parameters):
         return start
-    track = model.parameters[tracks[0]]
-    assert isinstance(track, AntennaTrack)
     farther, lit = range_errors(model, measured, model.data(start))
+    return farther_track(model, start, farther, lit)
+
+
+def track_cycles(model: ForwardModel, measured: C64, values: F64) -> list[F64]:
+    """Values with the whole track some cycles of phase farther or nearer, and where its range errors say now."""
+    if not any(isinstance(p, AntennaTrack) for p in model.parameters):
+        return []
+    radar = model.scene.radar
+    every = np.ones(radar.track.n_pulses, dtype=np.bool_)
+    steps = [0.5 * radar.waveform.wavelength * n for n in range(-CYCLES, CYCLES + 1) if n]
+    found = [farther_track(model, values, np.full(len(every), step), every) for step in steps]
+    return [coarse_track(model, measured, values), *found]
+
+
+def farther_track(model: ForwardModel, start: F64, farther: F64, lit: NDArray[np.bool_]) -> F64:
+    """Values with those of a track moved so that its lit pulses are farther, m."""
+    number = next(k for k, p in enumerate(model.parameters) if isinstance(p, AntennaTrack))
+    track = model.parameters[number]
+    assert isinstance(track, AntennaTrack)
     radar, time = model.scene.radar, model.scene.radar.track.time
     away = radar.track.position - model.sampling.window.center
     away /= np.linalg.norm(away, axis=1, keepdims=True)
@@ -37,7 +55,7 @@ def coarse_track(model: ForwardModel, measured: C64, start: F64) -> F64:
         np.concatenate([rows, small]), np.concatenate([farther, np.zeros(len(small))]), rcond=None
     )[0]
     split = model.split(start)
-    split[tracks[0]] = split[tracks[0]] + own
+    split[number] = split[number] + own
     return np.concatenate(split)
 
 

@@ -155,6 +155,8 @@ PROPERTIES = {
     "thickness": "thickness of the slab, m",
 }
 # least values, of a vacuum or of nothing; those of lengths themselves are none
+# largest value of any: a permittivity beyond is a metal's
+MOST = 1e6
 LEAST = {"permittivity": 1.0, "loss": 0.0, "rms_height": 0.0, "correlation_length": 0.0, "thickness": 0.0}
 
 
@@ -211,7 +213,9 @@ class MaterialProperty(_OfMaterial):
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class; SceneError: a value that no passive material has."""
         value, least = float(values[0]), LEAST[self.kind]
-        if not least <= value < np.inf or (least == 0.0 == value and self.kind != "loss"):
+        if value > MOST:
+            raise SceneError(f"parameter {self.label} = {value:g} must be at most {MOST:g}")
+        if not least <= value or (least == 0.0 == value and self.kind != "loss"):
             bound = (
                 "must be above 0" if least == 0.0 and self.kind != "loss" else f"must be at least {least:g}"
             )

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128, F64
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.gradients.coarse_shapes import (
     ROUNDS,
     OffsetEquation,
@@ -28,6 +28,7 @@ from sarmitsuba.gradients.coarse_shapes import (
     meshes,
     solutions,
 )
+from sarmitsuba.gradients.coarse_track import track_cycles
 from sarmitsuba.gradients.measured_looks import MeasuredLook
 from sarmitsuba.gradients.shape_offsets import echoes, moving_parts
 
@@ -35,6 +36,8 @@ from sarmitsuba.gradients.shape_offsets import echoes, moving_parts
 ANOTHER = 0.5
 # log of the ratio of likelihoods below which a cycle is out of the question: one in 1e5 is another by chance
 OUT = -12.0
+# least change of a track that is another cycle, m, and its number in place of a mesh's
+LEAST_STEP, NO_MESH = 1e-3, -1
 # cycles of a shape that are looked at
 MOST = 24
 
@@ -45,7 +48,7 @@ class Rival:
 
     Parameters
     ----------
-    mesh : number of the shape
+    mesh : number of the shape; ``NO_MESH``: the antenna's track
     moved : numbers of the values that differ
     values : (n_values,) all of them
     advantage : most by which its log likelihood exceeds that of the cycle found
@@ -69,9 +72,28 @@ def rival_cycles(looks: Sequence[MeasuredLook], values: F64) -> list[Rival]:
         tried = [_stepped(values, moved, step) for step in steps]
         tried = [one for one in tried if looks[0].model.possible(one)]
         if tried:
-            shape = _Shape(looks, values, mesh)
-            rivals += [Rival(mesh, moved, one, shape.advantage(one)) for one in tried]
+            shape = _Echoes.of_shape(looks, values, mesh)
+            rivals += [
+                Rival(mesh, moved, one, shape.advantage([look.model.data(one) for look in looks]))
+                for one in tried
+            ]
+    if len(looks) == 1:
+        rivals += _of_track(looks[0], values)
     return sorted((r for r in rivals if r.advantage > OUT), key=lambda r: -r.advantage)
+
+
+def _of_track(look: MeasuredLook, values: F64) -> list[Rival]:
+    """Other cycles of the antenna's track, which all echoes share."""
+    tried = track_cycles(look.model, look.measured, values)
+    tried = [one for one in tried if np.abs(one - values).max() > LEAST_STEP]
+    if not tried:
+        return []
+    modelled = look.model.data(values)
+    everything = _Echoes([np.zeros(modelled.shape)], [look.measured], [modelled], [look])
+    return [
+        Rival(NO_MESH, np.flatnonzero(one != values), one, everything.advantage([look.model.data(one)]))
+        for one in tried
+    ]
 
 
 def likely(rivals: Sequence[Rival], n_values: int) -> F64:
@@ -93,33 +115,46 @@ def _stepped(values: F64, moved: NDArray[np.intp], step: F64) -> F64:
     return changed
 
 
-class _Shape:
-    """Data less all echoes but a shape's, and the likelihood of that."""
+class _Echoes:
+    """Echoes of a shape, or all: the likelihood that the data less all others hold them.
 
-    def __init__(self, looks: Sequence[MeasuredLook], values: F64, mesh: int) -> None:
-        self.looks = looks
-        self.others: list[C128] = []
-        self.data: list[C128] = []
-        self.variances: list[float] = []
-        own: list[C128] = []
+    Parameters
+    ----------
+    others, data, own : of each look: echoes of all others, data less these, and the echoes as they were found
+    looks : with their noise
+    """
+
+    def __init__(
+        self,
+        others: Sequence[C128],
+        data: Sequence[C128],
+        own: Sequence[C128],
+        looks: Sequence[MeasuredLook],
+    ) -> None:
+        self.others, self.data = others, data
+        left = [(d - m).astype(np.complex128) for d, m in zip(data, own, strict=True)]
+        self.variances = [look.noise.variance(one) for look, one in zip(looks, left, strict=True)]
+        self.best = self._gain(own, modulus=False)
+
+    @staticmethod
+    def of_shape(looks: Sequence[MeasuredLook], values: F64, mesh: int) -> _Echoes:
+        """Those of a shape at some values."""
+        others, data, own = [], [], []
         for look in looks:
             (part,) = [p for p in moving_parts(look.model, values, whole=True) if p.mesh == mesh]
             modelled, (spectrum,) = echoes(look.model, values, [part])
-            shape = np.fft.ifft(spectrum, axis=-1)
-            own.append(shape)
-            self.others.append(modelled - shape)
-            self.data.append(look.measured - self.others[-1])
-            left = (look.measured - modelled).astype(np.complex128)
-            self.variances.append(look.noise.variance(left))
-        self.best = self._gain(own, modulus=False)
+            own.append(np.fft.ifft(spectrum, axis=-1))
+            others.append(modelled - own[-1])
+            data.append(look.measured - others[-1])
+        return _Echoes(others, data, own, looks)
 
-    def advantage(self, values: F64) -> float:
-        """See :class:`Rival`."""
-        own = [look.model.data(values) - others for look, others in zip(self.looks, self.others, strict=True)]
+    def advantage(self, modelled: Sequence[C64]) -> float:
+        """See :class:`Rival`; ``modelled``: raw data of each look at other values."""
+        own = [one - others for one, others in zip(modelled, self.others, strict=True)]
         return self._gain(own, modulus=True) - self.best
 
     def _gain(self, own: Sequence[C128], *, modulus: bool) -> float:
-        """A of the module from the shape's echoes of each look."""
+        """A of the module from the echoes in each look."""
         products = [np.vdot(m, d) for m, d in zip(own, self.data, strict=True)]
         parts = [abs(x) if modulus else x.real for x in products]
         both = sum(x / v for x, v in zip(parts, self.variances, strict=True))

@@ -128,6 +128,7 @@ def test_values_are_named() -> None:
     ("kind", "value", "bound"),
     [
         ("permittivity", 0.5, "at least 1"),
+        ("permittivity", 1e17, r"at most 1e\+06"),
         ("loss", -0.1, "at least 0"),
         ("rms_height", 0.0, "above 0"),
         ("rms_height", np.nan, "above 0"),
@@ -136,7 +137,7 @@ def test_values_are_named() -> None:
 def test_materials_have_values_that_there_are(kind: str, value: float, bound: str) -> None:
     scene = plate()
     (parameter,) = parse(f"{kind}:soil", scene)
-    with pytest.raises(SceneError, match=f"parameter {kind}:soil = {value:g} must be {bound}"):
+    with pytest.raises(SceneError, match=f"parameter {kind}:soil = .* must be {bound}"):
         parameter.changed(scene, np.array([value]))
     assert not ForwardModel(scene, [parameter]).possible(np.array([value]))
 
