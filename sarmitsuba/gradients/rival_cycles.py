@@ -88,8 +88,9 @@ def _of_track(look: MeasuredLook, values: F64) -> list[Rival]:
     tried = [one for one in tried if np.abs(one - values).max() > LEAST_STEP]
     if not tried:
         return []
-    modelled = look.model.data(values)
-    everything = _Echoes([np.zeros(modelled.shape)], [look.measured], [modelled], [look])
+    modelled = look.model.data(values).astype(np.complex128)
+    measured = look.measured.astype(np.complex128)
+    everything = _Echoes([np.zeros_like(modelled)], [measured], [modelled], [look])
     return [
         Rival(NO_MESH, np.flatnonzero(one != values), one, everything.advantage([look.model.data(one)]))
         for one in tried
