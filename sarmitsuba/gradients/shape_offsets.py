@@ -190,7 +190,8 @@ def _part(
 
 def echoes(model: ForwardModel, values: F64, parts: Sequence[MovingPart]) -> tuple[C64, C128]:
     """Raw data (channels, pulses, samples) at some values, and spectra of the echoes of each part."""
-    data, derivative = model.derivative(values, by=parts)
+    # echoes of the parts themselves, not of what they hide and show as they move
+    data, derivative = model.derivative(values, by=parts, edges=False)
     radar = model.scene.radar
     frequency = frequencies(radar.window.n_samples, radar.window.sample_spacing)
     factor = -4j * np.pi / SPEED_OF_LIGHT * (radar.waveform.center_frequency + frequency)
