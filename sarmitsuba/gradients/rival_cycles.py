@@ -72,7 +72,7 @@ def rival_cycles(looks: Sequence[MeasuredLook], values: F64) -> list[Rival]:
         tried = [_stepped(values, moved, step) for step in steps]
         tried = [one for one in tried if looks[0].model.possible(one)]
         if tried:
-            shape = _Echoes.of_shape(looks, values, mesh)
+            shape = _Likelihood.of_shape(looks, values, mesh)
             rivals += [
                 Rival(mesh, moved, one, shape.advantage([look.model.data(one) for look in looks]))
                 for one in tried
@@ -90,7 +90,7 @@ def _of_track(look: MeasuredLook, values: F64) -> list[Rival]:
         return []
     modelled = look.model.data(values).astype(np.complex128)
     measured = look.measured.astype(np.complex128)
-    everything = _Echoes([np.zeros_like(modelled)], [measured], [modelled], [look])
+    everything = _Likelihood([np.zeros_like(modelled)], [measured], [modelled], [look])
     return [
         Rival(NO_MESH, np.flatnonzero(one != values), one, everything.advantage([look.model.data(one)]))
         for one in tried
@@ -116,7 +116,7 @@ def _stepped(values: F64, moved: NDArray[np.intp], step: F64) -> F64:
     return changed
 
 
-class _Echoes:
+class _Likelihood:
     """Echoes of a shape, or all: the likelihood that the data less all others hold them.
 
     Parameters
@@ -138,7 +138,7 @@ class _Echoes:
         self.best = self._gain(own, modulus=False)
 
     @staticmethod
-    def of_shape(looks: Sequence[MeasuredLook], values: F64, mesh: int) -> _Echoes:
+    def of_shape(looks: Sequence[MeasuredLook], values: F64, mesh: int) -> _Likelihood:
         """Those of a shape at some values."""
         others, data, own = [], [], []
         for look in looks:
@@ -147,7 +147,7 @@ class _Echoes:
             own.append(np.fft.ifft(spectrum, axis=-1))
             others.append(modelled - own[-1])
             data.append(look.measured - others[-1])
-        return _Echoes(others, data, own, looks)
+        return _Likelihood(others, data, own, looks)
 
     def advantage(self, modelled: Sequence[C64]) -> float:
         """See :class:`Rival`; ``modelled``: raw data of each look at other values."""
