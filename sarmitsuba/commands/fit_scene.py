@@ -67,6 +67,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.errors import SceneError
     from sarmitsuba.gradients.fit import fit
+    from sarmitsuba.gradients.multilooked import window_of
     from sarmitsuba.io import parameter_file, read_raw, write_raw
     from sarmitsuba.io.output import OutputFolder, output_folder
 
@@ -89,7 +90,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
         by=args.by,
         priors=priors,
         iterations=args.iterations,
-        progress=lambda step, cost: console.note(f"step {step}: residual {cost:.4g}"),
+        progress=lambda step, cost: console.note(
+            f"step {step}: residual {cost:.4g}"
+            + (f", averaged over {window_of(step):g} range cells" if args.by == "amplitude" else "")
+        ),
     )
     console.say(found.table())
     if args.output:
@@ -125,7 +129,7 @@ def _prior(text: str) -> "tuple[str, Prior]":
     from sarmitsuba.errors import SceneError
     from sarmitsuba.gradients.least_squares import Prior
 
-    name, equals, value = text.partition("=")
+    name, equals, value = text.rpartition("=")
     mean, colon, sigma = value.partition(":")
     try:
         if not (equals and colon):

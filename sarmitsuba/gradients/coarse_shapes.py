@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
+from sarmitsuba.gradients.confirmation import coherences, least
 from sarmitsuba.gradients.measured_looks import MeasuredLook
 from sarmitsuba.gradients.shape_offsets import (
     MovingPart,
@@ -81,21 +82,25 @@ class Measured:
 
         Parameters
         ----------
-        in_phase : the shape is within its cycle of phase: only the carrier counts, without ambiguity
+        in_phase : the shape is within its cycle of phase: of the range only the carrier counts, without ambiguity
         carrier : whether the phase of the carrier counts beside the envelope
         """
         part, found = self.part, self.found
         wavelength = self.look.model.scene.radar.waveform.wavelength
         fine = max(wavelength / (4.0 * np.pi * np.sqrt(2.0 * found.peak)), LEAST_CYCLE * wavelength)
-        if in_phase:
-            return [OffsetEquation(part.factor, found.unmoved, fine, part.uneven)] if part.alike else []
+        rows = (
+            [OffsetEquation(part.factor, found.unmoved, fine, part.uneven)] if in_phase and part.alike else []
+        )
         if found.peak < (LEAST_PEAK if part.alike else LEAST_UNEVEN_PEAK):
-            return []
-        rows = [OffsetEquation(part.factor, found.range, found.sigma[0], part.uneven)]
-        if np.isfinite(found.azimuth):
+            return rows
+        # the carrier alone would move along the track, by metres, what it says of the range
+        if np.isfinite(found.azimuth) and (part.alike or not in_phase):
             along = -part.velocity @ track_direction(self.look.model.scene.radar, part)
             rows.append(OffsetEquation(np.asarray(along), found.azimuth, found.sigma[1], part.uneven))
-        if carrier and part.alike:
+        if in_phase:
+            return rows
+        rows.append(OffsetEquation(part.factor, found.range, found.sigma[0], part.uneven))
+        if carrier:
             rows.append(OffsetEquation(part.factor, found.carrier, fine, part.uneven, 0.5 * wavelength))
         return rows
 
@@ -117,12 +122,12 @@ def coarse_shapes(
         if not found:
             return values, spread
         if number == 0:
-            in_phase = {mesh for mesh in _meshes(found) if shared(found, mesh) > IN_PHASE}
+            in_phase = {mesh for mesh in meshes(found) if shared(found, mesh) > IN_PHASE}
         elif number > 1:  # the envelopes tell now whether it is the right cycle
             in_phase = set()
         change, farthest = np.zeros(len(values)), 0.0
-        for mesh in _meshes(found):
-            moved, rows = _equations(found, mesh, mesh in in_phase, number > 0)
+        for mesh in meshes(found):
+            moved, rows = equations(found, mesh, mesh in in_phase, number > 0)
             if not len(moved):
                 continue
             steps, spread[moved] = solutions(rows, moved)
@@ -134,7 +139,7 @@ def coarse_shapes(
             passed(values)
         if farthest < SETTLED * looks[0].model.scene.radar.waveform.wavelength:
             break
-    return other_cycles(looks, values)[0], spread
+    return other_cycles(looks, values), spread
 
 
 def checked_offsets(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F64]:
@@ -144,8 +149,8 @@ def checked_offsets(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F6
     """
     found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[-1])]
     changed, spread = np.array(values), np.full(len(values), np.nan)
-    for mesh in _meshes(found):
-        moved, rows = _equations(found, mesh, False, True)
+    for mesh in meshes(found):
+        moved, rows = equations(found, mesh, False, True)
         if not len(moved):
             continue
         steps, spread[moved] = solutions(rows, moved)
@@ -159,17 +164,17 @@ def checked_offsets(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F6
     return changed, spread
 
 
-def other_cycles(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F64]:
-    """Values of shapes that the data do not confirm with the cycles of phase that they confirm most, and the shares."""
-    share = confirmed(looks, values)
+def other_cycles(looks: Sequence[MeasuredLook], values: F64) -> F64:
+    """Values of shapes that the data do not confirm with the cycles of phase that they confirm most."""
+    share = _coherent(looks, values)
     for _ in range(RETRIES):
         doubtful = np.flatnonzero(share < SURE)
         if not len(doubtful):
             break
         found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[1], doubtful)]
         others = []
-        for mesh in _meshes(found):
-            moved, rows = _equations(found, mesh, False, True)
+        for mesh in meshes(found):
+            moved, rows = equations(found, mesh, False, True)
             if not len(moved):
                 continue
             steps = [s for s in solutions(rows, moved)[0] if _possible(looks, values, moved, s)]
@@ -180,14 +185,20 @@ def other_cycles(looks: Sequence[MeasuredLook], values: F64) -> tuple[F64, F64]:
             tried = np.array(values)
             for moved, steps in others:
                 tried[moved] += steps[min(k, len(steps) - 1)]
-            new = confirmed(looks, tried, doubtful)
+            new = _coherent(looks, tried, doubtful)
             for moved, _ in others:
                 if (new[moved] > share[moved] + BETTER).all():
                     best[moved], share[moved], better = tried[moved], new[moved], True
         if not better:
             break
         values = best
-    return values, share
+    return values
+
+
+def _coherent(looks: Sequence[MeasuredLook], values: F64, numbers: NDArray[np.intp] | None = None) -> F64:
+    """(n_values,) least coherence of the shapes that each value moves; NaN for values that move none."""
+    found, moves = coherences(looks, values, numbers)
+    return least(((moves[mesh], one.coherence) for mesh, one in found.items()), len(values))
 
 
 def _possible(looks: Sequence[MeasuredLook], values: F64, moved: NDArray[np.intp], step: F64) -> bool:
@@ -197,11 +208,12 @@ def _possible(looks: Sequence[MeasuredLook], values: F64, moved: NDArray[np.intp
     return looks[0].model.possible(tried)
 
 
-def _meshes(found: Sequence[Measured]) -> list[int]:
+def meshes(found: Sequence[Measured]) -> list[int]:
+    """Numbers of the shapes of some offsets."""
     return sorted({one.part.mesh for one in found})
 
 
-def _equations(
+def equations(
     found: Sequence[Measured], mesh: int, in_phase: bool, carrier: bool
 ) -> tuple[NDArray[np.intp], list[OffsetEquation]]:
     """Numbers of the values that displace some part of a shape alike, and equations, see :meth:`Measured.rows`."""
@@ -249,7 +261,7 @@ def solutions(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tupl
     """Changes of some values, the likeliest first, and standard deviations from the unambiguous equations.
 
     The changes differ in the cycles of phase: those nearest to drawn changes, which spread as the unambiguous equations
-    say; by the least sum of squares.
+    say; by the least sum of squares, each weighed by what its own change makes of unequally moved parts.
     """
     if all(row.period for row in rows):
         return [np.zeros(len(numbers))], np.full(len(numbers), np.inf)
@@ -273,43 +285,33 @@ def solutions(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tupl
             round((float(row.factor[numbers] @ drawn) - row.offset) / row.period) for row in cyclic
         )
         if cycles not in seen:
-            unwrapped = [
-                replace(row, offset=row.offset + n * row.period)
-                for n, row in zip(cycles, cyclic, strict=True)
-            ]
-            matrix, right = _weighed([*clear, *unwrapped], numbers)
-            solved = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-6)[0], dtype=np.float64)
-            seen[cycles] = float(np.sum((matrix @ solved - right) ** 2)), solved
+            seen[cycles] = _solved(rows, numbers, cycles, drawn)
     ordered = sorted(seen.values(), key=lambda one: one[0])[:TRIED]
     return [solved for square, solved in ordered if square < ordered[0][0] + UNLIKELY], sigma
+
+
+def _solved(
+    rows: Sequence[OffsetEquation], numbers: NDArray[np.intp], cycles: Sequence[int], near: F64
+) -> tuple[float, F64]:
+    """Twice minus the log likelihood of changes of some values with given cycles, and these changes.
+
+    ``near`` : changes by which unequally moved parts are weighed at first
+    """
+    cyclic = iter(cycles)
+    unwrapped = [
+        replace(row, offset=row.offset + next(cyclic) * row.period) if row.period else row for row in rows
+    ]
+    change, solved = np.zeros(len(rows[0].factor)), near
+    for _ in range(WEIGHED):
+        change[numbers] = solved
+        weighed = [row.after(change) for row in unwrapped]
+        matrix, right = _weighed(weighed, numbers)
+        solved = np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-6)[0], dtype=np.float64)
+    spread = 2.0 * sum(float(np.log(row.sigma)) for row in weighed)
+    return float(np.sum((matrix @ solved - right) ** 2)) + spread, solved
 
 
 def _weighed(rows: Sequence[OffsetEquation], numbers: NDArray[np.intp]) -> tuple[F64, F64]:
     """Matrix and right side of equations over their standard deviations."""
     matrix = np.array([row.factor[numbers] / row.sigma for row in rows])
     return matrix, np.array([row.offset / row.sigma for row in rows])
-
-
-def confirmed(looks: Sequence[MeasuredLook], values: F64, numbers: NDArray[np.intp] | None = None) -> F64:
-    """(n_values,) share of the echoes of the shape that each value moves which data and model have in common, in phase.
-
-    1 where model and data are alike, less where they are off by cycles of phase, as only part of the shape's echoes
-    agree then, or where either is weaker; NaN for values that move no shape. ``numbers``: only for shapes that one of
-    these values moves.
-    """
-    both, alone = np.zeros(len(values)), np.zeros(len(values))
-    for look in looks:
-        parts = _of_values(moving_parts(look.model, values, whole=True), numbers)
-        if not parts:
-            continue
-        modelled, spectra = echoes(look.model, values, parts)
-        left = np.fft.fft((look.measured - modelled).astype(np.complex128), axis=-1)
-        for part, own in zip(parts, spectra, strict=True):
-            energy = float(np.sum(np.abs(own) ** 2)) / look.noise.variance(left / np.sqrt(left.shape[-1]))
-            if energy > 0.0:
-                share = 1.0 + float(np.vdot(own, left).real / np.sum(np.abs(own) ** 2))
-                both[part.moves] += energy * share
-                alone[part.moves] += energy
-    found = np.where(alone > 0.0, both / np.where(alone > 0.0, alone, 1.0), np.nan)
-    # echoes that are far weaker than the data have much in common with any data
-    return np.where(found > 1.0, 1.0 / np.maximum(found, 1.0), found)

@@ -18,6 +18,8 @@ from sarmitsuba.gradients.radar_parameters import AntennaTrack, knot_weights
 ACROSS = 1e-3
 # rounds by which range errors are found
 ROUNDS = 3
+# other cycles of the whole track that are looked at on either side
+CYCLES = 3
 # share of the energy of the strongest pulse from which a pulse counts
 LIT = 1e-4
 # standard deviations of a prior within which a range error is sought
@@ -37,21 +39,40 @@ def coarse_track(model: ForwardModel, measured: C64, start: F64, known: Mapping[
 
     ``known`` are the priors by number of their value: where every value of the track has one, they bound the search.
     """
-    tracks = [k for k, p in enumerate(model.parameters) if isinstance(p, AntennaTrack)]
-    if not tracks:
+    number = next((k for k, p in enumerate(model.parameters) if isinstance(p, AntennaTrack)), None)
+    if number is None:
         return start
-    track = model.parameters[tracks[0]]
+    track = model.parameters[number]
     assert isinstance(track, AntennaTrack)
-    first = sum(len(part) for part in model.split(start)[: tracks[0]])
-    own = range(first, first + len(model.split(start)[tracks[0]]))
+    sizes = [len(part) for part in model.split(start)]
+    own = range(sum(sizes[:number]), sum(sizes[: number + 1]))
     reach = np.inf
     if all(k in known for k in own):
         far = [abs(known[k].mean - start[k]) + WITHIN * known[k].sigma for k in own]
         reach = float(np.sqrt(len(track.axes)) * max(far))
-    time = model.scene.radar.track.time
-    together = len(time) // (4 * track.knots)
+    together = model.scene.radar.track.n_pulses // (4 * track.knots)
     farther, lit = range_errors(model, measured, model.data(start), together, reach)
-    away = model.scene.radar.track.position - model.sampling.window.center
+    return farther_track(model, start, farther, lit)
+
+
+def track_cycles(model: ForwardModel, measured: C64, values: F64, known: Mapping[int, Prior]) -> list[F64]:
+    """Values with the whole track some cycles of phase farther or nearer, and where its range errors say now."""
+    if not any(isinstance(p, AntennaTrack) for p in model.parameters):
+        return []
+    radar = model.scene.radar
+    every = np.ones(radar.track.n_pulses, dtype=np.bool_)
+    steps = [0.5 * radar.waveform.wavelength * n for n in range(-CYCLES, CYCLES + 1) if n]
+    found = [farther_track(model, values, np.full(len(every), step), every) for step in steps]
+    return [coarse_track(model, measured, values, known), *found]
+
+
+def farther_track(model: ForwardModel, start: F64, farther: F64, lit: NDArray[np.bool_]) -> F64:
+    """Values with those of a track moved so that its lit pulses are farther, m."""
+    number = next(k for k, p in enumerate(model.parameters) if isinstance(p, AntennaTrack))
+    track = model.parameters[number]
+    assert isinstance(track, AntennaTrack)
+    radar, time = model.scene.radar, model.scene.radar.track.time
+    away = radar.track.position - model.sampling.window.center
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     weights = knot_weights(time, track.knots)
     rows = np.concatenate([weights * away[:, "xyz".index(axis), None] for axis in track.axes], axis=1)
@@ -61,7 +82,7 @@ def coarse_track(model: ForwardModel, measured: C64, start: F64, known: Mapping[
         np.concatenate([rows, small]), np.concatenate([farther, np.zeros(len(small))]), rcond=None
     )[0]
     split = model.split(start)
-    split[tracks[0]] = split[tracks[0]] + found
+    split[number] = split[number] + found
     return np.concatenate(split)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,8 +11,11 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, confirmed, other_cycles
+from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, other_cycles
 from sarmitsuba.gradients.coarse_track import coarse_track
+from sarmitsuba.gradients.confirmation import CONFIRMED, confirmed
+from sarmitsuba.gradients.cost_profiles import profiled, scales
+from sarmitsuba.gradients.form_search import searched_forms
 from sarmitsuba.gradients.jacobian import Parameters
 from sarmitsuba.gradients.least_squares import (
     Prior,
@@ -20,18 +23,21 @@ from sarmitsuba.gradients.least_squares import (
     Rows,
     Samples,
     Solution,
+    checked_iterations,
+    cost_of,
     energy,
     known_priors,
     minimised,
 )
 from sarmitsuba.gradients.measured_looks import MeasuredLook, looks_of
-from sarmitsuba.gradients.multilooked import stepped
+from sarmitsuba.gradients.multilooked import stepped, window_of
+from sarmitsuba.gradients.rival_cycles import OUT, Rival, likely, rival_cycles
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
 RETRIES = 3
-# share of confirmed echoes below which a value may be off by cycles of phase
-CONFIRMED = 0.97
+# other cycles of phase from which the steps are taken to see whether they are as likely
+RIVALS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +49,19 @@ class Fit:
     names : of the values, with their units in brackets
     start, values : (n,) float64, before and after the fit
     steps : (n_steps, n) values on the way: the start, after every round of the coarse start, after every accepted step
-    covariance : (n, n) of the values, with the noise power that the residuals show
+    covariance : (n, n) of the values, with the noise power that the residuals show; its diagonal from the profile of
+        the cost where that is no parabola (:mod:`sarmitsuba.gradients.cost_profiles`): infinite where the data bound a
+        value on one side only, such as the rms height of a surface whose mirror has vanished
     bound : (n,) Cramer-Rao bound of the standard deviations with the radars' noise power; NaN for a noise temperature
         of 0
-    confirmed : (n,) share of the echoes of the shape that a value moves which the data hold as the fit says, in phase:
-        1 where all do, less where the value is off by cycles of phase; NaN for values that move no shape
-    costs : sum of squares of the residuals of all looks after every accepted step, the start first: W, by amplitude
-        relative to the intensities
+    confirmed : (n,) coherence of data and model over the echoes of the shape that a value moves (of other values: over
+        all echoes), without noise, see :mod:`sarmitsuba.gradients.confirmation`: 1 where the data hold them as the fit
+        says, less where it is off by cycles of phase, 0 for data of another scene, whatever amplitudes are fitted;
+        below ``CONFIRMED`` not confirmed. NaN by amplitude, and for shapes without echoes
+    costs : sum of squares of the residuals of all looks after every accepted step, the start first: W. By amplitude
+        before every step, of averaged intensities relative to the data's, a window counted once: they rise where the
+        window shrinks, as there are more of them and each has more speckle.
+    windows : by amplitude the width of that window at each cost, range cells; else empty
     converged : whether the last step changed it by less than ``LEAST_CHANGE``
     residuals : raw data less the fitted ones, of each look
     unexplained : share of the energy of all measured raw data that the residuals hold: that of noise and of what the
@@ -69,6 +81,7 @@ class Fit:
     residuals: tuple[RawData, ...]
     unexplained: float
     scene: Scene = field(repr=False)
+    windows: tuple[float, ...] = ()
 
     @property
     def residual(self) -> RawData:
@@ -92,6 +105,7 @@ class Fit:
             "confirmed": _known(self.confirmed),
             "covariance": [_known(row) for row in self.covariance],
             "costs": list(self.costs),
+            "windows": list(self.windows),
             "converged": self.converged,
             "unexplained": self.unexplained,
         }
@@ -110,8 +124,12 @@ class Fit:
             line = f"{name:{width}}  {start:12.6g}  {value:12.6g}  {sigma:9.2g}  {bound:9.2g}"
             lines.append(line + (f"  {share:9.2f}" if moves else ""))
         said = "converged" if self.converged else "not converged"
-        line = f"{said} after {len(self.costs) - 1} steps, residual {self.costs[-1]:.3g} W"
-        lines.append(f"{line}, {100.0 * self.unexplained:.3g} % of the data's energy")
+        if self.windows:
+            residual = f"{len(self.costs)} steps, residual {self.costs[-1]:.3g}"
+            residual += f" in windows of {self.windows[-1]:g} range cells"
+        else:
+            residual = f"{len(self.costs) - 1} steps, residual {self.costs[-1]:.3g} W"
+        lines.append(f"{said} after {residual}, {100.0 * self.unexplained:.3g} % of the data's energy")
         doubtful = [name for name, share in zip(self.names, self.confirmed, strict=True) if share < CONFIRMED]
         if doubtful:
             lines.append(f"not confirmed by the phases of the data: {', '.join(doubtful)}")
@@ -129,6 +147,10 @@ class _Complex(Problem):
     def __init__(self, looks: Sequence[MeasuredLook]) -> None:
         self.looks, self.names = tuple(looks), looks[0].model.names
         self.norms = tuple(float(np.linalg.norm(look.measured)) for look in looks)
+
+    def possible(self, values: F64) -> bool:
+        """See the base class."""
+        return self.looks[0].model.possible(values)
 
     def differences(self, values: F64) -> list[Samples]:
         """See the base class."""
@@ -172,7 +194,9 @@ def fit(
     phase over the band, which is unambiguous within a range cell, then by the phase of the carrier, unwrapped from
     pulse to pulse. Shapes that are shifted, stretched or scaled are first moved by the offsets of their echoes, up to
     a dozen range cells, see :mod:`sarmitsuba.gradients.shape_offsets`: by the peaks of correlations, then by the
-    phases of the carrier in all looks, whose cycles the peaks tell.
+    phases of the carrier in all looks, whose cycles the peaks tell; scales and rotations are searched for before, see
+    :mod:`sarmitsuba.gradients.form_search`. In the end other cycles that may be as likely are tried, and the values are
+    never worse than those of the start.
 
     Parameters
     ----------
@@ -182,8 +206,8 @@ def fit(
     by : ``complex`` samples, or ``amplitude``: multilooked intensities of the images, for scatterers of unknown phase,
         see :mod:`sarmitsuba.gradients.multilooked`
     priors : by name of the value, with or without its unit
-    iterations : most steps
-    progress : called with the number of each accepted step and its sum of squares, W
+    iterations : most steps, at least 1
+    progress : called with the number of each accepted step and its sum of squares, see ``costs``
 
     Returns
     -------
@@ -193,15 +217,16 @@ def fit(
     ------
     SceneError, RadarError
         As for :func:`sarmitsuba.jacobian`; parameters that the data do not determine, or that several looks do not
-        share.
+        share; priors that are none, ``iterations`` that is no whole number of at least 1.
     DataError
         Data of other channels, pulses or samples than the scene's radar has.
 
     Notes
     -----
-    Ignores the same as :func:`sarmitsuba.jacobian`. Rotations and scales must start within an eighth of a wavelength.
+    Ignores the same as :func:`sarmitsuba.jacobian`. Of a shape whose scale and rotation are both off neither is found.
     Diffuse scatterers are those of the scene's seed: speckle of a real surface is not in the model.
     """
+    iterations = checked_iterations(iterations)
     looks = looks_of(scene, data, parameters)
     model = looks[0].model
     known = known_priors(model.names, priors or {})
@@ -213,27 +238,78 @@ def fit(
         raise SceneError(f"fit: by = {by!r} is neither complex nor amplitude")
     passed = [model.start]
     start = coarse_track(model, looks[0].measured, model.start, known) if len(looks) == 1 else model.start
+    given, problem = start, _Complex(looks)
+    start = searched_forms(looks, start, passed.append)
     start, spread = coarse_shapes(looks, start, passed.append)
     best = None
     for _ in range(RETRIES):
-        found = minimised(_Complex(looks), start, known, iterations, report)
-        if best is not None and found.costs[-1] >= best.costs[-1]:
+        found = minimised(problem, start, known, iterations, report, again=best is not None)
+        if best is not None and not _better(problem, found, best, known):
             break
         best = found
         passed += found.steps
-        start, _ = other_cycles(looks, found.values)
+        start = other_cycles(looks, found.values)
         if np.array_equal(start, found.values):
             start, spread = checked_offsets(looks, found.values)
         if np.array_equal(start, found.values):
             break
     assert best is not None
+    best, rivals = _beside_rivals(looks, problem, best, known, iterations, report)
+    # offsets of envelopes that led astray: the steps from where it started are never worse than that
+    if not np.array_equal(given, best.steps[0]) and not _lower(problem, best, given, known):
+        found = minimised(problem, given, known, iterations, report, again=True)
+        if _better(problem, found, best, known):
+            best = found
+            passed += found.steps
     variances = np.array([look.noise.shown(d) for look, d in zip(looks, best.differences, strict=True)])
     stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
-    share = confirmed(looks, best.values)
+    share = confirmed(looks, best.values) * likely(rivals, len(best.values))
     covariance = best.covariance(variances, known)
-    doubtful = share < CONFIRMED  # off by cycles of phase, perhaps: as exact as the envelopes are
+    # off by cycles of phase, perhaps: as exact as the envelopes are
+    doubtful = (share < CONFIRMED) & looks[0].model.moving
+    scale = scales(model.scene, model.parameters, best.values)
+    deviation = profiled(problem, best, covariance, scale, variances, known)
+    covariance[np.diag_indices(len(deviation))] = deviation**2
     covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
     return _result(looks, best, covariance, best.bound(stated, known), share, passed)
+
+
+def _beside_rivals(
+    looks: Sequence[MeasuredLook],
+    problem: Problem,
+    best: Solution,
+    known: Mapping[int, Prior],
+    iterations: int,
+    report: Callable[[float], None] | None,
+) -> tuple[Solution, list[Rival]]:
+    """The best solution at other cycles of phase that may be as likely, and those that are left."""
+    rivals, tried = rival_cycles(looks, best.values, known), list[Rival]()
+    for _ in range(RIVALS):
+        if not rivals:
+            break
+        found = minimised(problem, rivals[0].values, known, iterations, report, again=True)
+        if _better(problem, found, best, known):
+            best, rivals, tried = found, rival_cycles(looks, found.values, known), []
+            continue
+        variances = problem.variances(best.differences)
+        costs = [cost_of(one.differences, one.values, known, variances) for one in (best, found)]
+        tried.append(replace(rivals[0], advantage=costs[0] - costs[1]))
+        rivals = rivals[1:]
+    return best, rivals + [rival for rival in tried if rival.advantage > OUT]
+
+
+def _better(problem: Problem, found: Solution, other: Solution, known: Mapping[int, Prior]) -> bool:
+    """Whether a solution has the lower cost of two."""
+    variances = problem.variances(other.differences)
+    costs = [cost_of(one.differences, one.values, known, variances) for one in (found, other)]
+    return costs[0] < costs[1]
+
+
+def _lower(problem: Problem, found: Solution, values: F64, known: Mapping[int, Prior]) -> bool:
+    """Whether a solution has a lower cost than some values."""
+    variances = problem.variances(found.differences)
+    own = cost_of(found.differences, found.values, known, variances)
+    return own < cost_of(problem.differences(values), values, known, variances)
 
 
 def _by_amplitude(
@@ -245,7 +321,8 @@ def _by_amplitude(
     """Fit to multilooked intensities, with windows from coarse to fine."""
     found, covariance = stepped(looks, looks[0].model.start, known, iterations, report)
     none: F64 = np.full(len(found.values), np.nan)
-    return _result(looks, found, covariance, none, none, found.steps)
+    windows = tuple(window_of(step) for step in range(1, len(found.costs) + 1))
+    return _result(looks, found, covariance, none, none, found.steps, windows)
 
 
 def _result(
@@ -255,6 +332,7 @@ def _result(
     bound: F64,
     share: F64,
     passed: Sequence[F64],
+    windows: tuple[float, ...] = (),
 ) -> Fit:
     """A fit from its solution."""
     model, values = looks[0].model, found.values
@@ -272,4 +350,5 @@ def _result(
         tuple(look.residual(d) for look, d in zip(looks, residuals, strict=True)),
         energy(residuals) / energy([look.measured.astype(np.complex128) for look in looks]),
         model.at(values),
+        windows,
     )

@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
@@ -148,6 +149,12 @@ class ForwardModel:
                 scene = parameter.changed(scene, own)
         return scene
 
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """(n_values,) whether a value moves a shape."""
+        own = zip(self.parameters, self.split(self.start), strict=True)
+        return np.concatenate([np.full(len(v), p.moved(self.scene, v) is not None) for p, v in own])
+
     def possible(self, values: F64) -> bool:
         """Whether the scene can have these values."""
         try:
@@ -236,10 +243,12 @@ class ForwardModel:
         values: F64 | None = None,
         progress: Callable[[float], None] | None = None,
         by: Sequence[Parameter] | None = None,
+        *,
+        edges: bool = True,
     ) -> tuple[C64, C64]:
         """Raw data (channels, pulses, samples) and derivative (n_values, channels, pulses, samples).
 
-        ``by`` : parameters to differentiate by; None: the model's own
+        ``by`` : parameters to differentiate by; None: the model's own. ``edges`` : with what moving edges hide and show
         """
         here = self.placed(values)
         by = self.parameters if by is None else by
@@ -250,13 +259,18 @@ class ForwardModel:
             "take fewer parameters, or fewer pulses; sarmitsuba.gradient takes any number",
         )
         out = np.empty((n_values, *self.shape), dtype=np.complex64)
-        data, planes = self.planes(here, by, progress)
+        data, planes = self.planes(here, by, progress, edges=edges)
         for row, plane in enumerate(planes):
             out[row] = plane
         return data, out
 
     def planes(
-        self, here: At, parameters: Sequence[Parameter], progress: Callable[[float], None] | None = None
+        self,
+        here: At,
+        parameters: Sequence[Parameter],
+        progress: Callable[[float], None] | None = None,
+        *,
+        edges: bool = True,
     ) -> tuple[C64, Iterator[C64]]:
         """Raw data and their derivatives by the values of some parameters, one after the other."""
         wanted = self.needed(parameters, here)
@@ -288,7 +302,8 @@ class ForwardModel:
             batches = TangentBatches(tracer, self.rays, self.shape[0] * layers, 0)
             planes = list(self._traced(batches, progress).reshape(layers, *self.shape))
             data, farther = planes[:2]
-            for plane, more in zip(planes[2:], self.beside_edges(here, some.displacements), strict=False):
+            moving = some.displacements if edges else ()
+            for plane, more in zip(planes[2:], self.beside_edges(here, moving), strict=False):
                 plane += more
             first = 2
             numbers = (len(some.displacements), len(some.levels), len(some.steps), len(some.texels))

@@ -14,6 +14,7 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import focus
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
+from sarmitsuba.gradients.material_parameters import MaterialProperty, material_of
 from sarmitsuba.gradients.shape_parameters import DEFORMATIONS
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.scene.scene import Scene, SceneLike
@@ -35,6 +36,7 @@ class ImageDerivative:
     value : of the scene as it is
     image, derivative : on one grid; the derivative per unit
     rate : largest relative change of an echo, 1 per unit; the phase in rad for a displacement, see :func:`rate_of`
+    scale : change of the value over which echoes stop being straight in it, see :func:`scale_of`
     left_out : effects of the scene that have no derivative and were left out of both
     """
 
@@ -43,6 +45,7 @@ class ImageDerivative:
     image: SarImage
     derivative: SarImage
     rate: float
+    scale: float = np.inf
     left_out: tuple[str, ...] = ()
     _model: ForwardModel | None = field(default=None, repr=False)
     _windows: Mapping[str, str] = field(default_factory=dict, repr=False)
@@ -64,20 +67,25 @@ class ImageDerivative:
 
     @property
     def largest_change(self) -> float:
-        """Change of the value up to which first order is of use, ``LARGEST_PHASE`` over the rate; infinite at 0."""
-        return LARGEST_PHASE / self.rate if self.rate > 0.0 else np.inf
+        """Change of the value up to which first order is of use: ``LARGEST_PHASE`` of the phase; infinite without."""
+        by_rate = LARGEST_PHASE / self.rate if self.rate > 0.0 else np.inf
+        return min(by_rate, 0.5 * LARGEST_PHASE * self.scale)
 
     def error(self, change: float) -> float:
         r"""Error of the change of the image to first order, as a share of the change.
 
         .. math:: |e^{jx} - 1 - j x| / |e^{jx} - 1| \approx x / 2, \quad x = \mathrm{rate} \cdot v
 
+        or, where it is larger, :math:`v / \mathrm{scale}`: echoes that go with the n-th power of a property p are off
+        by :math:`(n - 1) v / 2 p`.
+
         Notes
         -----
-        For echoes that all change by the rate; those that change less make it an upper bound. Ignores what derivatives
-        leave out, see :func:`sarmitsuba.jacobian`.
+        For echoes that all change by the rate; those that change less make it an upper bound. Of properties of
+        materials it is an estimate, for powers of up to 3; that of the material's law is not known. Ignores what
+        derivatives leave out, see :func:`sarmitsuba.jacobian`.
         """
-        return 0.5 * self.rate * abs(change)
+        return max(0.5 * self.rate, 1.0 / self.scale) * abs(change)
 
     def image_at(self, change: float) -> SarImage:
         """Image at a change of the value, to first order."""
@@ -152,10 +160,22 @@ def image_derivative(
     data, derivative = model.derivative(progress=progress)
     windows = {"range_window": window, "azimuth_window": window}
     image, change = (focus(model.raw(plane), **windows) for plane in (data, derivative[0]))  # type: ignore[arg-type]
-    rate = rate_of(model, image, change)
+    rate, scale = rate_of(model, image, change), scale_of(model)
     return ImageDerivative(
-        model.names[0], float(model.start[0]), image, change, rate, model.left_out, model, windows
+        model.names[0], float(model.start[0]), image, change, rate, scale, model.left_out, model, windows
     )
+
+
+def scale_of(model: ForwardModel) -> float:
+    """Change of a value over which echoes stop being straight in it, beside the turn of their phases.
+
+    The property of a material itself, or where that is 0 (a loss) the permittivity's modulus; infinite for others.
+    """
+    (parameter,) = model.parameters
+    if not isinstance(parameter, MaterialProperty):
+        return np.inf
+    material = material_of(model.scene, parameter.material, parameter.label)
+    return float(model.start[0]) or abs(material.permittivity)
 
 
 def rate_of(model: ForwardModel, image: SarImage, derivative: SarImage) -> float:

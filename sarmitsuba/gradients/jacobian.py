@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -13,6 +14,7 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parameter import Parameter
 from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.parameters import one_line
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 if TYPE_CHECKING:
@@ -82,15 +84,23 @@ def parameters_of(given: Parameters, scene: Scene) -> tuple[Parameter, ...]:
 
     Raises
     ------
-    SceneError : a text that names no parameter; see :func:`sarmitsuba.gradients.parsing.parse`
+    SceneError : a text that names no parameter, see :func:`sarmitsuba.gradients.parsing.parse`; a value that is given
+        twice; something else than texts and objects
     """
-    if isinstance(given, str):
-        return parse(given, scene)
     found: list[Parameter] = []
-    for one in given:
+    given = (given,) if isinstance(given, str | Parameter) else given
+    for one in given if isinstance(given, Iterable) else (given,):
+        if not isinstance(one, str | Parameter):
+            raise SceneError(
+                f"parameters: {one_line(repr(one))} is neither a text nor a parameter; give a text, "
+                "such as 'gain,levels'"
+            )
         found += [one] if isinstance(one, Parameter) else parse(one, scene)
     if not found:
         raise SceneError("parameters: none is given; name at least one, such as gain or levels")
+    for name, count in Counter(name for parameter in found for name in parameter.names(scene)).items():
+        if count > 1:
+            raise SceneError(f"parameters: {name} is given {count} times; give every value once")
     return tuple(found)
 
 

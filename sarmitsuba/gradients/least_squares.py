@@ -5,12 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import TypeAlias
 
 import numpy as np
 
 from sarmitsuba.arrays import C64, C128, F32, F64
 from sarmitsuba.errors import SceneError
+from sarmitsuba.parameters import one_line
 
 # data, and derivatives of a model of them, complex or real
 Samples: TypeAlias = "C128 | F64"
@@ -42,11 +44,18 @@ def known_priors(names: Sequence[str], priors: Mapping[str, Prior]) -> dict[int,
 
     Raises
     ------
-    SceneError : no such value, a mean that is not finite, or a sigma that is not positive
+    SceneError : no such value, no prior of two numbers, a mean that is not finite, or a sigma that is not positive
     """
     short = [name.rsplit(" [", 1)[0] for name in names]
     known = {}
+    if not isinstance(priors, Mapping):
+        raise SceneError(f"priors: {_said(priors)} is no mapping; give {{name: Prior(mean, sigma)}}")
     for name, prior in priors.items():
+        numbers = isinstance(prior, Prior) and isinstance(prior.mean, Real) and isinstance(prior.sigma, Real)
+        if not numbers:
+            raise SceneError(
+                f"prior of {name!r}: {_said(prior)} is no prior; give sarmitsuba.Prior(mean, sigma)"
+            )
         if name not in names and name not in short:
             raise SceneError(f"prior of {name!r}: no such parameter; there are {', '.join(names)}")
         if not np.isfinite(prior.mean):
@@ -56,6 +65,22 @@ def known_priors(names: Sequence[str], priors: Mapping[str, Prior]) -> dict[int,
         number = list(names).index(name) if name in names else short.index(name)
         known[number] = prior
     return known
+
+
+def checked_iterations(iterations: object) -> int:
+    """Largest number of steps.
+
+    Raises
+    ------
+    SceneError : no whole number, or below 1
+    """
+    if isinstance(iterations, bool) or not isinstance(iterations, Integral) or int(iterations) < 1:
+        raise SceneError(f"fit: iterations = {_said(iterations)} must be a whole number of at least 1")
+    return int(iterations)
+
+
+def _said(given: object) -> str:
+    return one_line(repr(given))
 
 
 class Problem(ABC):
@@ -77,6 +102,10 @@ class Problem(ABC):
     @abstractmethod
     def linearised(self, values: F64) -> tuple[list[Samples], list[Rows]]:
         """The same, with the derivatives of the model (n_values, ...) of each set."""
+
+    def possible(self, values: F64) -> bool:
+        """Whether the model can have these values; steps to others are damped."""
+        return True
 
     @abstractmethod
     def variances(self, differences: Sequence[Samples]) -> F64:
@@ -111,7 +140,11 @@ class Solution:
             information += 2.0 * normal / variance
         for k, prior in known.items():
             information[k, k] += 1.0 / prior.sigma**2
-        return np.asarray(np.linalg.inv(information), dtype=np.float64)
+        # values that the data no longer depend on, such as a level that shrank to nothing
+        seen = np.diag(information) > 0.0
+        out = np.diag(np.where(seen, 0.0, np.inf))
+        out[np.ix_(seen, seen)] = np.linalg.inv(information[np.ix_(seen, seen)])
+        return out
 
     def bound(self, variances: F64, known: Mapping[int, Prior]) -> F64:
         """(n,) Cramer-Rao bound of the standard deviations with stated variances; NaN where one is not stated."""
@@ -126,35 +159,44 @@ def minimised(
     known: Mapping[int, Prior],
     iterations: int,
     progress: Callable[[float], None] | None = None,
+    *,
+    again: bool = False,
 ) -> Solution:
     r"""Levenberg-Marquardt steps from start values.
 
     .. math:: (H + \mu \, \mathrm{diag} H) \, \delta = g, \quad H = \Re J^H J, \quad g = \Re J^H (d - m)
 
     H and g are summed over the sets, each over its variance. The Jacobian is kept for the next step where the data
-    followed it to ``STRAIGHT`` of their change.
+    followed it to ``STRAIGHT`` of their change. ``again``: from values of an earlier solution, where data that
+    determine nothing end the steps without an error.
 
     Raises
     ------
-    SceneError : values that the data do not determine
+    SceneError : values that the data do not determine at the start
     """
     values = np.asarray(start, dtype=np.float64)
     differences, jacobians = problem.linearised(values)
     steps, costs, damping, converged = [values], [energy(differences)], FIRST_DAMPING, False
     for step in range(1, iterations + 1):
         variances = problem.variances(differences)
-        cost = _cost(differences, values, known, variances)
+        cost = cost_of(differences, values, known, variances)
         normal, right, _ = normal_sums(jacobians, differences, variances, values, known)
-        check_determined(problem.names, normal, known)
+        try:
+            check_determined(problem.names, normal, known)
+        except SceneError:
+            if step == 1 and not again:
+                raise
+            break  # the steps led to where the data determine nothing
         for _ in range(ATTEMPTS):
             change = np.asarray(
                 np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right), dtype=np.float64
             )
             tried = values + change
-            left = problem.differences(tried)
-            new = _cost(left, tried, known, variances)
-            if new < cost:
-                break
+            if problem.possible(tried):
+                left = problem.differences(tried)
+                new = cost_of(left, tried, known, variances)
+                if new < cost:
+                    break
             damping *= GROWS
         else:
             converged = True
@@ -203,7 +245,7 @@ def energy(differences: Sequence[Samples]) -> float:
     return float(sum(np.sum(np.abs(difference) ** 2) for difference in differences))
 
 
-def _cost(differences: Sequence[Samples], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
+def cost_of(differences: Sequence[Samples], values: F64, known: Mapping[int, Prior], variances: F64) -> float:
     """Sum of squares of data and priors over their variances."""
     own = sum(
         float(np.sum(np.abs(difference) ** 2) / variance)

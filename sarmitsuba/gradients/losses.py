@@ -28,14 +28,15 @@ class SquaredDifference:
 
     Parameters
     ----------
-    measured : raw data, range compressed, or their array (channels, pulses, samples); layers of a channel are summed
+    measured : raw data, range compressed, whose channels are those of the scene's radar in any order; or their array
+        (channels, pulses, samples) in the order of the radar. Layers of a channel are summed.
     weights : at least 0, of a shape that broadcasts to that of the data, such as one over the variance of the noise,
         1/W; None: one
     """
 
     measured: RawData | C64
     weights: F64 | None = None
-    _planes: C64 = field(init=False)
+    _planes: C64 = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         measured = self.measured
@@ -45,6 +46,27 @@ class SquaredDifference:
         if self.weights is not None and not (np.asarray(self.weights) >= 0.0).all():
             raise DataError("loss: a weight is below 0 or no number; give weights of at least 0")
         object.__setattr__(self, "_planes", planes)
+
+    def in_order(self, channels: tuple[str, ...]) -> SquaredDifference:
+        """The same for data of some channels in this order; an array has none, and stays as it is.
+
+        Raises
+        ------
+        DataError : the measured raw data are of other channels
+        """
+        raw = self.measured
+        if not isinstance(raw, RawData) or raw.channels == channels:
+            return self
+        if set(raw.channels) != set(channels):
+            raise DataError(
+                f"loss: measured raw data of channels {', '.join(raw.channels)} and a radar of {', '.join(channels)}; "
+                "give the scene the polarisation of the data"
+            )
+        order = [raw.channels.index(channel) for channel in channels]
+        weights = None if self.weights is None else np.asarray(self.weights)
+        if weights is not None and weights.ndim == self._planes.ndim and len(weights) == len(order):
+            weights = weights[order]
+        return SquaredDifference(self._planes[order], weights)
 
     def __call__(self, data: C64) -> tuple[float, C64]:
         """Value and adjoint data."""
@@ -132,10 +154,23 @@ def checked(loss: Loss, data: C64) -> tuple[float, C64]:
 
     Raises
     ------
-    DataError : the value is not finite, or the adjoint data have another shape or are not finite
+    DataError : what it returns is no pair, the value is no finite real number, or the adjoint data are no numbers, have
+        another shape or are not finite
     """
-    value, adjoint = loss(data)
-    value, adjoint = float(value), np.asarray(adjoint)
+    both = loss(data)
+    if not isinstance(both, tuple | list) or len(both) != 2:
+        raise DataError(
+            f"loss: it returns {_kind(both)}; return its value and the adjoint data, (number, array)"
+        )
+    value, adjoint = both[0], np.asarray(both[1])
+    real = np.asarray(value)
+    if real.ndim or real.dtype.kind not in "fiu":
+        raise DataError(f"loss: its value is {_kind(value)}; return a real number")
+    value = float(value)
+    if adjoint.dtype.kind not in "fiuc":
+        raise DataError(
+            f"loss: its adjoint is {_kind(both[1])}; return complex numbers of the shape {data.shape}"
+        )
     if not np.isfinite(value):
         raise DataError(f"loss: its value is {value:g}; return a finite number")
     if adjoint.shape != data.shape:
@@ -147,11 +182,18 @@ def checked(loss: Loss, data: C64) -> tuple[float, C64]:
     return value, adjoint.astype(np.complex64)
 
 
+def _kind(given: object) -> str:
+    """What something is, for a message."""
+    if isinstance(given, np.ndarray):
+        return f"an array of {given.dtype} of the shape {given.shape}"
+    return "nothing (None)" if given is None else f"a value of type {type(given).__name__}"
+
+
 def _by_channel(raw: RawData) -> C64:
     """Array (channels, pulses, samples) of range-compressed raw data, layers of a channel summed."""
     if raw.domain != "compressed":
         raise DataError(f"loss: raw data are {raw.domain}; take range-compressed ones, as simulate() gives")
-    channels = raw.radar.channels
+    channels = raw.channels
     out = np.zeros((len(channels), *raw.data.shape[1:]), dtype=np.complex64)
     for plane, layer in zip(raw.data, raw.layers, strict=True):
         out[channels.index(layer.channel)] += plane

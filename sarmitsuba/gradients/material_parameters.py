@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.errors import SceneError
-from sarmitsuba.gradients.parameter import Derivatives, Parameter, Step
+from sarmitsuba.gradients.parameter import Derivatives, Parameter, Step, quoted
 from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.map_materials import with_parts
 
@@ -30,7 +30,7 @@ class _OfMaterial(Parameter):
     @property
     def label(self) -> str:  # type: ignore[override]
         """See the base class."""
-        return f"{self.kind}:{self.material}"
+        return f"{self.kind}:{quoted(self.material)}"
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,7 @@ class Level(_OfMaterial):
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
         self._own(scene)
+        check_levels(self.label, values)
         return with_material(scene, self.material, diffuse_level_db=float(values[0]))
 
     def levels(self, scene: Scene) -> Sequence[frozenset[int]]:
@@ -122,6 +123,7 @@ class LevelMap(_OfMaterial):
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
         number, bitmap = self._own(scene)
+        check_levels(self.label, values)
         bitmap = replace(bitmap, values=10.0 ** (0.1 * np.reshape(values, bitmap.values.shape)))
         m = scene.materials[number]
         assert m.maps is not None
@@ -141,6 +143,9 @@ class LevelMap(_OfMaterial):
 # share of a property by which it is changed on either side, and of the wavelength for the thickness of a slab
 STEP, THICKNESS_STEP = 0.01, 0.0005
 
+# largest modulus of a level, dB
+MOST_LEVEL = 200.0
+
 # kinds of properties: what they are called in a fit's table
 PROPERTIES = {
     "permittivity": "permittivity, real part",
@@ -149,6 +154,10 @@ PROPERTIES = {
     "correlation_length": "correlation length, m",
     "thickness": "thickness of the slab, m",
 }
+# least values, of a vacuum or of nothing; those of lengths themselves are none
+# largest value of any: a permittivity beyond is a metal's
+MOST = 1e6
+LEAST = {"permittivity": 1.0, "loss": 0.0, "rms_height": 0.0, "correlation_length": 0.0, "thickness": 0.0}
 
 
 @dataclass(frozen=True)
@@ -202,8 +211,16 @@ class MaterialProperty(_OfMaterial):
         return {self.kind: value}
 
     def changed(self, scene: Scene, values: F64) -> Scene:
-        """See the base class."""
-        return with_material(scene, self.material, **self._field(self._own(scene), float(values[0])))
+        """See the base class; SceneError: a value that no passive material has."""
+        value, least = float(values[0]), LEAST[self.kind]
+        if value > MOST:
+            raise SceneError(f"parameter {self.label} = {value:g} must be at most {MOST:g}")
+        if not least <= value or (least == 0.0 == value and self.kind != "loss"):
+            bound = (
+                "must be above 0" if least == 0.0 and self.kind != "loss" else f"must be at least {least:g}"
+            )
+            raise SceneError(f"parameter {self.label} = {value:g} {bound}")
+        return with_material(scene, self.material, **self._field(self._own(scene), value))
 
     def steps(self, scene: Scene) -> Sequence[Step]:
         """See the base class."""
@@ -219,6 +236,13 @@ class MaterialProperty(_OfMaterial):
     def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""
         return found.changed
+
+
+def check_levels(label: str, values: F64) -> None:
+    """Refuse levels beyond ``MOST_LEVEL``, whose powers overflow."""
+    worst = float(values[np.argmax(np.abs(values))])
+    if not abs(worst) <= MOST_LEVEL:
+        raise SceneError(f"parameter {label} = {worst:g} dB must be within {MOST_LEVEL:g} dB of 0")
 
 
 def has_level(m: Material) -> bool:

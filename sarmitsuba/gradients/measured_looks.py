@@ -206,6 +206,11 @@ def _planes(model: ForwardModel, data: RawData) -> C64:
     out = np.zeros(model.shape, dtype=np.complex64)
     for plane, layer in zip(data.data, data.layers, strict=True):
         out[radar.channels.index(layer.channel)] += plane
-    if not np.isfinite(out).all() or not out.any():
-        raise DataError(f"{name}: the raw data are zero, or not finite: nothing can be fitted to them")
+    if not np.isfinite(out).all():
+        n = int(np.count_nonzero(~np.isfinite(out)))
+        raise DataError(
+            f"{name}: {n} of {out.size} samples of the raw data are not finite; leave them out or repair them"
+        )
+    if not out.any():
+        raise DataError(f"{name}: the raw data are zero: nothing can be fitted to them")
     return out

@@ -21,6 +21,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F32, F64
 from sarmitsuba.focusing.operator import focusing_operator
+from sarmitsuba.gradients.cost_profiles import scales
 from sarmitsuba.gradients.least_squares import (
     Prior,
     Problem,
@@ -48,6 +49,8 @@ STAGES: tuple[tuple[float, float], ...] = (
 )
 # share of the diagonal of the normal equations that damps a step, and its length at most, standard deviations
 DAMPING, FARTHEST = 0.05, 3.0
+# share of the change over which data stop being straight in a value that a step has at most
+STRAIGHT = 0.5
 # halvings of a step to values that a scene cannot have
 HALVINGS = 20
 # least averaged intensity that data are divided by, over the mean of the image
@@ -111,6 +114,11 @@ class MultilookedImages(Problem):
         )
 
 
+def window_of(step: int) -> float:
+    """Width of the window of a step, counted from 1, range cells."""
+    return STAGES[step - 1][0]
+
+
 def stepped(
     looks: Sequence[MeasuredLook],
     start: F64,
@@ -138,7 +146,9 @@ def stepped(
         covariance = np.asarray(np.linalg.inv(2.0 * normal), dtype=np.float64)
         sigma = np.sqrt(np.diag(covariance))
         full = np.linalg.solve(normal + DAMPING * np.diag(np.diag(normal)), right)
-        change = share * np.asarray(np.clip(full, -FARTHEST * sigma, FARTHEST * sigma), dtype=np.float64)
+        scale = scales(looks[0].model.scene, looks[0].model.parameters, values)
+        farthest = np.fmin(FARTHEST * sigma, STRAIGHT * scale)
+        change = share * np.asarray(np.clip(full, -farthest, farthest), dtype=np.float64)
         for _ in range(HALVINGS):
             if looks[0].model.possible(values + change):
                 break

@@ -17,6 +17,12 @@ if TYPE_CHECKING:
 AXES = "xyz"
 
 
+def quoted(name: str) -> str:
+    """A name as it stands in the text of a parameter: in quotation marks where it holds commas, colons or these."""
+    plain = name and name == name.strip() and not any(mark in name for mark in ',:"')
+    return name if plain else '"' + name.replace('"', '""') + '"'
+
+
 @dataclass(frozen=True, eq=False)
 class Derivatives:
     """Derivatives of the raw data that the kernel and the synthesis give, complex64 (channels, pulses, samples).

@@ -12,12 +12,12 @@ import numpy as np
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.exclusive import backend_lock, exclusive, threads
 from sarmitsuba.gradients.edge_points import OfShapes
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
-from sarmitsuba.gradients.losses import checked
+from sarmitsuba.gradients.losses import SquaredDifference, checked
 from sarmitsuba.gradients.moving_edges import EdgeLattices
 from sarmitsuba.gradients.needed import At
 from sarmitsuba.gradients.tangent_batches import per_metre
@@ -54,7 +54,8 @@ class Gradient:
     gradient : (n,) float64, of the loss, per unit
     loss : its value
     raw : the raw data, without receiver noise
-    memory : bytes of the adjoint grids and of the gradient's numbers
+    memory : bytes of the adjoint grids of a batch of pulses and of the gradient's numbers, also where the loss is 0 and
+        none are made; 0 where all parameters take forward runs
     """
 
     names: tuple[str, ...]
@@ -98,7 +99,7 @@ def gradient(scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F6
     SceneError, RadarError
         As for :func:`sarmitsuba.jacobian`.
     DataError
-        The loss gives no finite value, or adjoint data of another shape.
+        The loss gives no pair of a finite value and adjoint data of the same shape, or is of other channels.
     ResourceError
         The adjoint grids do not fit into memory.
 
@@ -132,6 +133,13 @@ class Objective:
     def __init__(self, scene: SceneLike, parameters: Parameters, loss: Loss) -> None:
         with backend_lock():
             scene = Scene.of(scene)
+            if not callable(loss):
+                raise DataError(
+                    f"loss: {type(loss).__name__} is no function; give one of the raw data that returns a value and "
+                    "adjoint data, such as SquaredDifference"
+                )
+            if isinstance(loss, SquaredDifference):
+                loss = loss.in_order(scene.radar.channels)
             self.model, self.loss = ForwardModel(scene, parameters_of(parameters, scene)), loss
 
     @property
@@ -180,12 +188,12 @@ def transposed(model: ForwardModel, adjoint: C64, values: F64 | None = None) -> 
     first = np.cumsum([0, *sizes])
     out = np.zeros(int(first[-1]))
     scale = float(np.abs(adjoint).max())
-    if not scale > 0.0:
-        return out, 0
-    unit = (adjoint.astype(np.complex128) / scale).astype(np.complex64)
     tracer = model.tracer(here)
     plan = _ReversePlan.of(model, here, tracer)
     memory = 0
+    if not scale > 0.0:
+        return out, _stated_bytes(model, plan.tangents) if plan.entries else memory
+    unit = (adjoint.astype(np.complex128) / scale).astype(np.complex64)
     if plan.entries:
         total, memory = _run_back(model, here, plan.tangents, unit)
         for number, entries in plan.entries.items():
@@ -343,6 +351,11 @@ def _grid_bytes(model: ForwardModel, tangents: SlotTangents) -> int:
         sizes.append(8 * int(np.prod(pulses.plan.shape(model.shape[0]))))
     kinds = bool(tangents.n_materials or tangents.n_texels) + (tangents.n_shapes > 0) + tangents.rates
     return max(sizes) * kinds
+
+
+def _stated_bytes(model: ForwardModel, tangents: SlotTangents) -> int:
+    """Bytes of the adjoint grids and of the gradient's numbers."""
+    return _grid_bytes(model, tangents) + 8 * tangents.size
 
 
 def _pulses(model: ForwardModel, batch: Batch) -> Pulses:

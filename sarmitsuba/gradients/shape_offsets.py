@@ -134,7 +134,7 @@ def moving_parts(model: ForwardModel, values: F64, *, whole: bool = False) -> li
     if all(parameter.moved(model.scene, own) is None for parameter, own in split):
         return []
     corners, mesh = model.traced_faces(values)
-    velocity, deformed = _velocities(model, values, corners, mesh)
+    velocity, deformed = velocities(model, values, corners, mesh)
     speed = np.linalg.norm(velocity, axis=-1)  # values, faces, corners
     antenna = model.scene.radar.track.position
     middle = antenna[len(antenna) // 2]
@@ -153,7 +153,7 @@ def moving_parts(model: ForwardModel, values: F64, *, whole: bool = False) -> li
     return parts
 
 
-def _velocities(model: ForwardModel, values: F64, corners: F64, mesh: I64) -> tuple[F64, NDArray[np.bool_]]:
+def velocities(model: ForwardModel, values: F64, corners: F64, mesh: I64) -> tuple[F64, NDArray[np.bool_]]:
     """(n_values, n_faces, 3, 3) m per unit, velocities of the faces' corners; (n_faces,) whether values deform them."""
     scene = model.at(values)
     velocity, deformed = np.zeros((len(model.names), *corners.shape)), np.zeros(len(mesh), dtype=np.bool_)
@@ -190,7 +190,8 @@ def _part(
 
 def echoes(model: ForwardModel, values: F64, parts: Sequence[MovingPart]) -> tuple[C64, C128]:
     """Raw data (channels, pulses, samples) at some values, and spectra of the echoes of each part."""
-    data, derivative = model.derivative(values, by=parts)
+    # echoes of the parts themselves, not of what they hide and show as they move
+    data, derivative = model.derivative(values, by=parts, edges=False)
     radar = model.scene.radar
     frequency = frequencies(radar.window.n_samples, radar.window.sample_spacing)
     factor = -4j * np.pi / SPEED_OF_LIGHT * (radar.waveform.center_frequency + frequency)

@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.errors import SceneError
-from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter
+from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter, quoted
 from sarmitsuba.labelling.ground_shapes import ground_shapes
 from sarmitsuba.trace.tangents import Displacement
 
@@ -37,7 +37,7 @@ class Shift(Parameter):
     @property
     def label(self) -> str:  # type: ignore[override]
         """See the base class."""
-        return f"shift:{self.shape}:{self.axis}"
+        return f"shift:{quoted(self.shape)}:{self.axis}"
 
     def names(self, scene: Scene) -> tuple[str, ...]:
         """See the base class."""
@@ -86,7 +86,7 @@ class Deformation(Parameter):
     @property
     def label(self) -> str:  # type: ignore[override]
         """See the base class."""
-        return f"{self.kind}:{self.shape}"
+        return f"{self.kind}:{quoted(self.shape)}"
 
     def _placed(self, scene: Scene) -> tuple[int, F64, float]:
         """Mesh, middle of its base (3,) and its height, m."""

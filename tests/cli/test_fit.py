@@ -52,13 +52,27 @@ def test_a_level_is_fitted_to_two_looks_and_written(scene: Path, capsys: Any) ->
     # tol: data of the scene's own model, float32; the prior weighs as noise of -60 dB
     assert record["values"] == pytest.approx([-7.5], abs=1e-3)
     assert record["start"] == [-10.0] and record["converged"] is True
-    assert record["confirmed"] == [None] and len(record["steps"]) > 1
+    assert record["confirmed"] == [pytest.approx(1.0, abs=1e-4)] and len(record["steps"]) > 1
     measured = read_raw(data).data
     for look in ("residual", "residual_2"):
         assert np.linalg.norm(read_raw(out / f"{look}.h5").data) < 1e-3 * np.linalg.norm(measured)
         assert (out / f"{look}.png").read_bytes().startswith(b"\x89PNG")
     with Image.open(out / "residual.png") as picture:
         assert picture.size[0] == 1400 and np.ptp(np.asarray(picture.convert("L"))) > 200
+
+
+def test_rounds_by_amplitude_say_their_windows(scene: Path, capsys: Any) -> None:
+    command = ["fit", str(scene), "--data", str(scene.parent / "raw.h5"), "--parameters", "levels"]
+    out = scene.parent / "out"
+    assert cli.main([*command, "--by", "amplitude", "-o", str(out)]) == 0
+    said = capsys.readouterr()
+    assert "step 1: residual" in said.err and "averaged over 8 range cells" in said.err
+    assert "averaged over 3 range cells" in said.err and " W," not in said.out
+    assert "in windows of 3 range cells" in said.out
+    record = json.loads((out / "fit.json").read_text(encoding="utf-8"))
+    assert record["windows"] == [8, 8, 6, 6, 4, 4, 3, 3, 3, 3, 3] and len(record["costs"]) == 11
+    # tol: by intensity the speckle of the model is that of the data; dB
+    assert record["values"] == pytest.approx([-7.5], abs=0.05)
 
 
 def test_wrong_options_are_one_line(scene: Path, capsys: Any) -> None:

@@ -36,6 +36,19 @@ def test_error_of_first_order_is_the_stated_one(kind: str, parameter: str, seed:
         ), share
 
 
+@pytest.mark.parametrize("seed", few_of([1, 2, 3, 4]))
+@pytest.mark.parametrize(
+    "parameter",
+    ["rms_height:wall", "rms_height:soil", "correlation_length:wall", "permittivity:soil", "loss:wall"],
+)
+def test_error_of_first_order_of_a_property_stays_below_the_stated_one(parameter: str, seed: int) -> None:
+    found = image_derivative(drawn(seed, "rough"), parameter)
+    for share in (-0.5, 0.5, 1.0):
+        change = share * min(found.largest_change, 2.0 * found.value)
+        measured, stated = errors(found, change)
+        assert 0.0 < measured < stated < 0.5, (change, found.value)
+
+
 def test_rate_of_a_shift_is_the_phase_of_the_path() -> None:
     """A box alone that moves along the line of sight, by the formula of the phase."""
     scene = drawn(5, "alone")

@@ -7,6 +7,7 @@ import pytest
 
 from sarmitsuba import fit
 from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.gradients.confirmation import CONFIRMED
 from tests.support.buildings import Drawn, drawn_town
 
 pytestmark = [
@@ -48,8 +49,10 @@ def test_height_and_place_off_by_a_metre_are_found_from_two_looks(seed: int) -> 
     drawn = drawn_town(seed, 1, wrong=1.0, kinds=OFF)
     found = drawn.fitted()
     error = np.abs(found.values - drawn.truth)
-    # one of three stays at another cycle of phase, which the fit says
-    assert (error < 0.01).all() or (found.confirmed < 0.97).all(), f"{error} m, confirmed {found.confirmed}"
+    # a few stay at another cycle of phase, which the fit says
+    assert (error < 0.01).all() or (found.confirmed < CONFIRMED).all(), (
+        f"{error} m, confirmed {found.confirmed}"
+    )
 
 
 @pytest.mark.slow

@@ -46,7 +46,7 @@ def names(count: int) -> list[str]:
     return [f"building{k}" for k in range(count)]
 
 
-def town(seed: int, heights: F64, look: int, speckle: int = 0) -> Scene:
+def town(seed: int, heights: F64, look: int, speckle: int = 0, **radar: object) -> Scene:
     """Boxes of rough concrete and rough metal on plots of rough soil, as one look sees them.
 
     Parameters
@@ -55,6 +55,7 @@ def town(seed: int, heights: F64, look: int, speckle: int = 0) -> Scene:
     heights : of the buildings, m
     look : number of the look
     speckle : seed of the diffuse scatterers
+    radar : values in place of the look's
     """
     rng, count = np.random.default_rng([seed, 0xB0]), len(heights)
     columns = int(np.ceil(np.sqrt(count)))
@@ -76,23 +77,24 @@ def town(seed: int, heights: F64, look: int, speckle: int = 0) -> Scene:
     meshes.append(SceneMesh(flat, np.array([[0, 1, 2], [0, 2, 3]]), soil, "ground"))
     heading, look_angle = LOOKS[look]
     extent = PLOT * columns + 10.0
+    given = {
+        "mode": "spotlight",
+        "slant_range": 5000.0,
+        "look_angle_deg": look_angle,
+        "heading_deg": heading,
+        "aim_x": 0.0,
+        "aim_y": 0.0,
+        "aim_z": 0.0,
+        "center_frequency": 9.65e9,
+        "bandwidth": 200e6,
+        "azimuth_resolution": 1.0,
+        "noise_temperature": 0.0,
+    }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return build_scene(
             meshes,
-            radar=RadarDescription(
-                mode="spotlight",
-                slant_range=5000.0,
-                look_angle_deg=look_angle,
-                heading_deg=heading,
-                aim_x=0.0,
-                aim_y=0.0,
-                aim_z=0.0,
-                center_frequency=9.65e9,
-                bandwidth=200e6,
-                azimuth_resolution=1.0,
-                noise_temperature=0.0,
-            ),
+            radar=RadarDescription(**(given | radar)),  # type: ignore[arg-type]
             film=FilmDescription(image_extent_azimuth=extent, image_extent_range=extent),
             settings=TraceSettings(
                 method="hybrid",

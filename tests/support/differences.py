@@ -223,7 +223,9 @@ def step(model: ForwardModel, number: int) -> float:
         return length / 8.0
     if kind in ("permittivity", "rms_height", "correlation_length"):
         return SHARE * value
-    return {"m": length, "s": SECONDS, "dB": DECIBELS, "rad": RADIANS * length / METRES, "1": length / 4.0}[unit]
+    return {"m": length, "s": SECONDS, "dB": DECIBELS, "rad": RADIANS * length / METRES, "1": length / 4.0}[
+        unit
+    ]
 
 
 def relative(found: C64 | C128, expected: C128) -> float:

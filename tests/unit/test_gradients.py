@@ -26,7 +26,7 @@ from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.needed import Needed
 from sarmitsuba.gradients.parameter import Step
-from sarmitsuba.gradients.parsing import parse
+from sarmitsuba.gradients.parsing import offered, parse
 from tests.support.differences import drawn, relative
 from tests.support.draws import few_of
 
@@ -125,9 +125,45 @@ def test_values_are_named() -> None:
 
 
 @pytest.mark.parametrize(
+    ("kind", "value", "bound"),
+    [
+        ("permittivity", 0.5, "at least 1"),
+        ("permittivity", 1e17, r"at most 1e\+06"),
+        ("loss", -0.1, "at least 0"),
+        ("rms_height", 0.0, "above 0"),
+        ("rms_height", np.nan, "above 0"),
+    ],
+)
+def test_materials_have_values_that_there_are(kind: str, value: float, bound: str) -> None:
+    scene = plate()
+    (parameter,) = parse(f"{kind}:soil", scene)
+    with pytest.raises(SceneError, match=f"parameter {kind}:soil = .* must be {bound}"):
+        parameter.changed(scene, np.array([value]))
+    assert not ForwardModel(scene, [parameter]).possible(np.array([value]))
+
+
+@pytest.mark.parametrize("name", ["block:3", "north, 2", 'a "house"', " ", "x"])
+def test_names_of_any_characters_can_be_given(name: str) -> None:
+    scene = plate()
+    scene = replace(scene, geometry=replace(scene.geometry, mesh_names=(name,)))
+    inner = name.replace('"', '""')
+    text = f'shift:"{inner}":x,scale:"{inner}", shift:"{inner}":z'
+    found = parse(text, scene)
+    assert [p.shape for p in found] == [name] * 3  # type: ignore[attr-defined]
+    assert all(parse(p.label, scene) == (p,) for p in found)
+    assert {p.label for p in found} < set(offered(scene))
+
+
+@pytest.mark.parametrize(
     ("parameters", "reason"),
     [
         ("", "none is given"),
+        ([], "none is given"),
+        (5, "5 is neither a text nor a parameter"),
+        ([None], "None is neither a text nor a parameter"),
+        ("gain,gain", r"gain \[dB\] is given 2 times"),
+        ("levels,level:soil", r"level:soil \[dB\] is given 2 times"),
+        ('shift:"plate:x', "a quotation mark stands alone"),
         ("sigma", "is not one of gain"),
         ("track:0", "is not one of gain"),
         ("shift:plate", "is not one of gain"),
@@ -140,7 +176,7 @@ def test_values_are_named() -> None:
         ("correlation_length:soil", "its correlation_length is 0"),
     ],
 )
-def test_wrong_parameters_are_one_line(parameters: str, reason: str) -> None:
+def test_wrong_parameters_are_one_line(parameters: Any, reason: str) -> None:
     with pytest.raises((SceneError, RadarError), match=reason):
         jacobian(plate(), parameters)
 

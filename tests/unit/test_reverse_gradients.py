@@ -133,7 +133,7 @@ def test_zero_adjoint_data_give_zero() -> None:
     scene = city(4, 1, pitch=8.0, settings={"max_depth": 1})
     model = ForwardModel(scene, parse("heights,levels", scene))
     found, memory = transposed(model, np.zeros(model.shape, dtype=np.complex64))
-    assert not found.any() and memory == 0
+    assert not found.any() and memory > 0  # of grids that are not made
 
 
 def numbers(rng: np.random.Generator, shape: tuple[int, ...]) -> C64:
@@ -170,6 +170,14 @@ def test_wrong_losses_are_one_line() -> None:
     scene = city(8, 1, pitch=10.0, settings={"max_depth": 1})
     shape = simulate(scene).data.shape
     cases = [
+        (lambda data: None, r"returns nothing \(None\); return its value and the adjoint data"),
+        (lambda data: data, "returns an array of complex64"),
+        (lambda data: (1.0,), "returns a value of type tuple"),
+        (lambda data: ("1", data), "its value is a value of type str; return a real number"),
+        (lambda data: (1j, data), "its value is a value of type complex"),
+        (lambda data: (1.0, None), r"its adjoint is nothing \(None\); return complex numbers of the shape"),
+        (lambda data: (1.0, np.array("x")), "its adjoint is an array of <U1"),
+        (5, "int is no function"),
         (lambda data: (np.nan, data), "its value is nan"),
         (lambda data: (1.0, data[:, :-1]), "its adjoint has the shape"),
         (lambda data: (1.0, data * np.nan), "its adjoint is not finite"),
@@ -184,6 +192,38 @@ def test_wrong_losses_are_one_line() -> None:
         SquaredDifference(np.zeros(shape, dtype=np.complex64), weights=np.full(1, -1.0))
     with pytest.raises(DataError, match="are not finite"):
         SquaredDifference(np.full(shape, np.nan, dtype=np.complex64))
+
+
+def test_a_loss_takes_the_channels_of_the_scene_by_their_names() -> None:
+    radar = {"polarisation": "HH,VV"}
+    both, one = (city(8, 1, pitch=10.0, radar=r, settings={"max_depth": 1}) for r in (radar, {}))
+    raw = simulate(both)
+    rng = np.random.default_rng(8)
+    other = replace(raw, data=raw.data * (1.0 + 0.1 * rng.standard_normal(raw.data.shape)).astype(np.float32))
+    turned = replace(other, data=other.data[::-1], layers=other.layers[::-1])
+    assert turned.channels == ("VV", "HH")
+    weights = rng.uniform(1.0, 2.0, raw.data.shape)
+    expected = gradient(both, "levels", SquaredDifference(other, weights))
+    found = gradient(both, "levels", SquaredDifference(turned, weights[::-1]))
+    # tol: float64 sums in the order in which threads end
+    assert found.loss == expected.loss > 0.0 and found.gradient == pytest.approx(expected.gradient, rel=1e-12)
+    (channel,) = one.radar.channels
+    wrong = {"HH": "VV", "VV": "HH"}[channel]
+    data = simulate(one)
+    renamed = replace(data, layers=tuple(replace(layer, channel=wrong) for layer in data.layers))
+    with pytest.raises(DataError, match=f"of channels {wrong} and a radar of {channel}"):
+        gradient(one, "levels", SquaredDifference(renamed))
+    with pytest.raises(DataError, match="of channels HH, VV and a radar of"):
+        gradient(one, "levels", SquaredDifference(raw))
+
+
+def test_memory_is_stated_where_the_loss_is_zero() -> None:
+    scene = city(8, 1, pitch=10.0, settings={"max_depth": 1})
+    for parameters in ("levels", "heights,levels"):
+        objective = Objective(scene, parameters, SquaredDifference(simulate(scene)))
+        still, moved = objective.at(), objective.at(objective.start + 1e-3)
+        assert still.loss == 0.0 < moved.loss and not still.gradient.any()
+        assert still.memory == moved.memory > 0
 
 
 def with_level(scene: Scene, values: np.ndarray) -> Scene:
