@@ -304,11 +304,11 @@ def draw(seed: int, content: str) -> tuple[Scene, tuple[str, ...], dict[str, str
         radar=radar,
         film=FilmDescription(image_extent_azimuth=22.0, image_extent_range=22.0),
         settings=TraceSettings(
-            method=method,
+            method=method,  # type: ignore[arg-type]
             key_pulse_interval=1 if law.all_round else 8,
             gridding_width=8,
             max_depth=what.depth,
-            effects=effects,
+            effects=effects,  # type: ignore[arg-type]
             ray_spacing=SPACING.get(method, 0.0),
         ),
         name=f"{content}{seed}",

@@ -62,7 +62,7 @@ class Rival:
 
 
 def rival_cycles(looks: Sequence[MeasuredLook], values: F64, known: Mapping[int, Prior]) -> list[Rival]:
-    """Other cycles that are not out of the question, the likeliest first; ``known``: priors by number of their value."""
+    """Other cycles that are not out of the question, the likeliest first; ``known``: priors by number of value."""
     found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[-1])]
     rivals = []
     for mesh in meshes(found):
