@@ -9,7 +9,7 @@ shape's energy,
 with the noise's energy N in S: 1 where data and model are alike up to a factor and noise, whatever the amplitudes that
 are fitted, :math:`\langle \cos \varphi \rangle` with errors :math:`\varphi` of the phase, and about 0 for data of
 another scene. There, with K cells that count, one of T values looked at exceeds :math:`\gamma` by chance with a
-probability of at most :math:`T (1 - \gamma^2)^{K - 1}` (Carter, Knapp and Nuttall 1973, eq. 3 for uncorrelated Gaussian
+probability of at most :math:`T (1 - \gamma^2)^{K - 1}` (Carter, Knapp and Nuttall 1973, for uncorrelated Gaussian
 data).
 """
 
