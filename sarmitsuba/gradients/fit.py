@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 
@@ -142,10 +143,10 @@ def _known(numbers: F64) -> list[float | None]:
 
 
 class _Complex(Problem):
-    """Complex raw data of several looks."""
+    """Complex raw data of several looks; ``edges``: with what moving edges hide and show in the derivatives."""
 
-    def __init__(self, looks: Sequence[MeasuredLook]) -> None:
-        self.looks, self.names = tuple(looks), looks[0].model.names
+    def __init__(self, looks: Sequence[MeasuredLook], *, edges: bool) -> None:
+        self.looks, self.names, self.edges = tuple(looks), looks[0].model.names, edges
         self.norms = tuple(float(np.linalg.norm(look.measured)) for look in looks)
 
     def possible(self, values: F64) -> bool:
@@ -161,7 +162,7 @@ class _Complex(Problem):
         differences: list[Samples] = []
         jacobians: list[Rows] = []
         for look in self.looks:
-            modelled, jacobian = look.model.derivative(values)
+            modelled, jacobian = look.model.derivative(values, edges=self.edges)
             differences.append(look.measured.astype(np.complex128) - modelled)
             jacobians.append(jacobian)
         return differences, jacobians
@@ -230,20 +231,27 @@ def fit(
     looks = looks_of(scene, data, parameters)
     model = looks[0].model
     known = known_priors(model.names, priors or {})
-    count = iter(range(1, RETRIES * iterations + 1))
-    report = None if progress is None else lambda cost: progress(next(count), cost)
+    numbers = count(1)
+    report = None if progress is None else lambda cost: progress(next(numbers), cost)
     if by == "amplitude":
         return _by_amplitude(looks, known, iterations, report)
     if by != "complex":
         raise SceneError(f"fit: by = {by!r} is neither complex nor amplitude")
     passed = [model.start]
     start = coarse_track(model, looks[0].measured, model.start, known) if len(looks) == 1 else model.start
-    given, problem = start, _Complex(looks)
+    given, problem = start, _Complex(looks, edges=False)
     start = searched_forms(looks, start, passed.append)
     start, spread = coarse_shapes(looks, start, passed.append)
     best = None
     for _ in range(RETRIES):
-        found = minimised(problem, start, known, iterations, report, again=best is not None)
+        try:
+            found = minimised(problem, start, known, iterations, report, again=best is not None)
+        except SceneError:
+            if problem.edges or not model.moving.any():
+                raise
+            # a shape of which the data show no more than what it hides
+            problem = _Complex(looks, edges=True)
+            found = minimised(problem, start, known, iterations, report)
         if best is not None and not _better(problem, found, best, known):
             break
         best = found
@@ -261,6 +269,12 @@ def fit(
         if _better(problem, found, best, known):
             best = found
             passed += found.steps
+    if model.moving.any() and not problem.edges:
+        # edges take most of the time and change the derivatives little: the last steps, and the covariance, have them
+        problem = _Complex(looks, edges=True)
+        found = minimised(problem, best.values, known, iterations, report, again=True)
+        passed += found.steps[1:]
+        best = replace(found, costs=(*best.costs, *found.costs[1:]))
     variances = np.array([look.noise.shown(d) for look, d in zip(looks, best.differences, strict=True)])
     stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
     share = confirmed(looks, best.values) * likely(rivals, len(best.values))
@@ -336,7 +350,7 @@ def _result(
 ) -> Fit:
     """A fit from its solution."""
     model, values = looks[0].model, found.values
-    residuals = _Complex(looks).differences(values)
+    residuals = _Complex(looks, edges=False).differences(values)
     return Fit(
         model.names,
         model.start,
