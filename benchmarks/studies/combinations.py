@@ -46,6 +46,7 @@ from combinations_reference import (
     deviation,
     exact_image,
 )
+from drawn_beams import gaussian_table
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
@@ -125,18 +126,6 @@ class Draw:
                 radar=RadarDescription(mode=self.mode, mode_parameters=more, **sensor),
                 film=FilmDescription(**self.film),
             )
-
-
-def gaussian_table(path: Path, sensor: dict[str, Any]) -> Path:
-    """Write a measured beam that is a Gaussian's, and take its widths out of ``sensor``."""
-    lines = ["cut, angle_deg, gain_db"]
-    for cut in ("azimuth", "elevation"):
-        width = sensor.pop(f"{cut}_beamwidth_deg")
-        angle = np.linspace(-3.0 * width, 3.0 * width, 1201)
-        gain = -10.0 * np.log10(2.0) * (np.sin(np.radians(angle)) / np.sin(np.radians(0.5 * width))) ** 2
-        lines += [f"{cut}, {a:.9g}, {g:.9g}" for a, g in zip(angle, gain, strict=True)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path
 
 
 def draw(mode: str, seed: int) -> Draw:

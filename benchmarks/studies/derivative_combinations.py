@@ -18,6 +18,7 @@ Usage: python benchmarks/studies/derivative_combinations.py [--first SEED] [--co
 import argparse
 import re
 import sys
+import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -27,6 +28,7 @@ from pathlib import Path
 import _support
 import numpy as np
 import trimesh
+from drawn_beams import gaussian_table
 
 from sarmitsuba import (
     FilmDescription,
@@ -255,8 +257,8 @@ class Cell:
     command: str
 
 
-def draw(seed: int, content: str) -> tuple[Scene, tuple[str, ...], dict[str, str]]:
-    """Scene of a seed, kinds of parameters of its content, and its classes."""
+def draw(seed: int, content: str, folder: Path) -> tuple[Scene, tuple[str, ...], dict[str, str]]:
+    """Scene of a seed, kinds of parameters of its content, and its classes; ``folder`` for a file of its beam."""
     rng = np.random.default_rng([seed, *content.encode()])
     what = CONTENTS[content](rng)
     mode, pattern = str(rng.choice(MODES.names)), str(rng.choice(PATTERNS.names))
@@ -282,12 +284,10 @@ def draw(seed: int, content: str) -> tuple[Scene, tuple[str, ...], dict[str, str
         radar = replace(radar, squint_angle_deg=float(rng.uniform(-15.0, 15.0)))
     if pattern != "isotropic":
         width = np.degrees(rng.uniform(0.6, 1.5, 2) * 22.0 / slant_range)
-        radar = replace(
-            radar,
-            pattern=pattern,
-            azimuth_beamwidth_deg=float(width[0]),
-            elevation_beamwidth_deg=float(width[1]),
-        )
+        widths = {"azimuth_beamwidth_deg": float(width[0]), "elevation_beamwidth_deg": float(width[1])}
+        if pattern == "table":
+            radar = replace(radar, pattern_file=str(gaussian_table(folder / "beam.csv", widths)))
+        radar = replace(radar, pattern=pattern, **widths)
     if two:
         radar = replace(radar, receiver_offset_along=float(rng.uniform(5.0, 50.0)))
     flat = HALF * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
@@ -332,9 +332,9 @@ def draw(seed: int, content: str) -> tuple[Scene, tuple[str, ...], dict[str, str
 def cells_of(seed: int, content: str) -> list[Cell]:
     """All cells of a drawn scene."""
     command = f"--content {content} --first {seed} --count 1"
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
         warnings.simplefilter("ignore")
-        scene, kinds, axes = draw(seed, content)
+        scene, kinds, axes = draw(seed, content, Path(folder))
         cells, accepted = [], []
         for kind in kinds:
             try:

@@ -71,7 +71,9 @@ def test_the_jacobian_is_kept_while_the_data_follow_it(
     data = model.raw(model.data(model.start + off_db))
     calls = []
     own = ForwardModel.derivative
-    monkeypatch.setattr(ForwardModel, "derivative", lambda *given: calls.append(1) or own(*given))
+    monkeypatch.setattr(
+        ForwardModel, "derivative", lambda *given, **more: calls.append(1) or own(*given, **more)
+    )
     found = fit(scene, data, "gain")
     # 0.05 dB bend the data by 0.3 % of their change, 3 dB by 15 %, and the next step by less than 3 %
     assert len(calls) <= computed and found.converged
