@@ -24,6 +24,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import _support
 import numpy as np
@@ -284,7 +285,10 @@ def draw(seed: int, content: str, folder: Path) -> tuple[Scene, tuple[str, ...],
         radar = replace(radar, squint_angle_deg=float(rng.uniform(-15.0, 15.0)))
     if pattern != "isotropic":
         width = np.degrees(rng.uniform(0.6, 1.5, 2) * 22.0 / slant_range)
-        widths = {"azimuth_beamwidth_deg": float(width[0]), "elevation_beamwidth_deg": float(width[1])}
+        widths: dict[str, Any] = {
+            "azimuth_beamwidth_deg": float(width[0]),
+            "elevation_beamwidth_deg": float(width[1]),
+        }
         if pattern == "table":
             radar = replace(radar, pattern_file=str(gaussian_table(folder / "beam.csv", widths)))
         radar = replace(radar, pattern=pattern, **widths)
