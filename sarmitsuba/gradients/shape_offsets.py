@@ -155,11 +155,11 @@ def moving_parts(model: ForwardModel, values: F64, *, whole: bool = False) -> li
 
 def velocities(model: ForwardModel, values: F64, corners: F64, mesh: I64) -> tuple[F64, NDArray[np.bool_]]:
     """(n_values, n_faces, 3, 3) m per unit, velocities of the faces' corners; (n_faces,) whether values deform them."""
-    scene = model.at(values)
+    scene, moves = model.at(values), model.moves(values)
     velocity, deformed = np.zeros((len(model.names), *corners.shape)), np.zeros(len(mesh), dtype=np.bool_)
     row = 0
     for parameter in model.parameters:
-        for k, move in enumerate(parameter.displacements(scene, mesh)):
+        for k, move in enumerate(moves.of(parameter, scene, mesh)):
             if move.faces is None or move.offset is None:
                 continue
             field = move.offset + (0.0 if move.gradient is None else corners @ move.gradient.T)
