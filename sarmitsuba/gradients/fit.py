@@ -243,7 +243,14 @@ def fit(
     start, spread = coarse_shapes(looks, start, passed.append)
     best = None
     for _ in range(RETRIES):
-        found = minimised(problem, start, known, iterations, report, again=best is not None)
+        try:
+            found = minimised(problem, start, known, iterations, report, again=best is not None)
+        except SceneError:
+            if np.array_equal(start, given):
+                raise
+            # offsets of envelopes that led to where the data determine nothing
+            start = given
+            found = minimised(problem, start, known, iterations, report)
         if best is not None and not _better(problem, found, best, known):
             break
         best = found

@@ -208,7 +208,7 @@ def offset(
 ) -> Offset | None:
     """Offset of a part from the spectra of the data and of its echoes (channels, pulses, frequencies); None: no echo.
 
-    ``reach`` : cells of range and azimuth that are looked at
+    ``reach`` : cells of range and azimuth that are looked at, in azimuth at most half as many as there are pulses
     """
     energy = float(np.sum(np.abs(own) ** 2))
     if not energy > 0.0:
@@ -311,7 +311,8 @@ def _azimuths(radar: Radar, part: MovingPart, reach: float) -> tuple[F64, F64]:
     if not (moves.any() and wide > 0.0):
         return along, np.zeros(1)
     cell = radar.waveform.wavelength / (2.0 * wide)
-    steps = int(np.ceil(reach * FINE_AZIMUTH))
+    # pulses repeat the peak beyond half of their number of cells
+    steps = int(min(np.ceil(reach * FINE_AZIMUTH), 0.5 * (len(along) - 1) * FINE_AZIMUTH))
     return along, np.arange(-steps, steps + 1) * cell / FINE_AZIMUTH
 
 
