@@ -108,8 +108,10 @@ def looks_of(
             raise DataError(
                 f"fit: raw data are expected, as simulate() or read_raw() give, not {type(one).__name__}"
             )
-    alone = isinstance(scenes, Scene | Path | str) or not isinstance(scenes, Iterable)
-    given = (scenes,) if alone else tuple(scenes)
+    if isinstance(scenes, Scene | Path | str) or not isinstance(scenes, Iterable):
+        given: tuple[SceneLike, ...] = (scenes,)
+    else:
+        given = tuple(scenes)
     if not measured:
         raise DataError("fit: there are no raw data; give those of one look at least")
     loaded = [Scene.of(scene) for scene in given]

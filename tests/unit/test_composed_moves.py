@@ -93,5 +93,6 @@ def test_other_shapes_do_not_count(scene: sarmitsuba.Scene) -> None:
     at = np.array([1.0, 2.0])
     (move,) = model.moves(at).of(model.parameters[0], model.at(at), scene.geometry.face_mesh)
     (own,) = model.parameters[0].displacements(scene, scene.geometry.face_mesh)
-    assert np.array_equal(move.gradient, own.gradient) and np.array_equal(move.offset, own.offset)
+    for field in ("gradient", "offset"):
+        np.testing.assert_array_equal(getattr(move, field), getattr(own, field))
     assert move.turn_rate == own.turn_rate

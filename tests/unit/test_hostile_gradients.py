@@ -31,9 +31,10 @@ def test_numbers_of_values() -> None:
         ("gain [dB]", "level:soil [dB]"), np.zeros(2), data[None], raw
     )
     assert found.number(np.int64(1)) == 1 and found.number(-1) == -1
-    for wrong in (2, -3, True, 1.0, None, "level"):
+    nothing: tuple[Any, ...] = (2, -3, True, 1.0, None, "level")
+    for wrong in nothing:
         with pytest.raises(SceneError, match="no parameter"):
-            found.number(wrong)  # type: ignore[arg-type]
+            found.number(wrong)
 
 
 @pytest.mark.parametrize(
@@ -51,7 +52,8 @@ def test_priors_that_are_none(prior: Prior) -> None:
 def test_adjoints_of_any_size(size: float) -> None:
     """Adjoint data of 1e-60 gave a gradient of 0, of 1e200 one that is no number."""
     data = np.ones((1, 2, 2), dtype=np.complex64)
-    _, adjoint = checked(lambda d: (1.0, size * d.astype(np.complex128)), data)
+    double: Any = lambda d: (1.0, size * d.astype(np.complex128))  # noqa: E731
+    _, adjoint = checked(double, data)
     np.testing.assert_array_equal(adjoint, size * data.astype(np.complex128))
 
 
