@@ -244,14 +244,10 @@ def fit(
     start, spread = coarse_shapes(looks, start, passed.append)
     best = None
     for _ in range(RETRIES):
-        try:
-            found = minimised(problem, start, known, iterations, report, again=best is not None)
-        except SceneError:
-            if problem.edges or not model.moving.any():
-                raise
-            # a shape of which the data show no more than what it hides
-            problem = _Complex(looks, edges=True)
-            found = minimised(problem, start, known, iterations, report)
+        if best is None:
+            problem, found = _begun(looks, (start, given), known, iterations, report)
+        else:
+            found = minimised(problem, start, known, iterations, report, again=True)
         if best is not None and not _better(problem, found, best, known):
             break
         best = found
@@ -286,6 +282,30 @@ def fit(
     covariance[np.diag_indices(len(deviation))] = deviation**2
     covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
     return _result(looks, best, covariance, best.bound(stated, known), share, passed)
+
+
+def _begun(
+    looks: Sequence[MeasuredLook],
+    starts: Sequence[F64],
+    known: Mapping[int, Prior],
+    iterations: int,
+    report: Callable[[float], None] | None,
+) -> tuple[_Complex, Solution]:
+    """The first solution from one of the starts, and its problem: with moving edges where a shape only hides and shows.
+
+    Raises
+    ------
+    SceneError : values that the data do not determine at any of them
+    """
+    failures = []
+    for edges in (False, True) if looks[0].model.moving.any() else (False,):
+        problem = _Complex(looks, edges=edges)
+        for start in starts:
+            try:
+                return problem, minimised(problem, start, known, iterations, report)
+            except SceneError as failure:
+                failures.append(failure)
+    raise failures[-1]
 
 
 def _beside_rivals(

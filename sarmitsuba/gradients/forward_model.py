@@ -13,6 +13,7 @@ from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import RadarError, SceneError
+from sarmitsuba.gradients.composed_moves import ComposedMoves
 from sarmitsuba.gradients.material_parameters import with_material
 from sarmitsuba.gradients.moving_edges import EdgeBatches
 from sarmitsuba.gradients.needed import At, Found, Needed
@@ -179,7 +180,11 @@ class ForwardModel:
             traced = traced.at_frequency(scene.materials, scene.radar.waveform.wavelength)
             if traced.surfaces is not None:
                 traced = replace(traced, surfaces=traced.surfaces.with_levels(with_parts(scene.materials)))
-        return At(scene, traced, displaced)
+        return At(scene, traced, self.moves(values), displaced)
+
+    def moves(self, values: F64) -> ComposedMoves:
+        """Displacements by the parameters at some values."""
+        return ComposedMoves(self.scene, self.parameters, self.split(values))
 
     def traced_faces(self, values: F64) -> tuple[F64, I64]:
         """Corners (n, 3, 3), m, of the faces that the kernel traces at some values, and their meshes (n,)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.arrays import C64, F64
@@ -49,10 +50,10 @@ class Jacobian:
 
         Raises
         ------
-        SceneError : no value of that name
+        SceneError : no value of that name or number
         """
-        if isinstance(which, int):
-            return which
+        if isinstance(which, Integral) and not isinstance(which, bool) and -len(self) <= which < len(self):
+            return int(which)
         for i, name in enumerate(self.names):
             if which in (name, name.rsplit(" [", 1)[0]):
                 return i

@@ -29,6 +29,8 @@ ROUNDED = 1e-5
 ATTEMPTS = 8
 # least eigenvalue of the correlations of the derivatives: below, values have ten thousand times the sigma of each alone
 LEAST_WEIGHT = 1e-8
+# largest modulus of a prior's mean, and of its standard deviation and one over it: beyond, their squares overflow
+MOST_PRIOR = 1e70
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ def known_priors(names: Sequence[str], priors: Mapping[str, Prior]) -> dict[int,
 
     Raises
     ------
-    SceneError : no such value, no prior of two numbers, a mean that is not finite, or a sigma that is not positive
+    SceneError : no such value, no prior of two numbers, or numbers whose squares or ratios overflow
     """
     short = [name.rsplit(" [", 1)[0] for name in names]
     known = {}
@@ -58,10 +60,13 @@ def known_priors(names: Sequence[str], priors: Mapping[str, Prior]) -> dict[int,
             )
         if name not in names and name not in short:
             raise SceneError(f"prior of {name!r}: no such parameter; there are {', '.join(names)}")
-        if not np.isfinite(prior.mean):
-            raise SceneError(f"prior of {name!r}: mean = {prior.mean:g} must be finite")
-        if not prior.sigma**2 > 0.0:
-            raise SceneError(f"prior of {name!r}: sigma = {prior.sigma:g} and its square must be above 0")
+        if not abs(prior.mean) <= MOST_PRIOR:
+            raise SceneError(f"prior of {name!r}: mean = {prior.mean:g} must be within {MOST_PRIOR:g} of 0")
+        if not (1.0 / MOST_PRIOR <= prior.sigma <= MOST_PRIOR or prior.sigma == np.inf):
+            raise SceneError(
+                f"prior of {name!r}: sigma = {prior.sigma:g} must be from {1.0 / MOST_PRIOR:g} to {MOST_PRIOR:g}, or "
+                "infinite"
+            )
         number = list(names).index(name) if name in names else short.index(name)
         known[number] = prior
     return known

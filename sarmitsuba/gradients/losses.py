@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, F64
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import block_means
@@ -41,8 +41,14 @@ class SquaredDifference:
     def __post_init__(self) -> None:
         measured = self.measured
         planes = _by_channel(measured) if isinstance(measured, RawData) else np.asarray(measured)
+        if planes.dtype.kind not in "fiuc":
+            raise DataError(
+                f"loss: measured is {_kind(measured)}; give raw data, or an array of complex numbers"
+            )
         if not np.isfinite(planes).all():
             raise DataError("loss: the measured raw data are not finite; leave out or repair their samples")
+        if self.weights is not None and np.asarray(self.weights).dtype.kind not in "fiu":
+            raise DataError(f"loss: weights are {_kind(self.weights)}; give real numbers of at least 0")
         if self.weights is not None and not (np.asarray(self.weights) >= 0.0).all():
             raise DataError("loss: a weight is below 0 or no number; give weights of at least 0")
         object.__setattr__(self, "_planes", planes)
@@ -149,7 +155,7 @@ def multilooked(image: C64, looks: tuple[int, int], *, amplitude: bool = False) 
     return np.sqrt(means) if amplitude else means
 
 
-def checked(loss: Loss, data: C64) -> tuple[float, C64]:
+def checked(loss: Loss, data: C64) -> tuple[float, C128]:
     """Value and adjoint data of a loss.
 
     Raises
@@ -179,7 +185,8 @@ def checked(loss: Loss, data: C64) -> tuple[float, C64]:
         )
     if not np.isfinite(adjoint).all():
         raise DataError("loss: its adjoint is not finite; return finite numbers")
-    return value, adjoint.astype(np.complex64)
+    # double precision: of a loss without weights, or with large ones, float32 holds nothing
+    return value, adjoint.astype(np.complex128)
 
 
 def _kind(given: object) -> str:

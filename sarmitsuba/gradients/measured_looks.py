@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -102,13 +102,16 @@ def looks_of(
     SceneError : another number of scenes than of data; shapes, materials or parameters that the looks do not share
     DataError : see :func:`sarmitsuba.fit`
     """
-    measured = (data,) if isinstance(data, RawData) else tuple(data)
+    measured = (data,) if isinstance(data, RawData) or not isinstance(data, Iterable) else tuple(data)
     for one in measured:
         if not isinstance(one, RawData):
             raise DataError(
                 f"fit: raw data are expected, as simulate() or read_raw() give, not {type(one).__name__}"
             )
-    given = (scenes,) if isinstance(scenes, Scene | Path | str) else tuple(scenes)
+    if isinstance(scenes, Scene | Path | str) or not isinstance(scenes, Iterable):
+        given: tuple[SceneLike, ...] = (scenes,)
+    else:
+        given = tuple(scenes)
     if not measured:
         raise DataError("fit: there are no raw data; give those of one look at least")
     loaded = [Scene.of(scene) for scene in given]

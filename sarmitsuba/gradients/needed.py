@@ -9,6 +9,7 @@ from itertools import chain
 import numpy as np
 
 from sarmitsuba.arrays import C64, I64
+from sarmitsuba.gradients.composed_moves import ComposedMoves
 from sarmitsuba.gradients.parameter import Parameter, Step
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.trace.scene_tables import TraceScene
@@ -23,12 +24,19 @@ MOST_STEPS = 8
 class At:
     """The scene at some values of the parameters, and its geometry on the device.
 
-    ``displaced`` : whether shapes were displaced with their scatterers, as the tables of the geometry say
+    ``moves`` : of the shapes, at these values; ``displaced`` : whether shapes were displaced with their scatterers, as
+    the tables of the geometry say
     """
 
     scene: Scene
     trace_scene: TraceScene
+    moves: ComposedMoves
     displaced: bool = False
+
+    def displacements(self, parameter: Parameter) -> Sequence[Displacement]:
+        """Displacements by a parameter at these values."""
+        mesh = self.scene.geometry.face_mesh[self.trace_scene.geometry_faces]
+        return self.moves.of(parameter, self.scene, mesh)
 
     def texels(self, places: Sequence[tuple[int, int]]) -> I64:
         """Numbers in the kernel's tables of texels of level maps, given by their materials and numbers there."""
@@ -56,8 +64,7 @@ class Needed:
     def of(parameters: Sequence[Parameter], here: At, *, beam: bool) -> Needed:
         """All that the parameters need, in their order; ``beam``: whether the antenna's pattern counts."""
         scene = here.scene
-        mesh = scene.geometry.face_mesh[here.trace_scene.geometry_faces]
-        moves = [tuple(p.displacements(scene, mesh)) for p in parameters]
+        moves = [tuple(here.displacements(p)) for p in parameters]
         levels = [tuple(p.levels(scene)) for p in parameters]
         steps = [tuple(p.steps(scene)) for p in parameters]
         texels = [tuple(p.texels(scene)) for p in parameters]

@@ -114,9 +114,9 @@ def _of_materials(kind: str, rest: list[str], scene: Scene) -> list[Parameter] |
 def _of_shapes(kind: str, rest: list[str], scene: Scene) -> list[Parameter] | None:
     one = kind.removesuffix("s")
     match kind, rest:
-        case "shift", [shape, axis] if axis in AXES and axis:
+        case "shift", [shape, axis] if axis in tuple(AXES):
             return [Shift(shape, axis)]
-        case "shifts", [axis] if axis in AXES and axis:
+        case "shifts", [axis] if axis in tuple(AXES):
             return [Shift(shape, axis) for shape in bodies(scene, f"shifts:{axis}")]
         case kind, [shape] if kind in DEFORMATIONS:
             return [Deformation(kind, shape)]

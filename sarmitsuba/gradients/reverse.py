@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, F64, I64
+from sarmitsuba.arrays import C64, C128, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SceneError
@@ -23,6 +23,7 @@ from sarmitsuba.gradients.needed import At
 from sarmitsuba.gradients.tangent_batches import per_metre
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
+from sarmitsuba.parameters import one_line
 from sarmitsuba.scene.scene import Scene, SceneLike
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
@@ -156,10 +157,11 @@ class Objective:
     def at(self, values: F64 | None = None) -> Gradient:
         """The same with the raw data; None: of the scene as it is."""
         model = self.model
-        values = model.start if values is None else np.asarray(values, dtype=np.float64)
+        values = model.start if values is None else _numbers(values)
         if values.shape != model.start.shape:
             raise SceneError(
-                f"gradient: {values.size} values for {len(model.start)} parameters; give one for each"
+                f"gradient: {values.size} values for {len(model.start)} parameters; give one for each, of the shape "
+                f"({len(model.start)},), not {values.shape}"
             )
         if not np.isfinite(values).all():
             wrong = ", ".join(n for n, x in zip(model.names, values, strict=True) if not np.isfinite(x))
@@ -170,13 +172,27 @@ class Objective:
         return Gradient(model.names, values, found, value, model.raw(data), memory)
 
 
-def transposed(model: ForwardModel, adjoint: C64, values: F64 | None = None) -> tuple[F64, int]:
+def _numbers(values: object) -> F64:
+    """Values as an array.
+
+    Raises
+    ------
+    SceneError : they are no real numbers
+    """
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        given = one_line(repr(values))
+        raise SceneError(f"gradient: values {given} are no real numbers; give an array of them") from None
+
+
+def transposed(model: ForwardModel, adjoint: C64 | C128, values: F64 | None = None) -> tuple[F64, int]:
     r"""Transpose of the Jacobian times data, :math:`\Re J^H g`, and the bytes that it took.
 
     Parameters
     ----------
     model : raw data as a function of n values
-    adjoint : (channels, pulses, samples) complex64, g
+    adjoint : (channels, pulses, samples) complex, g
     values : (n,) at which it is taken; None: those of the scene
 
     Returns
@@ -218,7 +234,6 @@ class _ReversePlan:
     def of(model: ForwardModel, here: At, tracer: Tracer) -> _ReversePlan:
         """All parameters of a model whose values are displacements, levels or texels."""
         scene, traced = here.scene, here.trace_scene
-        mesh = scene.geometry.face_mesh[traced.geometry_faces]
         # rays alone carry slots
         rays_alone = len(tracer.sources) == 1
         shapes = MovingShapes(traced.n_faces)
@@ -228,7 +243,7 @@ class _ReversePlan:
         for k, parameter in enumerate(model.parameters):
             if not parameter.direct:
                 continue
-            places = [shapes.add(d) for d in parameter.displacements(scene, mesh) if rays_alone]
+            places = [shapes.add(d) for d in here.displacements(parameter) if rays_alone]
             if None not in places and places:
                 moved[k] = [place for place in places if place is not None]
             levels = [np.array(sorted(numbers), dtype=np.int64) for numbers in parameter.levels(scene)]

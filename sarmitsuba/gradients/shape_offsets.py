@@ -155,11 +155,11 @@ def moving_parts(model: ForwardModel, values: F64, *, whole: bool = False) -> li
 
 def velocities(model: ForwardModel, values: F64, corners: F64, mesh: I64) -> tuple[F64, NDArray[np.bool_]]:
     """(n_values, n_faces, 3, 3) m per unit, velocities of the faces' corners; (n_faces,) whether values deform them."""
-    scene = model.at(values)
+    scene, moves = model.at(values), model.moves(values)
     velocity, deformed = np.zeros((len(model.names), *corners.shape)), np.zeros(len(mesh), dtype=np.bool_)
     row = 0
     for parameter in model.parameters:
-        for k, move in enumerate(parameter.displacements(scene, mesh)):
+        for k, move in enumerate(moves.of(parameter, scene, mesh)):
             if move.faces is None or move.offset is None:
                 continue
             field = move.offset + (0.0 if move.gradient is None else corners @ move.gradient.T)
@@ -208,7 +208,7 @@ def offset(
 ) -> Offset | None:
     """Offset of a part from the spectra of the data and of its echoes (channels, pulses, frequencies); None: no echo.
 
-    ``reach`` : cells of range and azimuth that are looked at
+    ``reach`` : cells of range and azimuth that are looked at, in azimuth at most half as many as there are pulses
     """
     energy = float(np.sum(np.abs(own) ** 2))
     if not energy > 0.0:
@@ -311,7 +311,8 @@ def _azimuths(radar: Radar, part: MovingPart, reach: float) -> tuple[F64, F64]:
     if not (moves.any() and wide > 0.0):
         return along, np.zeros(1)
     cell = radar.waveform.wavelength / (2.0 * wide)
-    steps = int(np.ceil(reach * FINE_AZIMUTH))
+    # pulses repeat the peak beyond half of their number of cells
+    steps = int(min(np.ceil(reach * FINE_AZIMUTH), 0.5 * (len(along) - 1) * FINE_AZIMUTH))
     return along, np.arange(-steps, steps + 1) * cell / FINE_AZIMUTH
 
 

@@ -137,8 +137,8 @@ class Deformation(Parameter):
         """See the base class."""
         mesh, base, height = self._placed(scene)
         gradient = self._gradient(height)
-        turn_rate = _turn_rate(scene.geometry, mesh, gradient)
-        return [Displacement(np.zeros(3), face_mesh == mesh, -gradient @ base, gradient, turn_rate)]
+        rate = turn_rate(scene.geometry, mesh, gradient)
+        return [Displacement(np.zeros(3), face_mesh == mesh, -gradient @ base, gradient, rate)]
 
     def derivative(self, found: Derivatives) -> Sequence[C64]:
         """See the base class."""
@@ -152,7 +152,7 @@ LEAST_TURN = 1e-4
 DEFORMATIONS = {"height": "m", "scale": "1", "rotation": "rad"}
 
 
-def _turn_rate(geometry: Geometry, mesh: int, gradient: F64) -> float:
+def turn_rate(geometry: Geometry, mesh: int, gradient: F64) -> float:
     """Largest derivative of a unit normal of a mesh whose points move with a velocity gradient, 1 per unit."""
     first, stop = geometry.mesh_face_offset[mesh : mesh + 2]
     a, b, c = np.moveaxis(geometry.vertices[geometry.faces[first:stop]], 1, 0)

@@ -121,7 +121,7 @@ def test_data_of_another_radar_are_refused() -> None:
     [
         (Prior(np.nan, 1.0), "mean = nan"),
         (Prior(0.0, np.nan), "sigma = nan"),
-        (Prior(0.0, 1e-200), "its square"),
+        (Prior(0.0, 1e-200), "must be from"),
     ],
 )
 def test_priors_that_say_nothing_are_refused(prior: Prior, reason: str) -> None:
