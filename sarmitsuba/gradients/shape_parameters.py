@@ -193,7 +193,9 @@ def mesh_of(scene: Scene, name: str, label: str) -> int:
     found = [i for i, n in enumerate(names) if n == name]
     if len(found) != 1:
         problem = f'{len(found)} shapes are named "{name}"' if found else f'no shape "{name}"'
-        raise SceneError(f"parameter {label}: {problem}; there are {', '.join(sorted(set(names)))}")
+        endless = dict(zip(names, scene.geometry.mesh_endless, strict=False))
+        own = sorted(n for n in set(names) if not endless.get(n))
+        raise SceneError(f"parameter {label}: {problem}; there are {', '.join(own)}")
     return found[0]
 
 
