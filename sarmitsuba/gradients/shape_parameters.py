@@ -11,6 +11,7 @@ from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter, quoted
 from sarmitsuba.labelling.ground_shapes import ground_shapes
+from sarmitsuba.scene.endless_ground import ENDLESS_GROUND
 from sarmitsuba.trace.tangents import Displacement
 
 if TYPE_CHECKING:
@@ -193,8 +194,7 @@ def mesh_of(scene: Scene, name: str, label: str) -> int:
     found = [i for i, n in enumerate(names) if n == name]
     if len(found) != 1:
         problem = f'{len(found)} shapes are named "{name}"' if found else f'no shape "{name}"'
-        endless = dict(zip(names, scene.geometry.mesh_endless, strict=False))
-        own = sorted(n for n in set(names) if not endless.get(n))
+        own = sorted(set(names) - {ENDLESS_GROUND})
         raise SceneError(f"parameter {label}: {problem}; there are {', '.join(own)}")
     return found[0]
 
