@@ -212,9 +212,9 @@ def _planes(model: ForwardModel, data: RawData) -> C64:
     if data.data.shape[1:] != model.shape[1:]:
         spacing, step = data.radar.window.sample_spacing, radar.window.sample_spacing
         raise DataError(
-            f"{name}: raw data of {data.data.shape[1]} pulses of {data.data.shape[2]} samples {spacing:.6g} m apart, and "
-            f"a radar of {model.shape[1]} of {model.shape[2]} samples {step:.6g} m apart; give the scene the radar of "
-            "the data: bandwidth, aperture, prf and n_pulses"
+            f"{name}: raw data of {data.data.shape[1]} pulses of {data.data.shape[2]} samples {spacing:.6g} m apart, "
+            f"and a radar of {model.shape[1]} of {model.shape[2]} samples {step:.6g} m apart; give the scene the radar "
+            "of the data: bandwidth, aperture, prf and n_pulses"
         )
     own, other = radar.waveform.center_frequency, data.radar.waveform.center_frequency
     if abs(own - other) > SAME_CARRIER * own:

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from sarmitsuba import fit
-from sarmitsuba.gradients.confirmation import CONFIRMED, LOOKED_AT, Coherence, coherences, confirmed, scattered
+from sarmitsuba.gradients.confirmation import (
+    CONFIRMED,
+    LOOKED_AT,
+    Coherence,
+    coherences,
+    confirmed,
+    scattered,
+)
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import parameters_of
 from sarmitsuba.gradients.material_parameters import with_material
