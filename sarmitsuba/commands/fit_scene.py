@@ -92,7 +92,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         iterations=args.iterations,
         progress=lambda step, cost: console.note(
             f"step {step}: residual {cost:.4g}"
-            + (f", averaged over {window_of(step):g} range cells" if args.by == "amplitude" else "")
+            + (f", averaged over {window_of(step):g} range cells" if args.by == "amplitude" else " W")
         ),
     )
     console.say(found.table())

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.material_parameters import Level
 from sarmitsuba.gradients.measured_looks import ROUNDING, MeasuredLook
 from sarmitsuba.gradients.shape_offsets import echoes, frequencies, moving_parts
 
@@ -40,6 +41,9 @@ SEEN = 4.0
 LOOKED_AT = 1e4
 # quantile of the averaged intensity of the data that bounds the noise where the radar states none
 WEAKEST = 0.1
+
+# dB of a factor e of amplitudes
+DB = 20.0 / float(np.log(10.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,13 +124,50 @@ def coherences(
 def confirmed(looks: Sequence[MeasuredLook], values: F64) -> F64:
     """(n_values,) least share of confirmed echoes of the shapes that each value moves, see :class:`Coherence`.
 
-    Of values that move no shape that of all echoes; NaN for shapes without echoes.
+    Of a level that of the diffuse echoes of its material, of other values that move no shape that of all echoes; NaN
+    for shapes and materials without echoes.
     """
     found, moves = coherences(looks, values)
     out = least(((moves[mesh], one.share) for mesh, one in found.items()), len(values))
     still = ~np.any([np.zeros(len(values), dtype=np.bool_), *moves.values()], axis=0)
-    out[still] = everything(looks, values).share
+    if any(still):
+        out[still] = everything(looks, values).share
+    for number, one in scattered(looks, values).items():
+        out[number] = one.share
     return out
+
+
+def scattered(looks: Sequence[MeasuredLook], values: F64) -> dict[int, Coherence]:
+    """Coherence of the diffuse echoes of every material whose level is fitted, by the number of the value.
+
+    The derivative of data by a level in dB is ln(10)/20 of these echoes (of those between two surfaces of the same
+    material, which have two such amplitudes, twice as much).
+    """
+    found: dict[int, Coherence] = {}
+    for look in looks:
+        numbers = _levels(look.model)
+        if not numbers:
+            continue
+        by = list(numbers.values())
+        modelled, slopes = look.model.derivative(values, by=by)
+        left = np.fft.fft((look.measured - modelled).astype(np.complex128), axis=-1)
+        center = look.model.sampling.window.center
+        noise = _noise(look, center, left)
+        for number, slope in zip(numbers, slopes, strict=True):
+            own = np.fft.fft(slope.astype(np.complex128) * DB, axis=-1)
+            one = _coherence(look.model, center, own, left, noise, look.noise.samples)
+            found[number] = found.get(number, Coherence()).plus(one)
+    return found
+
+
+def _levels(model: ForwardModel) -> dict[int, Level]:
+    """Levels among the parameters, by the numbers of their values."""
+    found, number = dict[int, Level](), 0
+    for parameter in model.parameters:
+        if isinstance(parameter, Level):
+            found[number] = parameter
+        number += len(parameter.names(model.scene))
+    return found
 
 
 def everything(looks: Sequence[MeasuredLook], values: F64) -> Coherence:

@@ -55,10 +55,11 @@ class Fit:
         value on one side only, such as the rms height of a surface whose mirror has vanished
     bound : (n,) Cramer-Rao bound of the standard deviations with the radars' noise power; NaN for a noise temperature
         of 0
-    confirmed : (n,) coherence of data and model over the echoes of the shape that a value moves (of other values: over
-        all echoes), without noise, see :mod:`sarmitsuba.gradients.confirmation`: 1 where the data hold them as the fit
-        says, less where it is off by cycles of phase, 0 for data of another scene, whatever amplitudes are fitted;
-        below ``CONFIRMED`` not confirmed. NaN by amplitude, and for shapes without echoes
+    confirmed : (n,) coherence of data and model over the echoes of the shape that a value moves (of a level: over the
+        diffuse echoes of its material; of other values: over all echoes), without noise, see
+        :mod:`sarmitsuba.gradients.confirmation`: 1 where the data hold them as the fit says, less where it is off by
+        cycles of phase, 0 for data of another scene, whatever amplitudes are fitted; below ``CONFIRMED`` not
+        confirmed. NaN by amplitude, and for shapes and materials without echoes
     costs : sum of squares of the residuals of all looks after every accepted step, the start first: W. By amplitude
         before every step, of averaged intensities relative to the data's, a window counted once: they rise where the
         window shrinks, as there are more of them and each has more speckle.

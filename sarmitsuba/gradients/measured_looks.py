@@ -18,10 +18,10 @@ from sarmitsuba.gradients.least_squares import Samples
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene, SceneLike
 
-# largest distance of the receive windows of data and scene, m
-SAME_WINDOW = 1e-3
-# largest relative difference of their centre frequencies
+# largest relative difference of the centre frequencies of data and scene
 SAME_CARRIER = 1e-6
+# and of the spacings of their samples
+SAME_SPACING = 1e-9
 # noise power relative to that of the data that priors are weighed against at least
 LEAST_NOISE = 1e-6
 # rounding of float32 data, as a share of that
@@ -97,6 +97,9 @@ def looks_of(
 ) -> tuple[MeasuredLook, ...]:
     """Looks from a scene for each raw data, or from one scene, which every radar of several raw data sees.
 
+    Receive windows are those of the data: an automatic one follows the heights and the track of the scene, and those of
+    the measured scene are other ones.
+
     Raises
     ------
     SceneError : another number of scenes than of data; shapes, materials or parameters that the looks do not share
@@ -122,7 +125,8 @@ def looks_of(
             f"fit: {len(loaded)} scenes and {len(measured)} raw data; give a scene for each, or one for all"
         )
     looks = tuple(
-        MeasuredLook.of(scene, one, parameters) for scene, one in zip(loaded, measured, strict=True)
+        MeasuredLook.of(_received_as(scene, one), one, parameters)
+        for scene, one in zip(loaded, measured, strict=True)
     )
     if len(looks) > 1:
         _check_shared(looks)
@@ -159,6 +163,25 @@ def _seen_by(scene: Scene, data: RawData) -> Scene:
     return replace(scene, radar=radar, image=image)
 
 
+def _received_as(scene: Scene, data: RawData) -> Scene:
+    """The scene with the receive window of raw data that have as many pulses, of the same sample spacing."""
+    own, other = scene.radar.window, data.radar.window
+    if len(own.start_range) != len(other.start_range):
+        return scene
+    if abs(own.sample_spacing - other.sample_spacing) > SAME_SPACING * own.sample_spacing:
+        return scene
+    gap = np.maximum(
+        other.start_range - own.start_range - own.extent, own.start_range - other.start_range - other.extent
+    )
+    if gap.max() >= 0.0:
+        raise DataError(
+            f"{scene.name}: the receive window of the raw data begins up to "
+            f"{float(np.abs(other.start_range - own.start_range).max()):.3g} m from the scene's and holds none of its "
+            "echoes; give the scene the place and the radar of the data"
+        )
+    return replace(scene, radar=replace(scene.radar, window=other))
+
+
 def _check_shared(looks: Sequence[MeasuredLook]) -> None:
     """Refuse looks of different scenes, and parameters of a radar, of which each look has its own."""
     first = looks[0].model
@@ -190,9 +213,11 @@ def _planes(model: ForwardModel, data: RawData) -> C64:
             "give the scene the polarisation of the data"
         )
     if data.data.shape[1:] != model.shape[1:]:
+        spacing, step = data.radar.window.sample_spacing, radar.window.sample_spacing
         raise DataError(
-            f"{name}: raw data of {data.data.shape[1]} pulses of {data.data.shape[2]} samples, and a radar of "
-            f"{model.shape[1]} of {model.shape[2]}; give the scene the radar of the data"
+            f"{name}: raw data of {data.data.shape[1]} pulses of {data.data.shape[2]} samples {spacing:.6g} m apart, "
+            f"and a radar of {model.shape[1]} of {model.shape[2]} samples {step:.6g} m apart; give the scene the radar "
+            "of the data: bandwidth, aperture, prf and n_pulses"
         )
     own, other = radar.waveform.center_frequency, data.radar.waveform.center_frequency
     if abs(own - other) > SAME_CARRIER * own:
@@ -200,11 +225,10 @@ def _planes(model: ForwardModel, data: RawData) -> C64:
             f"{name}: the centre frequencies of raw data and scene are {1e-9 * other:.6g} and {1e-9 * own:.6g} GHz; "
             "give the scene the radar of the data"
         )
-    apart = float(np.abs(data.radar.window.start_range - radar.window.start_range).max())
-    if apart > SAME_WINDOW:
+    if not np.array_equal(data.radar.window.start_range, radar.window.start_range):
         raise DataError(
-            f"{name}: the receive windows of raw data and scene start up to {apart:.3g} m apart; give the scene the "
-            "radar of the data"
+            f"{name}: samples of raw data and scene are {data.radar.window.sample_spacing:.9g} and "
+            f"{radar.window.sample_spacing:.9g} m apart; give the scene the radar of the data"
         )
     out = np.zeros(model.shape, dtype=np.complex64)
     for plane, layer in zip(data.data, data.layers, strict=True):

@@ -11,6 +11,7 @@ from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.errors import SceneError
 from sarmitsuba.gradients.parameter import AXES, Derivatives, Parameter, quoted
 from sarmitsuba.labelling.ground_shapes import ground_shapes
+from sarmitsuba.scene.endless_ground import ENDLESS_GROUND
 from sarmitsuba.trace.tangents import Displacement
 
 if TYPE_CHECKING:
@@ -193,7 +194,8 @@ def mesh_of(scene: Scene, name: str, label: str) -> int:
     found = [i for i, n in enumerate(names) if n == name]
     if len(found) != 1:
         problem = f'{len(found)} shapes are named "{name}"' if found else f'no shape "{name}"'
-        raise SceneError(f"parameter {label}: {problem}; there are {', '.join(sorted(set(names)))}")
+        own = sorted(set(names) - {ENDLESS_GROUND})
+        raise SceneError(f"parameter {label}: {problem}; there are {', '.join(own)}")
     return found[0]
 
 

@@ -76,6 +76,8 @@ def find_format(path: Path, content: Content, name: str | None = None) -> FileFo
     if content == "raw" and os.path.isdir(path):
         known = [entry for entry in known if entry.folders]
         suffixes = {member.suffix.lower() for member in path.iterdir()}
+        if name is None and os.path.isfile(path / "raw.h5"):
+            raise DataError(f"{path}: is the folder of a run; give its file {path / 'raw.h5'}")
         if name is None and not any(suffixes & set(entry.suffixes) for entry in known):
             raise DataError(
                 f"{path}: is a folder without any {' or '.join(s for entry in known for s in entry.suffixes)} file"

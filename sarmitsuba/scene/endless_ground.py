@@ -14,6 +14,8 @@ from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.units import db_from_power
 
+# name of the mesh that continues the ground
+ENDLESS_GROUND = "endless ground"
 # smallest width of a rim that is taken as that of ground, m, and in resolution cells: smaller level sheets are targets
 LEAST_WIDTH, LEAST_CELLS = 10.0, 10.0
 # share of the scene's bounds, seen from above, that a sheet covers with faces inclined by less than 45 degrees if it is
@@ -190,7 +192,7 @@ def _continued(scene: Scene, rim: Rim, of: I32) -> Scene:
     n, first = len(z), len(geometry.vertices)
     a, b, a_out, b_out = np.arange(4 * n).reshape(4, n)
     faces = np.concatenate([np.stack([a, a_out, b_out], axis=1), np.stack([a, b_out, b], axis=1)])
-    names = (*geometry.mesh_names, "endless ground")
+    names = (*geometry.mesh_names, ENDLESS_GROUND)
     values = {
         name: np.concatenate([rows, np.full((2 * n, *rows.shape[1:]), np.nan)])
         for name, rows in geometry.corner_values.items()

@@ -159,7 +159,7 @@ class ChangedView:
             share = self.simulated_error()
             lines = [
                 f"{said} simulated: energy of the change {_level(true, found.image)} of the image's",
-                f"first order, {size}, is off by {_percent(share)} of the change",
+                f"to first order {size}; the difference of both is {_percent(share)} of the change",
             ]
         if found.left_out:
             lines.append(f"without {', '.join(name.replace('_', ' ') for name in found.left_out)}")

@@ -76,9 +76,11 @@ def test_rounds_by_amplitude_say_their_windows(scene: Path, capsys: Any) -> None
 
 
 def test_wrong_options_are_one_line(scene: Path, capsys: Any) -> None:
-    command = ["fit", str(scene), "--data", str(scene.parent / "raw.h5"), "--parameters"]
+    command, run = ["fit", str(scene), "--data", str(scene.parent / "raw.h5"), "--parameters"], scene.parent
     for options, reason in (
         (["roughness"], "'roughness' is not one of gain"),
+        (["height:house"], 'no shape "house"; there are'),
+        (["levels", "--data", str(run)], f"is the folder of a run; give its file {run / 'raw.h5'}"),
         (["levels", "--prior", "level:soil=3"], "is not of the form NAME=MEAN:SIGMA"),
         (["levels", "--iterations", "0"], "must be at least 1"),
         (["levels", "--data", "a.h5", "b.h5", "--radar", "c.xml"], "each look has the radar of its data"),

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from sarmitsuba import fit
-from sarmitsuba.gradients.confirmation import CONFIRMED, LOOKED_AT, Coherence, coherences
+from sarmitsuba.gradients.confirmation import (
+    CONFIRMED,
+    LOOKED_AT,
+    Coherence,
+    coherences,
+    confirmed,
+    scattered,
+)
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import parameters_of
 from sarmitsuba.gradients.material_parameters import with_material
@@ -76,6 +83,22 @@ def drawn(seed: int, source: str) -> FitDraw:
 def test_data_of_another_scene_are_not_confirmed_whatever_is_fitted(seed: int, source: str) -> None:
     ended = drawn(seed, source).ended()
     assert ended.how == ("right" if source == OWN else "not confirmed"), ended
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 1.0, 2.0])
+def test_a_level_is_confirmed_by_the_echoes_of_its_own_material(turn: float) -> None:
+    """Echoes of one material turned by a phase: the cosine for its level, 1 for that of the other one."""
+    scene = fields(3, 2, 16)
+    model = ForwardModel(scene, parse("gain,level:field0,level:field1", scene))
+    data, slopes = model.derivative()
+    turned = (np.exp(1j * turn) - 1.0) * slopes[1] * 20.0 / np.log(10.0)
+    looks = looks_of(scene, model.raw((data + turned).astype(np.complex64)), "gain,level:field0,level:field1")
+    found = scattered(looks, model.start)
+    # tol: what is turned counts as noise in part where the radar states none, and is taken off
+    assert found[1].coherence == pytest.approx(np.cos(turn), abs=0.05)
+    # tol: side lobes of the other field in these cells, a third of their energy at most
+    assert found[2].coherence > 0.8 and sorted(found) == [1, 2]
+    assert confirmed(looks, model.start)[1:] == pytest.approx([found[1].share, found[2].share])
 
 
 @pytest.mark.slow

@@ -97,6 +97,21 @@ def test_priors_separate_what_the_data_do_not() -> None:
         fit(scene, data, "levels", priors={"level:wall": Prior(0.0, 0.0)})
 
 
+def test_receive_windows_are_those_of_the_data() -> None:
+    scene = fields(3, 1, 8)
+    window = scene.radar.window
+    # farther by five samples, shorter by eight, and moving by a tenth of one from pulse to pulse
+    start = window.start_range + (5.0 + 0.1 * np.arange(8)) * window.sample_spacing
+    other = replace(window, start_range=start, n_samples=window.n_samples - 8)
+    seen = ForwardModel(replace(scene, radar=replace(scene.radar, window=other)), parse("levels", scene))
+    data = seen.raw(seen.data(seen.start + 1.5))
+    assert data.data.shape[2] == window.n_samples - 8
+    found = fit(scene, data, "levels")
+    # tol: float32 data
+    assert found.values == pytest.approx(seen.start + 1.5, abs=1e-4)
+    assert found.residual.data.shape == data.data.shape and found.unexplained < 1e-9
+
+
 def test_data_of_another_radar_are_refused() -> None:
     scene = fields(3, 1, 8)
     model = ForwardModel(scene, parse("gain", scene))
@@ -106,9 +121,13 @@ def test_data_of_another_radar_are_refused() -> None:
         fit(scene, shorter, "gain")
     with pytest.raises(DataError, match="takes range-compressed ones"):
         fit(scene, replace(data, domain="chirped"), "gain")
-    late = replace(data.radar.window, start_range=data.radar.window.start_range + 1.0)
-    with pytest.raises(DataError, match=r"start up to 1 m apart"):
+    own = data.radar.window
+    late = replace(own, start_range=own.start_range + own.extent)
+    with pytest.raises(DataError, match=r"holds none of its echoes"):
         fit(scene, replace(data, radar=replace(data.radar, window=late)), "gain")
+    finer = replace(own, sample_spacing=0.9 * own.sample_spacing, start_range=own.start_range + 0.1)
+    with pytest.raises(DataError, match=r"samples of raw data and scene are .* m apart"):
+        fit(scene, replace(data, radar=replace(data.radar, window=finer)), "gain")
     lower = replace(data.radar.waveform, center_frequency=9.0e9)
     with pytest.raises(DataError, match=r"centre frequencies of raw data and scene are 9 and 9\.65 GHz"):
         fit(scene, replace(data, radar=replace(data.radar, waveform=lower)), "gain")
