@@ -124,12 +124,16 @@ class EdgePoints:
 
     def cast(self, velocity: F64, antenna: F64, lit: F64 | float = 0.0) -> F64:
         """(n, 3) velocities of the shadows, of those (n, 3) of the edges and of the ``lit`` facets there."""
+        if not self.shadows.any():
+            return velocity
         leg, share, tilt = self._share(antenna)
         own = share * velocity
         return np.asarray(own - leg * np.einsum("nk,nk->n", own - lit, tilt)[:, None])
 
     def place(self, antenna: F64) -> F64:
         """(n, 3) m, the points themselves, or their shadows."""
+        if not self.shadows.any():
+            return self.position
         leg, share, _ = self._share(antenna)
         return np.asarray(np.where(self.lit[:, None] == NO_SHADOW, self.position, antenna + share * leg))
 
@@ -253,10 +257,12 @@ class OfShapes(Moves):
             shapes[(shapes[:, :i] == shapes[:, i : i + 1]).any(axis=1), i] = NO_SHAPE
         out = np.zeros((EDGE_SHAPES * self.ways, len(points), 3))
         for i, own in enumerate(shapes.T):
-            known = own != NO_SHAPE
+            known = np.flatnonzero(own != NO_SHAPE)
+            if not len(known):
+                continue
+            some, number = points[known], own[known]
+            moved = own_shape[known] == number[:, None]
             for way in range(self.ways):
-                rows = self.rows[np.where(known, own, 0), way]
-                out[i * self.ways + way] = points.velocity(
-                    rows[:, 0], rows[:, 1:], known[:, None] & (own_shape == own[:, None]), antenna
-                )
+                rows = self.rows[number, way]
+                out[i * self.ways + way, known] = some.velocity(rows[:, 0], rows[:, 1:], moved, antenna)
         return out, shapes.astype(np.uint32)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.arrays import C64, F64, I64, U32
+from sarmitsuba.arrays import C64, F32, F64, I64, U32
 from sarmitsuba.gradients.edge_points import NO_MIRROR, Common, EdgePoints, Moves
 from sarmitsuba.gradients.edge_sight import EdgeSight
 from sarmitsuba.gradients.mirror_facets import MirrorFacets
@@ -61,7 +61,7 @@ class _RaysBeside:
     place: F64
     weight: F64
     normal: F64
-    speeds: F64
+    speeds: F32
     faces: U32
     leg: U32
     shapes: U32 | None
@@ -91,7 +91,10 @@ class _RaysBeside:
         at, along = project(image, antenna, frame), moved(points.mirrored(points.cast(points.step, antenna)))
         length = np.linalg.norm(along, axis=1)
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.maximum(length, 1e-300)[:, None]
-        speeds = np.stack([(moved(v) * normal).sum(axis=1) for v in velocities], axis=1)
+        speeds = np.zeros((len(points), len(velocities)), dtype=np.float32)
+        for own, velocity in zip(speeds.T, velocities, strict=True):
+            if velocity.any():
+                own[:] = (moved(velocity) * normal).sum(axis=1)
         sampling = points.sampling
         off = samplings.beside[sampling][:, None] * normal
         weight = length / samplings.spacing[sampling] ** 2
@@ -112,6 +115,8 @@ class _RaysBeside:
     @staticmethod
     def together(parts: Sequence[_RaysBeside]) -> _RaysBeside:
         """All of several sets."""
+        if len(parts) == 1:
+            return parts[0]
 
         def of(name: str) -> F64 | None:
             own = [getattr(part, name) for part in parts]
@@ -165,7 +170,7 @@ class EdgeLattices:
         ]
         if not parts:
             return
-        every: list[_RaysBeside] = []
+        every: list[tuple[_RaysBeside, I64]] = []
         for antenna in antennas:
             own = []
             for points, velocities, shapes in parts:
@@ -173,8 +178,9 @@ class EdgeLattices:
                     velocities, shapes = self.moves.velocities(points, antenna)
                 own.append(_RaysBeside.of(points, velocities, shapes, antenna, frame, samplings))
             rays = _RaysBeside.together(own)
-            every.append(rays[np.argsort(rays.sampling, kind="stable")])
-        first = np.searchsorted(every[0].sampling, np.arange(len(samplings.spacing) + 1))
+            every.append((rays, np.argsort(rays.sampling, kind="stable")))
+        counts = np.bincount(every[0][0].sampling, minlength=len(samplings.spacing))
+        first = np.append(0, np.cumsum(counts))
         number = 0
         for lattice in lattices:
             levels = lattice.every_level
@@ -182,7 +188,7 @@ class EdgeLattices:
             if start < stop:
                 own_first = (first[number : number + len(levels)] - start).tolist()
                 found = tuple(replace(one, first=k) for one, k in zip(levels, own_first, strict=True))
-                rays = _RaysBeside.together([one[np.arange(start, stop)] for one in every])
+                rays = _RaysBeside.together([one[order[start:stop]] for one, order in every])
                 yield self._grid(lattice, found, rays, len(antennas))
             number += len(levels)
 
@@ -194,7 +200,7 @@ class EdgeLattices:
         samples = EdgeSamples(
             rays.weight.astype(np.float32),
             rays.normal,
-            np.ascontiguousarray(rays.speeds.T, dtype=np.float32),
+            np.ascontiguousarray(rays.speeds.T),
             rays.faces,
             rays.leg,
             rays.shapes,
