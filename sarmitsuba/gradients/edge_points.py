@@ -73,7 +73,7 @@ class EdgePoints:
         part, place = part[order], place[order]
         number = part // len(spacings)
         along = (end - start)[number]
-        zero, none = np.zeros_like(along), np.full(len(number), NO_MIRROR)
+        zero, none = np.broadcast_to(np.zeros(3), along.shape), np.full(len(number), NO_MIRROR)
         return EdgePoints(
             seen[number],
             part % len(spacings),
@@ -104,9 +104,16 @@ class EdgePoints:
         """Number of points."""
         return len(self.position)
 
-    def __getitem__(self, which: NDArray[np.bool_] | I64 | slice) -> EdgePoints:
+    def __getitem__(self, which: NDArray[np.bool_] | I64) -> EdgePoints:
         """Some of them."""
-        return EdgePoints(*(getattr(self, own.name)[which] for own in fields(self)))
+        rows = np.flatnonzero(which) if which.dtype == bool else which
+
+        def of(values: F64) -> F64:
+            if len(values) and not values.strides[0]:  # the same for all
+                return np.broadcast_to(values[0], (len(rows), *values.shape[1:]))
+            return np.asarray(values[rows])
+
+        return EdgePoints(*(of(getattr(self, own.name)) for own in fields(self)))  # type: ignore[arg-type]
 
     @property
     def shadows(self) -> NDArray[np.bool_]:

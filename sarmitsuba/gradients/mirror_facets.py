@@ -77,7 +77,7 @@ class MirrorFacets:
         share = away / np.where(above, away + height, 1.0)
         met = antenna + (points - antenna - (2.0 * height)[:, None] * normal) * share[:, None]
         within = np.einsum("nik,nk->ni", self.inward[number], met) > self.sides[number]
-        return above & within.all(axis=1), number, normal, met
+        return above & within[:, 0] & within[:, 1] & within[:, 2], number, normal, met
 
     def lines_seen(self, start: F64, end: F64, antenna: F64) -> tuple[I64, I64, F64, F64]:
         """Parts of straight lines that an antenna (3,), m, may see in triangles.
@@ -111,7 +111,7 @@ class MirrorFacets:
             own = planes[first : first + step]
             inner = (own.reshape(-1, 3) @ points).reshape(len(own), 4, 2, -1)
             inner -= offset[first : first + step, :, None, None]
-            mirror, line = np.nonzero((inner.max(axis=2) > 0.0).all(axis=1))
+            mirror, line = np.nonzero((np.maximum(inner[:, :, 0], inner[:, :, 1]) > 0.0).all(axis=1))
             a, b = inner[mirror, :, 0, line], inner[mirror, :, 1, line]
             crossed = a / np.where(a == b, 1.0, a - b)
             low, high = (

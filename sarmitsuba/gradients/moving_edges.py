@@ -214,15 +214,15 @@ class EdgeLattices:
         """Points on edges and their images in mirrors, then the images of their shadows, within the launch windows."""
 
         def within(points: EdgePoints) -> EdgePoints:
-            away = np.abs(project(points.image(antenna), antenna, frame))
-            return points[np.asarray((away <= samplings.half[points.sampling]).all(axis=1))]
+            inside = np.abs(project(points.image(antenna), antenna, frame)) <= samplings.half[points.sampling]
+            return points[np.asarray(inside[:, 0] & inside[:, 1])]
 
         points = EdgePoints.of(self.edges, antenna, frame, samplings.spacing)
         sight = EdgeSight(self.scene, antenna, frame, samplings.beside, self.facets)
         seen, shadows = sight.of_edges(points)
         seen = within(seen)
         if not self.batches.tracer.flags.multi_bounce:
-            return seen, shadows[:0]
+            return seen, shadows[np.zeros(0, dtype=np.int64)]
         # all at once, as every query is a launch
         images = [within(those.images(self.facets, antenna)) for those in (points, shadows)]
         found = sight.in_mirrors(EdgePoints.together(images))
