@@ -127,7 +127,7 @@ class _RaysBeside:
     def __getitem__(self, which: I64) -> _RaysBeside:
         """Some of them."""
         own = (getattr(self, one.name) for one in fields(self))
-        return _RaysBeside(*(None if x is None else x[which] for x in own))
+        return _RaysBeside(*(None if x is None else x[which] for x in own))  # type: ignore[arg-type]
 
 
 class EdgeLattices:
