@@ -10,72 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I64, U32
-from sarmitsuba.mesh.facet_edges import FacetEdges, unit_normals
+from sarmitsuba.gradients.mirror_facets import MirrorFacets
+from sarmitsuba.mesh.facet_edges import FacetEdges
 from sarmitsuba.trace.launch import LaunchFrame, project
 from sarmitsuba.trace.tangent_slots import EDGE_SHAPES, NO_SHAPE, ROW, SlotTangents
 from sarmitsuba.trace.tangents import Displacement
 
 # samples of an edge within one ray spacing; what is lit of it ends between two of them
 PER_SPACING = 4.0
-# points on edges times mirrors up to which every triangle is a mirror; beyond, the largest ones
-MOST_PAIRS = 200_000_000
-# distance from a mirror's plane over the extent of the scene up to which a point lies in it
-IN_PLANE = 1e-7
+# points times mirrors that are looked at together
+PAIRS = 500_000
+# share of a line by which the part of it that a mirror may show is looked at farther
+MARGIN = 1e-6
 # in place of the number of a mirror: it is seen directly; of a lit facet: the edge itself is seen, not its shadow
 NO_MIRROR = NO_SHADOW = -1
-
-
-@dataclass(frozen=True, eq=False)
-class MirrorFacets:
-    """Triangles that show points to an antenna: (n, 3, 3) corners, m, unit normals, (n, 3, 3) inward normals of sides.
-
-    Parameters
-    ----------
-    largest : (n,) their numbers, the largest first
-    extent : m, of the scene
-    """
-
-    corners: F64
-    normals: F64
-    inward: F64
-    largest: I64
-    extent: float
-
-    @staticmethod
-    def of(triangles: F64, extent: float) -> MirrorFacets:
-        """Triangles (n, 3, 3), m."""
-        normals = unit_normals(triangles)
-        inward = np.cross(normals[:, None], np.roll(triangles, -1, axis=1) - triangles)
-        inside = np.einsum("nik,nik->ni", inward, triangles.mean(axis=1)[:, None] - triangles)
-        inward *= np.sign(inside)[..., None]
-        sides = triangles[:, 1:] - triangles[:, :1]
-        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-        return MirrorFacets(triangles, normals, inward, np.argsort(-area, kind="stable"), extent)
-
-    def seen(
-        self, i: int, points: F64, antenna: F64
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], F64, F64]:
-        """How an antenna (3,), m, sees points (n, 3), m, in triangle i.
-
-        Returns
-        -------
-        above : (n,) whether the points are above the triangle's plane, on the side of the antenna
-        within : (n, 3) whether the path meets the plane within each side of the triangle
-        met : (n, 3) m, where it does
-        normal : (3,) of the triangle, towards the antenna
-        """
-        corner, normal = self.corners[i, 0], self.normals[i]
-        away = float((antenna - corner) @ normal)
-        if away < 0.0:
-            normal, away = -normal, -away
-        height = points @ normal - corner @ normal
-        above = height > IN_PLANE * self.extent
-        # where the line from the antenna to the image meets the mirror
-        share = away / np.where(above, away + height, 1.0)
-        met = antenna + (points - antenna - np.multiply.outer(2.0 * height, normal)) * share[:, None]
-        own = self.inward[i]
-        within = met @ own.T > np.einsum("ik,ik->i", own, self.corners[i])
-        return above, within, met, normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +32,7 @@ class EdgePoints:
 
     Parameters
     ----------
+    edge, sampling : (n,) number of the edge, and that of the set of rays whose spacing it is sampled for
     position : (n, 3) m, of the edge itself
     step : (n, 3) m, along the edge, of the part that the point stands for
     faces : (n, 2) facets that meet in the edge
@@ -95,6 +44,8 @@ class EdgePoints:
     side : (n, 3) unit vector from the edge into the light
     """
 
+    edge: I64
+    sampling: I64
     position: F64
     step: F64
     faces: I64
@@ -107,20 +58,27 @@ class EdgePoints:
     side: F64
 
     @staticmethod
-    def of(edges: FacetEdges, antenna: F64, frame: LaunchFrame, spacing: float) -> EdgePoints:
-        """Middles of equal parts of the edges, so short that they are samples within a ray spacing."""
-        seen = edges.seen(antenna)
+    def of(edges: FacetEdges, antenna: F64, frame: LaunchFrame, spacings: F64) -> EdgePoints:
+        """Middles of equal parts of the edges, so short that they are samples within each ray spacing, (k,) m.
+
+        In the order of the edges, and along each.
+        """
+        seen = np.flatnonzero(edges.seen(antenna))
         start, end = edges.start[seen], edges.end[seen]
         long = np.linalg.norm(project(end, antenna, frame) - project(start, antenna, frame), axis=1)
-        n = np.maximum(np.ceil(long * (PER_SPACING / spacing)), 1.0).astype(np.int64)
-        number = np.repeat(np.arange(len(n)), n)
-        place = (np.arange(len(number)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[number]
-        position = start[number] + (end - start)[number] * place[:, None]
-        zero = np.zeros_like(position)
-        none = np.full(len(number), NO_MIRROR)
+        n = np.maximum(np.ceil(long[:, None] * (PER_SPACING / spacings)), 1.0).astype(np.int64).ravel()
+        part = np.repeat(np.arange(len(n)), n)
+        place = (np.arange(len(part)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[part]
+        order = np.argsort(part // len(spacings) + place, kind="stable")
+        part, place = part[order], place[order]
+        number = part // len(spacings)
+        along = (end - start)[number]
+        zero, none = np.broadcast_to(np.zeros(3), along.shape), np.full(len(number), NO_MIRROR)
         return EdgePoints(
-            position,
-            (end - start)[number] / n[number][:, None],
+            seen[number],
+            part % len(spacings),
+            start[number] + along * place[:, None],
+            along / n[part][:, None],
             edges.faces[seen][number],
             mirror=none,
             normal=zero,
@@ -130,6 +88,12 @@ class EdgePoints:
             lit_normal=zero,
             side=zero,
         )
+
+    @staticmethod
+    def together(parts: Sequence[EdgePoints]) -> EdgePoints:
+        """All of several sets."""
+        every = ([getattr(part, own.name) for part in parts] for own in fields(EdgePoints))
+        return EdgePoints(*(np.concatenate(one) for one in every))
 
     @property
     def facets(self) -> I64:
@@ -142,12 +106,19 @@ class EdgePoints:
 
     def __getitem__(self, which: NDArray[np.bool_] | I64) -> EdgePoints:
         """Some of them."""
-        return EdgePoints(*(getattr(self, own.name)[which] for own in fields(self)))
+        rows = np.flatnonzero(which) if which.dtype == bool else which
+
+        def of(values: F64) -> F64:
+            if len(values) and not values.strides[0]:  # the same for all
+                return np.broadcast_to(values[0], (len(rows), *values.shape[1:]))
+            return np.asarray(values[rows])
+
+        return EdgePoints(*(of(getattr(self, own.name)) for own in fields(self)))  # type: ignore[arg-type]
 
     @property
-    def shadows(self) -> bool:
-        """Whether they are those of shadows."""
-        return bool((self.lit != NO_SHADOW).any())
+    def shadows(self) -> NDArray[np.bool_]:
+        """(n,) whether they are those of shadows."""
+        return np.asarray(self.lit != NO_SHADOW)
 
     def _share(self, antenna: F64) -> tuple[F64, F64, F64]:
         """(n, 3) m, from the antenna to the edge; (n, 1) the way to the lit facet over that; (n, 3) 1/m, its tilt."""
@@ -160,12 +131,16 @@ class EdgePoints:
 
     def cast(self, velocity: F64, antenna: F64, lit: F64 | float = 0.0) -> F64:
         """(n, 3) velocities of the shadows, of those (n, 3) of the edges and of the ``lit`` facets there."""
+        if not self.shadows.any():
+            return velocity
         leg, share, tilt = self._share(antenna)
         own = share * velocity
         return np.asarray(own - leg * np.einsum("nk,nk->n", own - lit, tilt)[:, None])
 
     def place(self, antenna: F64) -> F64:
         """(n, 3) m, the points themselves, or their shadows."""
+        if not self.shadows.any():
+            return self.position
         leg, share, _ = self._share(antenna)
         return np.asarray(np.where(self.lit[:, None] == NO_SHADOW, self.position, antenna + share * leg))
 
@@ -179,38 +154,30 @@ class EdgePoints:
         return self.met + self.mirrored(self.place(antenna) - self.met)
 
     def images(self, mirrors: MirrorFacets, antenna: F64) -> EdgePoints:
-        """Images in all triangles in which the antenna may see them."""
-        some = mirrors.largest
-        if len(self):
-            some = np.sort(some[: max(1, MOST_PAIRS // len(self))])
-        # of an edge whose both ends are on one side of a mirror's side nothing is seen
+        """Images in all triangles in which the antenna may see them; points of an edge or shadow follow each other."""
+        if not len(self):
+            return self
         place = self.place(antenna)
-        lines = np.column_stack([self.faces, self.lit])
-        starts = np.flatnonzero((np.diff(lines, axis=0, prepend=-2) != 0).any(axis=1))
-        stops = np.append(starts[1:], len(self))[: len(starts)]
-        ends = place[np.column_stack([starts, stops - 1]).ravel()]
-        rows, numbers, normals, places = [np.zeros(0, dtype=np.int64)], [0], [np.zeros(3)], [np.zeros((0, 3))]
-        for i in some.tolist():
-            above, within, _, _ = mirrors.seen(i, ends, antenna)
-            above, within = above.reshape(-1, 2), within.reshape(-1, 2, 3)
-            beyond = np.asarray((~within & above[..., None]).all(axis=1))
-            may = above.any(axis=1) & ~beyond.any(axis=1)
-            if not may.any():
-                continue
-            row = np.flatnonzero(np.repeat(may, stops - starts))
-            above, within, met, normal = mirrors.seen(i, place[row], antenna)
-            inside = above & within.all(axis=1)
+        lines = np.column_stack([self.edge, self.lit])
+        new = (np.diff(lines, axis=0, prepend=-2) != 0).any(axis=1)
+        number, starts = np.cumsum(new) - 1, np.flatnonzero(new)
+        start, end = place[starts], place[np.append(starts[1:], len(self)) - 1]
+        mirror, line, low, high = mirrors.lines_seen(start, end, antenna)
+        along = end - start
+        along /= np.maximum(np.einsum("nk,nk->n", along, along), 1e-300)[:, None]
+        # rises from line to line, and along each from 0 to 1
+        key = 2.0 * number + np.einsum("nk,nk->n", place - start[number], along[number])
+        first = np.searchsorted(key, 2.0 * line + low - MARGIN)
+        n = np.searchsorted(key, 2.0 * line + high + MARGIN, side="right") - first
+        rows, found = [], []
+        for some in np.split(np.arange(len(n)), np.flatnonzero(np.diff(np.cumsum(n) // PAIRS)) + 1):
+            own = n[some]
+            row = np.arange(own.sum()) + np.repeat(first[some] - np.cumsum(own) + own, own)
+            inside, *seen = mirrors.seen(np.repeat(mirror[some], own), place[row], antenna)
             rows.append(row[inside])
-            numbers.append(i)
-            normals.append(normal)
-            places.append(met[inside])
-        n = [len(row) for row in rows]
-        return replace(
-            self[np.concatenate(rows)],
-            mirror=np.repeat(numbers, n),
-            normal=np.repeat(normals, n, axis=0),
-            met=np.concatenate(places),
-        )
+            found.append([one[inside] for one in seen])
+        number, normal, met = (np.concatenate(one) for one in zip(*found, strict=True))
+        return replace(self[np.concatenate(rows)], mirror=number, normal=normal, met=met)
 
     def velocity(
         self,
@@ -297,10 +264,12 @@ class OfShapes(Moves):
             shapes[(shapes[:, :i] == shapes[:, i : i + 1]).any(axis=1), i] = NO_SHAPE
         out = np.zeros((EDGE_SHAPES * self.ways, len(points), 3))
         for i, own in enumerate(shapes.T):
-            known = own != NO_SHAPE
+            known = np.flatnonzero(own != NO_SHAPE)
+            if not len(known):
+                continue
+            some, number = points[known], own[known]
+            moved = own_shape[known] == number[:, None]
             for way in range(self.ways):
-                rows = self.rows[np.where(known, own, 0), way]
-                out[i * self.ways + way] = points.velocity(
-                    rows[:, 0], rows[:, 1:], known[:, None] & (own_shape == own[:, None]), antenna
-                )
+                rows = self.rows[number, way]
+                out[i * self.ways + way, known] = some.velocity(rows[:, 0], rows[:, 1:], moved, antenna)
         return out, shapes.astype(np.uint32)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.gradients.edge_points import NO_SHADOW, EdgePoints
-from sarmitsuba.mesh.facet_edges import unit_normals
 from sarmitsuba.trace.first_facets import first_facets
 from sarmitsuba.trace.launch import project
 
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sarmitsuba.arrays import F64, I64
+    from sarmitsuba.gradients.mirror_facets import MirrorFacets
     from sarmitsuba.trace.launch import LaunchFrame
     from sarmitsuba.trace.scene_tables import TraceScene
 
@@ -33,13 +33,15 @@ class EdgeSight:
     scene : that it sees
     antenna : (3,) m
     frame : launch plane
-    beside : m, distance in it from an edge at which rays tell what is there
+    beside : (k,) m, distance in it from an edge at which rays tell what is there, for each sampling of the points
+    facets : of the scene
     """
 
     scene: TraceScene
     antenna: F64
     frame: LaunchFrame
-    beside: float
+    beside: F64
+    facets: MirrorFacets
 
     def of_edges(self, points: EdgePoints) -> tuple[EdgePoints, EdgePoints]:
         """Points on edges that nothing hides, and the shadows of those before something farther away."""
@@ -58,12 +60,11 @@ class EdgeSight:
         )
         far = np.argmax(away, axis=0)
         lit = face[far, np.arange(len(points))]
-        triangles = self.scene.triangles[lit]
         found = replace(
             points,
             lit=lit,
-            lit_point=triangles[:, 0],
-            lit_normal=unit_normals(triangles),
+            lit_point=self.facets.corners[lit, 0],
+            lit_normal=self.facets.normals[lit],
             side=np.where(far[:, None] == 0, -1.0, 1.0) * normal,
         )
         place = np.linalg.norm(found.place(self.antenna) - self.antenna, axis=1)
@@ -72,31 +73,37 @@ class EdgeSight:
         return points, found[(lit != NO_SHADOW) & behind & ~own]
 
     def in_mirrors(self, points: EdgePoints) -> EdgePoints:
-        """Images of points in mirrors that nothing hides, before the mirror and behind it."""
+        """Images of points in mirrors that nothing hides, before the mirror and behind it; of shadows before it alone.
+
+        The kernel traces the rays to where the shadow is.
+        """
         if not len(points):
             return points
         sides, _ = self._sides(points)
         face, away = first_facets(self.scene, self.antenna, sides)
         seen = (face == points.mirror).all(axis=0)
         points, sides, away = points[seen], sides[:, seen], away[:, seen]
-        if points.shadows or not len(points):
-            return points  # the kernel traces them to where the shadow is
+        behind = np.flatnonzero(~points.shadows)
+        if not len(behind):
+            return points
+        own, sides, away = points[behind], sides[:, behind], away[:, behind]
         out = sides - self.antenna
         out /= np.linalg.norm(out, axis=2)[..., None]
-        n = points.normal
+        n = own.normal
         met = self.antenna + out * away[..., None]
         back = out - 2.0 * np.einsum("snk,nk->sn", out, n)[..., None] * n
         start = met + (n - out) * self.scene.clearance
         face, away = first_facets(self.scene, start, start + back)
-        edge = np.linalg.norm(points.position - start, axis=2)
-        return points[self._reached(points, face, away, edge)]
+        edge = np.linalg.norm(own.position - start, axis=2)
+        kept = np.ones(len(points), dtype=bool)
+        kept[behind] = self._reached(own, face, away, edge)
+        return points[kept]
 
     def _reached(self, points: EdgePoints, face: I64, away: F64, edge: F64) -> NDArray[np.bool_]:
         """Whether rays on both sides of edges at a distance, m, go as far, or meet a facet in a plane with the edge."""
         clearance = self.scene.clearance
-        triangles = self.scene.triangles[face]
-        normals = unit_normals(triangles.reshape(-1, 3, 3)).reshape(*face.shape, 3)
-        off = np.einsum("snk,snk->sn", points.position - triangles[..., 0, :], normals)
+        from_facet = points.position - self.facets.corners[face, 0]
+        off = np.einsum("snk,snk->sn", from_facet, self.facets.normals[face])
         return np.asarray(((np.abs(off) < clearance) | (away > edge - clearance)).all(axis=0))
 
     def _sides(self, points: EdgePoints) -> tuple[F64, F64]:
@@ -110,4 +117,5 @@ class EdgeSight:
         normal /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
         normal = normal[:, :1] * ux + normal[:, 1:] * uy
         place = center + at[:, :1] * ux + at[:, 1:] * uy
-        return np.stack([place - self.beside * normal, place + self.beside * normal]), normal
+        off = self.beside[points.sampling][:, None] * normal
+        return np.stack([place - off, place + off]), normal
