@@ -68,7 +68,7 @@ HALF = 25.0
 SPACING = {"hybrid": 0.15, "raw": 0.4}
 # pulses: every one is traced by method raw
 PULSES = {"hybrid": 8, "raw": 3}
-DRAWS = 96
+DRAWS = 30
 # kinds of parameters of a drawn scene besides the radar's: kernels that carry more take long to compile
 AT_ONCE = 2
 

@@ -107,7 +107,11 @@ def parameters_of(given: Parameters, scene: Scene) -> tuple[Parameter, ...]:
 
 @exclusive
 def jacobian(
-    scene: SceneLike, parameters: Parameters, *, progress: Callable[[float], None] | None = None
+    scene: SceneLike,
+    parameters: Parameters,
+    *,
+    edges: bool = True,
+    progress: Callable[[float], None] | None = None,
 ) -> Jacobian:
     r"""Raw data of a scene and their derivatives by parameters.
 
@@ -122,6 +126,7 @@ def jacobian(
     ----------
     scene : as loaded, a scene file, or the name of a shipped scene
     parameters : text such as ``"levels,track:5"``, or texts and objects, see :func:`sarmitsuba.gradients.parsing.parse`
+    edges : with what the edges of moving shapes hide and show; without, the derivatives of a town take a few runs less
     progress : called with the share that is done
 
     Returns
@@ -146,5 +151,5 @@ def jacobian(
     """
     scene = Scene.of(scene)
     model = ForwardModel(scene, parameters_of(parameters, scene))
-    data, derivative = model.derivative(progress=progress)
+    data, derivative = model.derivative(progress=progress, edges=edges)
     return Jacobian(model.names, model.start, derivative, model.raw(data))

@@ -72,7 +72,9 @@ class Gradient:
 
 
 @exclusive
-def gradient(scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F64 | None = None) -> Gradient:
+def gradient(
+    scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F64 | None = None, edges: bool = True
+) -> Gradient:
     r"""Derivatives of a loss of a scene's raw data by any number of parameters.
 
     With the adjoint data g of the loss, :math:`dL = \Re \sum g^* \, dm`, and the raw data's derivatives of
@@ -90,6 +92,7 @@ def gradient(scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F6
     loss : function of the raw data, complex64 (channels, pulses, samples), that returns its value and the adjoint data
         of the same shape; such as :class:`sarmitsuba.gradients.losses.SquaredDifference`
     values : (n,) of the parameters at which it is taken; None: those of the scene
+    edges : with what the edges of moving shapes hide and show, as for :func:`sarmitsuba.jacobian`
 
     Returns
     -------
@@ -111,7 +114,7 @@ def gradient(scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F6
     traced. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
     :class:`Objective` keeps what is planned once. The last bits of a gradient depend on the order in which threads end.
     """
-    return Objective(scene, parameters, loss).at(values)
+    return Objective(scene, parameters, loss, edges=edges).at(values)
 
 
 class Objective:
@@ -124,14 +127,15 @@ class Objective:
 
     Parameters
     ----------
-    scene, parameters, loss : as for :func:`gradient`
+    scene, parameters, loss, edges : as for :func:`gradient`
 
     Attributes
     ----------
     model : raw data as a function of the values
+    edges : as given
     """
 
-    def __init__(self, scene: SceneLike, parameters: Parameters, loss: Loss) -> None:
+    def __init__(self, scene: SceneLike, parameters: Parameters, loss: Loss, *, edges: bool = True) -> None:
         with backend_lock():
             scene = Scene.of(scene)
             if not callable(loss):
@@ -142,6 +146,7 @@ class Objective:
             if isinstance(loss, SquaredDifference):
                 loss = loss.in_order(scene.radar.channels)
             self.model, self.loss = ForwardModel(scene, parameters_of(parameters, scene)), loss
+            self.edges = edges
 
     @property
     def start(self) -> F64:
@@ -168,7 +173,7 @@ class Objective:
             raise SceneError(f"gradient: no finite value of {wrong}")
         data = model.data(values)
         value, adjoint = checked(self.loss, data)
-        found, memory = transposed(model, adjoint, values)
+        found, memory = transposed(model, adjoint, values, edges=self.edges)
         return Gradient(model.names, values, found, value, model.raw(data), memory)
 
 
@@ -186,7 +191,9 @@ def _numbers(values: object) -> F64:
         raise SceneError(f"gradient: values {given} are no real numbers; give an array of them") from None
 
 
-def transposed(model: ForwardModel, adjoint: C64 | C128, values: F64 | None = None) -> tuple[F64, int]:
+def transposed(
+    model: ForwardModel, adjoint: C64 | C128, values: F64 | None = None, *, edges: bool = True
+) -> tuple[F64, int]:
     r"""Transpose of the Jacobian times data, :math:`\Re J^H g`, and the bytes that it took.
 
     Parameters
@@ -194,6 +201,7 @@ def transposed(model: ForwardModel, adjoint: C64 | C128, values: F64 | None = No
     model : raw data as a function of n values
     adjoint : (channels, pulses, samples) complex, g
     values : (n,) at which it is taken; None: those of the scene
+    edges : with what moving edges hide and show
 
     Returns
     -------
@@ -211,12 +219,12 @@ def transposed(model: ForwardModel, adjoint: C64 | C128, values: F64 | None = No
         return out, _stated_bytes(model, plan.tangents) if plan.entries else memory
     unit = (adjoint.astype(np.complex128) / scale).astype(np.complex64)
     if plan.entries:
-        total, memory = _run_back(model, here, plan.tangents, unit)
+        total, memory = _run_back(model, here, plan.tangents, unit, edges)
         for number, entries in plan.entries.items():
             starts = np.cumsum([0, *(len(own) for own in entries[:-1])])
             out[first[number] : first[number + 1]] = np.add.reduceat(total[np.concatenate(entries)], starts)
     for group in _groups(model, here, [k for k in range(len(sizes)) if k not in plan.entries]):
-        _, planes = model.planes(here, [model.parameters[k] for k in group])
+        _, planes = model.planes(here, [model.parameters[k] for k in group], edges=edges)
         rows = np.concatenate([np.arange(first[k], first[k + 1]) for k in group])
         for row, plane in zip(rows, planes, strict=True):
             out[row] = _product(unit, plane)
@@ -328,7 +336,9 @@ class AdjointBatches(BatchTracer):
         return np.zeros((self.n_layers, pulses.plan.stop - pulses.plan.start, 0), dtype=np.complex64)
 
 
-def _run_back(model: ForwardModel, here: At, tangents: SlotTangents, adjoint: C64) -> tuple[F64, int]:
+def _run_back(
+    model: ForwardModel, here: At, tangents: SlotTangents, adjoint: C64, edges: bool
+) -> tuple[F64, int]:
     """Numbers of the gradient, and bytes of the adjoint grids and of these numbers."""
     grids, numbers = _grid_bytes(model, tangents), 8 * tangents.size * (threads() + 1)
     check_fits(
@@ -338,7 +348,7 @@ def _run_back(model: ForwardModel, here: At, tangents: SlotTangents, adjoint: C6
     )
     total = GradientSum(tangents.size)
     runs = [AdjointBatches(model.tracer(here), model.rays, tangents, total)]
-    if tangents.n_shapes:
+    if tangents.n_shapes and edges:
         beside = tangents.beside_edges()
         runs.append(AdjointBatches(model.tracer(here), model.rays, beside, total, OfShapes(tangents)))
     for batches in runs:

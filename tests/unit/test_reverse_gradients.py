@@ -83,6 +83,20 @@ def test_gradient_is_the_product_of_adjoint_data_and_jacobian(name: str) -> None
     assert np.abs((found - expected) / size).max() < 1e-6
 
 
+def test_edges_are_left_out_on_request() -> None:
+    scene = city(2, 1, pitch=8.0, settings={"max_depth": 2})
+    model = ForwardModel(scene, parse("heights", scene))
+    data, planes = model.derivative(edges=False)
+    adjoint = adjoint_of(np.random.default_rng(3), data)
+    expected, size = products(adjoint, planes)
+    found = gradient(scene, "heights", lambda d: (0.0, adjoint), edges=False).gradient
+    # tol: float32 sums of adjoint grids and of planes
+    assert np.abs((found - expected) / size).max() < 1e-6
+    with_edges, _ = transposed(model, adjoint)
+    assert np.abs((with_edges - found) / size).max() > 1e-5
+    assert np.array_equal(jacobian(scene, "heights", edges=False).derivative, planes)
+
+
 def test_levels_of_texels_against_differences_of_whole_runs() -> None:
     scene = city(5, 1, pitch=10.0, texels=(2, 3), settings={"max_depth": 2})
     model = ForwardModel(scene, parse("level_map:soil", scene))
