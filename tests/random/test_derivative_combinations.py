@@ -1,4 +1,4 @@
-"""A part of benchmarks/studies/derivative_combinations.py: derivatives in drawn scenes against differences of whole runs."""
+"""A part of benchmarks/studies/derivative_combinations.py: derivatives of drawn scenes against central differences."""
 
 from collections.abc import Callable
 from types import ModuleType
