@@ -266,15 +266,17 @@ def fit(
         if _better(problem, found, best, known):
             best = found
             passed += found.steps
-    if model.moving.any() and not problem.edges:
-        # edges take most of the time and change the derivatives little: the last steps, and the covariance, have them
+    share = confirmed(looks, best.values)
+    if not problem.edges and not (share[model.moving] >= CONFIRMED).all():
+        # edges take most of the time, and change derivatives little where a shape's own echoes are found
         problem = _Complex(looks, edges=True)
         found = minimised(problem, best.values, known, iterations, report, again=True)
         passed += found.steps[1:]
         best = replace(found, costs=(*best.costs, *found.costs[1:]))
+        share = confirmed(looks, best.values)
     variances = np.array([look.noise.shown(d) for look, d in zip(looks, best.differences, strict=True)])
     stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
-    share = confirmed(looks, best.values) * likely(rivals, len(best.values))
+    share = share * likely(rivals, len(best.values))
     covariance = best.covariance(variances, known)
     # off by cycles of phase, perhaps: as exact as the envelopes are
     doubtful = (share < CONFIRMED) & looks[0].model.moving

@@ -307,15 +307,14 @@ class ForwardModel:
             batches = TangentBatches(tracer, self.rays, self.shape[0] * layers, 0)
             planes = list(self._traced(batches, progress).reshape(layers, *self.shape))
             data, farther = planes[:2]
-            moving = some.displacements if edges else ()
-            for plane, more in zip(planes[2:], self.beside_edges(here, moving), strict=False):
-                plane += more
             first = 2
             numbers = (len(some.displacements), len(some.levels), len(some.steps), len(some.texels))
             for own, number in zip(found.sorts, numbers, strict=True):
                 own += planes[first : first + number]
                 first += number
             pointed += planes[first:]
+        if edges:
+            self._add_edges(here, wanted.displacements, found.displaced)
         radar = here.scene.radar
         aside = self._aside(radar)
         if here.scene.points:
@@ -341,6 +340,13 @@ class ForwardModel:
                 )
 
         return data, rows()
+
+    def _add_edges(self, here: At, displacements: Sequence[Displacement], displaced: Sequence[C64]) -> None:
+        """Add what moving edges hide and show to the derivatives by displacements; points once for one launch's."""
+        for k in range(0, len(displacements), MOST):
+            beside = self.beside_edges(here, displacements[k : k + MOST])
+            for plane, more in zip(displaced[k:], beside, strict=False):
+                plane += more
 
     def beside_edges(self, here: At, displacements: Sequence[Displacement]) -> Sequence[C64]:
         """What moving edges add to the derivatives by displacements; nothing where no shape moves."""
