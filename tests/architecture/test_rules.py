@@ -14,9 +14,6 @@ ROOT = Path(__file__).parents[2]
 
 # the command line, the only code that prints or exits
 PRINTERS = {"cli", "__main__", "commands"}
-LONGEST_MODULE = 500
-# of all lines of the package; the lines of a folder are those of its own files, not of the folders in it
-LARGEST_FOLDER = 0.1
 
 # `Any` per room; rooms that are not here have none. Limits may only fall.
 # The untyped things behind them: Mitsuba and Dr.Jit, h5py, OpenEXR, JSON of foreign files.
@@ -87,73 +84,6 @@ def test_only_results_reach_up_by_name(house: Any) -> None:
                 if module.room not in {"image", "echo", "scene", "analysis"} or target not in house.modules:
                     wrong.append(f"{module.where}:{node.lineno} {target}.{name}")
     assert named and not wrong, "\n".join(wrong)
-
-
-def test_modules_stay_small(house: Any) -> None:
-    over = {m.where: m.lines for m in house if m.lines > LONGEST_MODULE}
-    assert not over, str(over)
-
-
-def test_no_folder_grows_over_a_tenth_of_the_package(house: Any) -> None:
-    lines: Counter[str] = Counter()
-    for module in house:
-        if module.room != "plugins" and "." in module.folder:
-            lines[module.folder] += module.lines
-    limit = LARGEST_FOLDER * sum(m.lines for m in house)
-    over = {folder: f"{n} > {limit:.0f}" for folder, n in lines.items() if n > limit}
-    assert not over, str(over)
-
-
-def test_no_prefix_is_a_folder_squeezed_flat(house: Any) -> None:
-    """``cost_model.py``, ``cost_report.py`` ... are a folder ``cost`` that was never made."""
-    folders = {module.folder.rpartition(".")[2] for module in house}
-    prefixes: dict[tuple[str, str], list[str]] = {}
-    for module in house:
-        stem = module.path.stem
-        # plugins are named as the scene format names them
-        if not module.is_package and "_" in stem.strip("_") and module.room != "plugins":
-            prefixes.setdefault((module.folder, stem.partition("_")[0]), []).append(module.where)
-    wrong = {
-        f"{folder}.{prefix}_*": members
-        for (folder, prefix), members in prefixes.items()
-        if prefix == folder.rpartition(".")[2] or len(members) > 2 or (len(members) > 1 and prefix in folders)
-    }
-    assert not wrong, str(wrong)
-
-
-# folders whose modules are named for the entry that they hold, whatever else has that name
-ENTRIES = {
-    "cases",
-    "catalog",
-    "commands",
-    "focusers",
-    "laws",
-    "modes",
-    "named",
-    "patterns",
-    "presets",
-    "stages",
-}
-
-
-def test_a_module_name_stands_once(house: Any) -> None:
-    """A module's name tells what is in it, without its folder."""
-    where: dict[str, list[str]] = {}
-    for module in house:
-        entry = module.folder.rpartition(".")[2] in ENTRIES | {"sources"}
-        if not (module.is_package or entry or module.room == "plugins"):
-            where.setdefault(module.path.stem, []).append(module.where)
-    assert not {name: found for name, found in where.items() if len(found) > 1}
-
-
-def test_a_class_name_stands_once(house: Any) -> None:
-    where: dict[str, list[str]] = {}
-    for module in house:
-        if module.room != "plugins":
-            for node in ast.walk(module.tree):
-                if isinstance(node, ast.ClassDef):
-                    where.setdefault(node.name.lstrip("_"), []).append(f"{module.where}:{node.lineno}")
-    assert not {name: found for name, found in where.items() if len(found) > 1}
 
 
 def test_types_of_arrays_have_one_home(house: Any) -> None:

@@ -170,11 +170,3 @@ def test_figures_hold_while_every_change_has_its_reason(
     assert sources.holds("c" * 12) and not sources.holds("a" * 12)
     sources.still_holds("the same bits")
     assert sources.holds("a" * 12)
-
-
-def test_figures_of_the_pages_hold_for_these_kernels(benchmark_script: Callable[[str], ModuleType]) -> None:
-    """A change of kernels is measured again, or python benchmarks/run_all.py --still-holds says why it need not be."""
-    sources = benchmark_script("kernel_sources")
-    page = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
-    assert page.count(sources.MARK) >= 10
-    assert sources.outdated(page) == [], f"sources are {sources.current()}; measure, or say --still-holds WHY"
