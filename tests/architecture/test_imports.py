@@ -55,6 +55,7 @@ FLOORS = (
         "unfinished",
         "units",
         "version",
+        "witness",
         "linear_map",
     ),
 )
