@@ -357,6 +357,7 @@ def _image(
             table,
             range_window=args.window,
             azimuth_window=_azimuth_window(aspects, args.window),
+            error_bars=False,  # the sweep has a statement of its own
             progress=console.progress,
             ready=ready,
         )

@@ -443,7 +443,7 @@ def refuse(scene: Scene) -> None:
     SceneError, RadarError : one line: the reason and the remedy
     """
     method, name = scene.settings.method, scene.name
-    if method in ("image", "raster"):
+    if scene.settings.one_look:
         raise RadarError(f"{name}: method {method} makes no raw data to differentiate; take hybrid or raw")
     if scene.radar.receiver is not None:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
