@@ -17,6 +17,7 @@ from sarmitsuba.importing.places import (
     LOCAL,
     WIDEST,
     Places,
+    beside,
     check_width,
     local_of_geodetic,
     middle,
@@ -235,7 +236,7 @@ class _Place:
         return _Place(crs, places, points, anchor, anchor, level)
 
     def around(self, options: ImportOptions) -> F64 | None:
-        """Bounds of longitude and latitude of the required terrain, (2, 2); None: the whole raster."""
+        """Bounds of continuous longitude and of latitude of the required terrain, (2, 2); None: the whole raster."""
         if self.points.size and self.known is not None:
             points = self.geodetic(self.points)
             margin = _MARGIN
@@ -243,6 +244,7 @@ class _Place:
             points, margin = np.degrees([[self.known.longitude, self.known.latitude]]), options.radius
         else:
             return None
+        points[:, 0] = beside(points[:, 0], points[0, 0])
         step = np.degrees(margin / 6.37e6) / np.array(
             [max(np.cos(np.radians(points[:, 1]).max()), 0.01), 1.0]
         )
