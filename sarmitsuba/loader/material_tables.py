@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from sarmitsuba.loader.names_of_materials import kind_of
+from sarmitsuba.loader.names_of_materials import exact_kind
 from sarmitsuba.materials.change import CHANGE
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
@@ -36,7 +36,7 @@ _PERMITTIVITY = (
         "",
         "permittivity by name",
         choices=lambda: tuple(sorted(MATERIALS.names)),
-        synonym=lambda name: kind_of(name, {}),
+        synonym=exact_kind,
     ),
     Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
     Param(
