@@ -213,16 +213,22 @@ _SCATTERING = (
         "scattering_coefficient",
         "float",
         0.0,
-        "S: share S^2 of the reflected power is scattered by Lambert's law",
+        "S: share S^2 of the power reflected at the true angle and polarisation is scattered",
         "",
         0.0,
         1.0,
     ),
     Param("xpd_coefficient", "float", 0.0, "share of the scattered power that is cross-polar", "", 0.0, 1.0),
-    *(
-        Param(name, "ignored", 0.0, "directive lobe; read as Lambert's law")
-        for name in ("alpha_r", "alpha_i", "lambda_", "scattering_pattern")
+    Param(
+        "scattering_pattern",
+        "string",
+        "lambertian",
+        "directions of the scattered power",
+        choices=("lambertian", "directive", "backscattering"),
     ),
+    Param("alpha_r", "integer", 1, "exponent of the lobe about the mirror direction", "", 1, 200),
+    Param("alpha_i", "integer", 1, "exponent of the lobe back to the source; of backscattering", "", 1, 200),
+    Param("lambda_", "float", 1.0, "share of the first of these lobes; of backscattering", "", 0.0, 1.0),
     *_COLORS,
 )
 
