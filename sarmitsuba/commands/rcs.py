@@ -371,7 +371,7 @@ def _image(
         results.draw_into(folder, results.picture_name(channels, channel), shown, console)
     record["image"] = {
         "radar": results.radar_record(table.radar),
-        "image_request": table.image.moved(table.offset),
+        "image_request": table.image.as_dict(),
         "plan": image.metadata.get("plan"),
     }
     wave = table.radar.waveform

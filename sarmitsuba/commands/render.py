@@ -114,7 +114,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "versions": results.versions(),
             "backend": backend,
             "settings": settings,
-            "image_request": scene.image.moved(scene.offset),
+            "image_request": scene.image.as_dict(),
             "radar": results.radar_record(scene.radar),
         }
         with open_workers(args, console, settings) as workers:
