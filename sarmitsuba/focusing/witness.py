@@ -92,7 +92,12 @@ def sum_exactly(raw: RawData, points: F64, range_window: Window, azimuth_window:
 
 
 def witness_focusing(
-    raw: RawData, pixels: C64, grid: ImageGrid, focuser: Focuser, windows: tuple[Window, Window], law_db: float
+    raw: RawData,
+    pixels: C64,
+    grid: ImageGrid,
+    focuser: Focuser,
+    windows: tuple[Window, Window],
+    law_db: float,
 ) -> Witness | None:
     """Error of an image against :func:`sum_exactly` at drawn pixels, in the worst channel; None of an empty image.
 
