@@ -303,7 +303,7 @@ def _compare(
     factor = float(np.clip(math.sqrt(allowance.pulse / affordable), 1.0, SPARSEST))
     sampling = run.at(factor).sampling
     assert sampling is not None
-    rays = Rays(sampling, run.trace_scene, (0,), 0)
+    rays = Rays(sampling, run.trace_scene, (0,), 0, run.plan.max_depth)
     layers = run.layers.layers[: run.layers.per_subset]
     errors, energies, traced = [], [], 0
     for i in range(n):

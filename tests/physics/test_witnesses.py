@@ -14,7 +14,7 @@ from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation import witnesses
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 
 SMALL = {
     "range_film.image_extent_azimuth": "12",

@@ -24,7 +24,7 @@ from sarmitsuba.simulation.prediction.both_ways import (
 )
 from sarmitsuba.simulation.prediction.explanation import Explanation, explain
 from sarmitsuba.simulation.prediction.prediction import predict
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from tests.support.unweighted import focus
 

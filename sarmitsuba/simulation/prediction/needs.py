@@ -15,9 +15,9 @@ AFTER = ("chirp", "focus", "files", "labels")
 CHIRPED, CHIRPED_BYTES, CHIRPED_BATCH = 2.6e-8, 24, 1 << 22
 # copies of the raw data held by passes, in addition to those being simulated
 PASSES_HELD = 3
-# seconds of labels beside those of the look that they are made of: of any image, and of each ray; and bytes of a ray,
-# whose echoes are kept by what they come from
-LABELS, LABELLED_RAY, LABEL_BYTES = 0.1, 8e-6, 950
+# seconds of labels over those of the look that they are made of, which they trace and compare again by what echoes come
+# from (2 to 8 in shipped scenes); and bytes of each of its rays
+LABELLED, LABEL_BYTES = 6.0, 950
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class Needs:
 
     def labelled(self, look: "Needs") -> "Needs":
         """Needs with labels of the image; ``look``: of one look of method ``image``, whose echoes are labelled."""
-        seconds = sum(look.seconds.values()) + LABELS + look.rays * LABELLED_RAY
+        seconds = LABELLED * sum(look.seconds.values())
         return self.then("labels", seconds, look.bytes + look.rays * LABEL_BYTES)
 
     def __str__(self) -> str:
