@@ -177,7 +177,7 @@ class Collector:
             )
         for part, corners in zip(parts, vertices, strict=True):
             kind = kinds[part.material] or DEFAULT
-            index = self.book.named(part.material or DEFAULT, kind, label)
+            index = self.book.named(part.material or kind, kind, label)
             self._check_faces(label, len(part.faces))
             self._check_size((part.name, part.material), corners)
             self.surfaces.append(MeshSurface(part.name, corners, part.faces, index, motion=motion))

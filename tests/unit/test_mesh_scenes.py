@@ -351,6 +351,7 @@ def test_a_material_alone_is_that_of_all_names(tmp_path: Path) -> None:
     chosen = load_scene(
         tmp_path / "box.stl", radar=RADAR, mesh=MeshOptions(materials=dict([material_choice("Stahl")]))
     )
+    assert [m.name for m in chosen.materials] == ["metal"]
     assert [m.permittivity for m in chosen.materials] == [
         MATERIALS["metal"].permittivity(chosen.radar.waveform.center_frequency)
     ]

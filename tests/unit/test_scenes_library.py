@@ -267,5 +267,7 @@ def test_recipes_are_read_before_python_3_11(monkeypatch: pytest.MonkeyPatch) ->
         read_table(recipe, "a recipe", 1 << 20) == {"read": len(recipe.read_text(encoding="utf-8"))} != here
     )
     there.clear()
-    with pytest.raises(DataError, match="before Python 3.11 TOML needs the package tomli; pip install tomli"):
+    with pytest.raises(
+        DataError, match=r"before Python 3\.11 TOML needs the package tomli; pip install tomli"
+    ):
         read_table(recipe, "a recipe", 1 << 20)
