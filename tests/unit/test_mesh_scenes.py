@@ -171,7 +171,7 @@ def made_for_light(folder: Path, seed: int, style: str, y_up: bool = True) -> tu
         bodies.append(body)
         places.append(turn)
     axes = trimesh.transformations.rotation_matrix(-0.5 * np.pi if y_up else 0.0, [1, 0, 0])
-    shapes, truth = [], []
+    shapes, truth, grey = [], [], '<float name="reflectance" value="0.{}"/>'
     for i, (body, place) in enumerate(zip(bodies, places, strict=True)):
         truth.append(trimesh.transformations.transform_points(body.vertices, place))
         name, whole = f"Körper_{i} ({i}).ply", axes @ place
@@ -185,7 +185,7 @@ def made_for_light(folder: Path, seed: int, style: str, y_up: bool = True) -> tu
         )
         shapes.append(
             f'<shape type="ply"{identity}><string name="filename" value="{name}"/>{moved}'
-            '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>'
+            f'<bsdf type="twosided"><bsdf type="diffuse">{grey.format(i)}</bsdf></bsdf></shape>'
         )
     order = rng.permutation(len(shapes))
     path = folder / "scene.xml"
@@ -236,6 +236,19 @@ def test_scenes_that_only_look_like_y_up_are_asked_about(tmp_path: Path, seed: i
     turned = [v @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) for v in truth]
     check_shapes(load_scene(path), turned)
     check_shapes(load_scene(path, mesh=MeshOptions(up="y")), truth)
+
+
+@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.errors.SarmitsubaWarning")
+def test_a_loaded_scene_with_y_up_is_asked_about(tmp_path: Path) -> None:
+    from sarmitsuba.backend import mi
+    from sarmitsuba.loader.plugins import register_plugins
+
+    register_plugins()
+    path, _ = made_for_light(tmp_path, 1, "blender")
+    with pytest.warns(SarmitsubaWarning, match=r"is y up\? .* looks like ground below all else"):
+        load_scene(mi.load_file(str(path), parallel=False), radar=RADAR)
+    with pytest.raises(SceneError, match="unit and up axis are given to files and dicts"):
+        load_scene(mi.load_file(str(path), parallel=False), radar=RADAR, mesh=MeshOptions(up="y"))
 
 
 def test_walls_are_no_ground() -> None:
