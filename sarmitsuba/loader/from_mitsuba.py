@@ -16,7 +16,7 @@ from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import Placed
 from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS
-from sarmitsuba.mesh.model_units import y_ground
+from sarmitsuba.mesh.model_units import ShapeExtent, y_ground
 from sarmitsuba.scene.scene import Scene
 
 _NAME = "scene"
@@ -84,11 +84,12 @@ def scene_from_mitsuba(
         else:
             collector.add_shape(_placed(shape, name), element)
     if radar_root is not None and not any(hasattr(own, "given") for own in mi_scene.sensors()):
-        lying = y_ground([surface.vertices[surface.faces] for surface in collector.surfaces])
+        surfaces = [surface for surface in collector.surfaces if len(surface.faces)]
+        lying = y_ground([ShapeExtent.of(s.vertices[s.faces]) for s in surfaces])
         if lying >= 0:
             warn_once(
                 collector.notes,
-                f'{_NAME}: is y up? "{collector.surfaces[lying].name}" looks like ground below all else; give the file '
+                f'{_NAME}: is y up? "{surfaces[lying].name}" looks like ground below all else; give the file '
                 "to load_scene, which turns it, or turn it by to_world",
             )
     if ground is not None:

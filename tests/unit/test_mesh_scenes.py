@@ -14,7 +14,7 @@ from sarmitsuba.loader.from_mesh import MeshOptions
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.names_of_materials import kind_of
 from sarmitsuba.materials.named_materials import MATERIALS
-from sarmitsuba.mesh.model_units import doubtful_size, y_ground
+from sarmitsuba.mesh.model_units import ShapeExtent, doubtful_size, y_ground
 from sarmitsuba.scene.scene import Scene
 
 RADAR = "airborne_x"
@@ -238,6 +238,21 @@ def test_scenes_that_only_look_like_y_up_are_asked_about(tmp_path: Path, seed: i
     check_shapes(load_scene(path, mesh=MeshOptions(up="y")), truth)
 
 
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1e300])
+def test_broken_meshes_of_scenes_made_for_light_end_in_one_line(tmp_path: Path, number: float) -> None:
+    path, _ = made_for_light(tmp_path, 2, "world")
+    text = f"v 0 0 0\nv {number} {-number} 1\nv 0 1 0\nf 1 2 3\n"
+    (tmp_path / "odd.obj").write_text(text)
+    shape = '<shape type="obj"><string name="filename" value="odd.obj"/><bsdf type="radar_material">'
+    shape += '<string name="material" value="metal"/></bsdf></shape></scene>'
+    path.write_text(path.read_text().replace("</scene>", shape))
+    with pytest.raises(SceneError) as caught, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".*has no radar parameters", SarmitsubaWarning)
+        load_scene(path, radar=RADAR)
+    assert ("\n" not in str(caught.value) and "odd" in str(caught.value)) or "obj" in str(caught.value)
+
+
 @pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.errors.SarmitsubaWarning")
 def test_a_loaded_scene_with_y_up_is_asked_about(tmp_path: Path) -> None:
     from sarmitsuba.backend import mi
@@ -260,8 +275,8 @@ def test_walls_are_no_ground() -> None:
             size = rng.uniform([1.0, 0.1, 2.0], [30.0, 12.0, 15.0])
             box, place = trimesh.creation.box(size), np.array([*rng.uniform(-40, 40, 2), 0.5 * size[2]])
             boxes.append(box.triangles + place)
-        assert y_ground(boxes) < 0
-        assert y_ground([b[:, :, [1, 0, 2]] for b in boxes]) < 0
+        assert y_ground([ShapeExtent.of(b) for b in boxes]) < 0
+        assert y_ground([ShapeExtent.of(b[:, :, [1, 0, 2]]) for b in boxes]) < 0
 
 
 def test_motion_turns_with_the_shapes_and_level_ground_does_not(tmp_path: Path) -> None:
