@@ -11,7 +11,7 @@ PIP = $(BIN)/pip --disable-pip-version-check --quiet
 # the modules that a process has compiled serve the next one: tests start many
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow test-lowest test-highest benchmarks validation docs release clean
+.PHONY: demo test test-slow test-lowest test-highest golden benchmarks validation docs release clean
 
 demo: $(VENV)/.run
 	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --force
@@ -44,6 +44,11 @@ test-highest:
 		pytest pytest-xdist hypothesis miepython
 	.venv-highest/bin/pip --disable-pip-version-check list
 	.venv-highest/bin/python -m pytest -m "not slow" -W default::DeprecationWarning -n $(JOBS) $(VERSIONS)
+
+# forty small runs by the commit BASE and by this tree, bit by bit: for every change of structure
+BASE ?= HEAD
+golden: $(VENV)/.test
+	$(BIN)/python benchmarks/studies/golden.py against $(BASE) $(if $(ALLOW),--allow $(ALLOW))
 
 # docs/benchmarks.md; a quarter of an hour on two idle cores
 benchmarks: $(VENV)/.test

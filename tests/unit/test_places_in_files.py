@@ -72,9 +72,9 @@ def drawn(seed: int) -> tuple[RawData, SarImage, F64]:
     point = np.array([*rng.uniform(-4.0, 4.0, 2), 0.0])
     raw = ideal_echoes(radar, point, 4.0, 0.7)
     steps = rng.permutation([0.5, rng.uniform(0.12, 0.5)])
-    request = ImageRequest(
-        ("ground", "slant")[seed % 2], *rng.uniform(-3.0, 3.0, 2), 0.0, *rng.uniform(24.0, 27.0, 2), *steps
-    )
+    center, sides = rng.uniform(-3.0, 3.0, 2), rng.uniform(24.0, 27.0, 2)
+    kind = ("ground", "slant")[seed % 2]
+    request = ImageRequest(kind, *center, 0.0, *sides, *steps, offset=tuple(radar.offset))
     return raw, focus(raw, request=request, focuser="backprojection"), point + radar.offset
 
 
