@@ -326,6 +326,10 @@ def test_a_car_of_445_m_is_asked_about(tmp_path: Path) -> None:
         load_scene(tmp_path / "a.xml", radar=RADAR)
     scene = load_scene(tmp_path / "a.xml", radar=RADAR, mesh=MeshOptions(unit="cm"))
     assert np.ptp(scene.geometry.bounds[:, 0]) == pytest.approx(4.45)
+    trimesh.creation.box((445.0, 180.0, 150.0)).export(tmp_path / "red_car.stl")
+    metal_car = MeshOptions(materials={"*": "metal"})
+    with pytest.warns(SarmitsubaWarning, match=r'red_car.stl: "red_car" is 445 m long; give --unit cm'):
+        load_scene(tmp_path / "red_car.stl", radar=RADAR, mesh=metal_car)
     trimesh.creation.box((900.0, 500.0, 800.0)).export(tmp_path / "Car.ply")
     (tmp_path / "a.xml").write_text(f'<scene version="3.0.0">{body.replace("Car", "B")}</scene>')
     (tmp_path / "Car.ply").rename(tmp_path / "B.ply")
