@@ -146,7 +146,7 @@ def _check_options(mesh: MeshOptions, scene: object, label: str) -> None:
         )
     if not isinstance(scene, Path | str | Mapping) or _holds_objects(scene):
         raise SceneError(
-            f"{label}: unit and up axis are given to files and plain dicts, not to what Mitsuba has loaded"
+            f"{label}: unit and up axis are given to files and dicts, not to what Mitsuba has loaded"
         )
 
 

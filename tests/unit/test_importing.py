@@ -379,6 +379,24 @@ def test_towns_on_the_antimeridian_are_as_elsewhere(turn: float, tmp_path: Path)
             assert np.abs(np.sort(vertices, axis=0) - np.sort(others, axis=0)).max() < 0.01, part
 
 
+def test_guesses_of_materials_by_tags_are_said_in_a_line(tmp_path: Path) -> None:
+    tags = ["brick", "Wet_Brick", "plutonium", "plutonium", "Ziegel", ""]
+    boxes = [shapely.box(11.0 + 5e-4 * i, 48.0, 11.0002 + 5e-4 * i, 48.0001) for i in range(len(tags))]
+    features = [
+        feature(box, i, height=9, **({"building:material": tag} if tag else {}))
+        for i, (box, tag) in enumerate(zip(boxes, tags, strict=True))
+    ]
+    source = write_features(tmp_path / "a.geojson", features)
+    model = import_scene(source, tmp_path / "a.xml")
+    said = [note for note in model.notes if "materials of walls" in note]
+    assert said == [
+        "a.geojson: assumed for 2 materials of walls with unknown names, concrete taken (first: plutonium)",
+        "a.geojson: assumed for 1 materials of walls, brick by a word in the name (first: Wet_Brick)",
+    ]
+    chosen = import_scene(source, tmp_path / "b.xml", ImportOptions(materials={"walls": "wood"}))
+    assert not any("materials of walls" in note for note in chosen.notes)
+
+
 def test_openstreetmap_extract(tmp_path: Path) -> None:
     """A way, and a multipolygon of two ways joined with a hole."""
     places = [(0, 0), (0, 2), (2, 2), (2, 0), (5, 0), (9, 0), (9, 4), (5, 4), (6, 1), (7, 1), (7, 2), (6, 2)]
