@@ -80,7 +80,7 @@ class Run:
         ensure_backend()
         check_stages()
         glance()
-        if scene.settings.method in ("image", "raster") and scene.radar.all_round:
+        if scene.settings.one_look and scene.radar.all_round:
             raise RadarError(
                 f"{scene.name}: method {scene.settings.method} takes one look, but the track goes round the scene; "
                 "take method hybrid or raw"

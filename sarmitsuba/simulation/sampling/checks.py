@@ -75,8 +75,8 @@ def check_small_parts(sampling: SamplingPlan, shortfalls: Sequence[Shortfall]) -
 def _coarse_chains(sampling: SamplingPlan, short: Shortfall) -> str:
     return (
         f"{sampling.scene.name}: curved or small surfaces that rays meet after a reflection are too large for the "
-        f"bound on rays: tubes there are {short.spacing:.3g} m wide; set ray_spacing to {short.needed:.2g} m, or make "
-        "the image smaller"
+        f"bound on rays: tubes there are {short.spacing:.3g} m wide; set ray_spacing to {short.needed:.2g} m, or "
+        "make the image smaller"
     )
 
 
