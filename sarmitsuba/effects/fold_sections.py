@@ -39,7 +39,7 @@ PHASE_STEP, LEAN_STEP = 0.5, 0.25
 # sections that a statement solves, and wavelengths of both faces together up to which they are not scaled down
 MOST_SECTIONS, WIDEST_STATED = 3, 40.0
 # error of the section by rays that the simulator's have beside it, by grazing tubes, over the rms of the section
-OF_RAYS = 0.01
+OF_RAYS = 0.015
 # rad from a right angle within which the energy of these waves grows as the width of the faces
 NEAR_RIGHT = math.radians(20.0)
 # segments of the mesh by which the error of another one is measured over its own, in so many directions, and the
