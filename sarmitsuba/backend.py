@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import BackendError
+from sarmitsuba.exclusive import check_backend_kept
 from sarmitsuba.kernel_cache import prepare_kernel_cache
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ def ensure_backend(prefer: str | None = None) -> Backend:
     BackendError
         No back end works, or the requested variant does not exist or cannot start.
     """
+    check_backend_kept()
     late = "drjit" in sys.modules
     choice = None if late else prepare_llvm()
     if not late:
@@ -251,6 +253,7 @@ class _Lazy:
     def __getattr__(self, attribute: str) -> Any:
         if attribute.startswith("__"):
             raise AttributeError(attribute)
+        check_backend_kept()
         if self._module_name == "mitsuba":
             ensure_backend()
         elif "drjit" not in sys.modules:
@@ -263,7 +266,7 @@ class _Lazy:
         value = self.__dict__[attribute] = getattr(module, attribute)
         return value
 
-    def _forget(self, old: str | None, new: str | None) -> None:
+    def _forget(self, old: str | None = None, new: str | None = None) -> None:
         for name in [n for n in self.__dict__ if not n.startswith("_")]:
             del self.__dict__[name]
 
@@ -271,6 +274,9 @@ class _Lazy:
 if not TYPE_CHECKING:
     # the only import of Dr.Jit and Mitsuba; their array types depend on the variant
     dr, mi = _Lazy("drjit"), _Lazy("mitsuba")
+    if hasattr(os, "register_at_fork"):  # what a fork lost is asked for again, and refused
+        os.register_at_fork(after_in_child=dr._forget)
+        os.register_at_fork(after_in_child=mi._forget)
 
 
 def _no_llvm(choice: LlvmChoice | None) -> str:
@@ -378,6 +384,7 @@ def arrays() -> ModuleType:
     BackendError
         No back end works.
     """
+    check_backend_kept()
     late = "drjit" in sys.modules
     choice = None if late else prepare_llvm()
     try:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.exclusive import backend_lock
+from sarmitsuba.exclusive import backend_lock, fork_for_trial
 from sarmitsuba.regular_files import most_unpacked
 
 # allowed CPU time, s: a hundred times that of any intact file, plus a share by the size of the file
@@ -46,7 +46,7 @@ def survive(path: Path, read: Callable[[], object]) -> None:
     with backend_lock(), warnings.catch_warnings():
         # Python 3.12 warns of forking beside threads: the child uses none, and takes no lock of theirs
         warnings.simplefilter("ignore", DeprecationWarning)
-        child = os.fork()
+        child = fork_for_trial()
         if child == 0:
             _try(read, limit, memory)
     status = None

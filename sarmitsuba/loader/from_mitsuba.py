@@ -124,10 +124,11 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
         return element
     where = f'{_NAME}: bsdf "{name}"'
     if hasattr(bsdf, "scattering_coefficient"):
-        values = {"xpd_coefficient": _scalar(bsdf.xpd_coefficient)}
+        values: dict[str, Property] = {"xpd_coefficient": _scalar(bsdf.xpd_coefficient)}
         scattering = _scalar(bsdf.scattering_coefficient)
         if scattering > 0.0:  # Sionna's default of 0 stands for "not given"
             values["scattering_coefficient"] = scattering
+            values |= _pattern(bsdf.scattering_pattern)
         if hasattr(bsdf, "itu_type"):
             return Element(
                 "bsdf", "itu-radio-material", name, where, Path(), {**values, "type": str(bsdf.itu_type)}
@@ -145,6 +146,16 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
                 switches[key] = _scalar(numbers[f"{key}.value"])
         element.children.extend(("_arg_0", _bsdf(inner)) for inner in _nested(bsdf))
     return element
+
+
+def _pattern(pattern: object) -> dict[str, Property]:
+    """Parameters of one of Sionna's scattering patterns."""
+    numbers = {
+        name: getattr(pattern, name) for name in ("alpha_r", "alpha_i", "lambda_") if hasattr(pattern, name)
+    }
+    if "lambda_" in numbers:
+        numbers["lambda_"] = _scalar(numbers["lambda_"])
+    return {"scattering_pattern": type(pattern).__name__.removesuffix("Pattern").lower(), **numbers}
 
 
 def _nested(bsdf: "mi.BSDF") -> "list[mi.BSDF]":

@@ -137,12 +137,16 @@ def account_payload(account: Mapping[str, object]) -> Value:
     stages, advice = found.get("stages"), found.get("advice")
     return {
         "total_db": _finite(found.get("total_db")),
+        "known": str(found.get("known", "")),
         "errors": [
             {
                 "name": str(name),
                 "error_db": _finite(part.get("error_db")),
                 "likely_db": _finite(part.get("likely_db")),
                 "known": str(part.get("known")),
+                "samples": _finite(part.get("samples")),
+                "law_db": _finite(part.get("law_db")),
+                "contradicts": part.get("contradicts") is True,
             }
             for name, part in errors.items()
             if isinstance(part, Mapping)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from sarmitsuba.errors import DataError
 from sarmitsuba.parameters import knows_its_fields
 
 Method = Literal["raw", "hybrid", "image", "raster"]
@@ -59,3 +60,37 @@ class TraceSettings:
     default_rms_height: float = 1e-3
     endless_ground: Switch = "auto"
     effects: Mapping[str, Switch] = field(default_factory=dict)
+
+    @property
+    def one_look(self) -> bool:
+        """Whether the method makes an image of one look, without raw data."""
+        return self.method in ("image", "raster")
+
+    @property
+    def adds_passes(self) -> bool:
+        """Whether passes of rays are added until an error or a time is reached."""
+        return self.target_error_db < 0.0 or self.time_limit > 0.0
+
+    def check(self, name: str, *, raw: bool) -> None:
+        """Refuse settings that contradict each other, before any work.
+
+        Parameters
+        ----------
+        name : of the scene
+        raw : whether raw data are asked for
+
+        Raises
+        ------
+        DataError
+            One line: the settings and the remedy.
+        """
+        if self.one_look and raw:
+            raise DataError(
+                f"{name}: method {self.method} makes an image without raw data; render it (without --no-focus and "
+                "--raw), or take method hybrid"
+            )
+        if self.one_look and self.adds_passes:
+            raise DataError(
+                f"{name}: method {self.method} makes one pass only; leave out target_error_db and time_limit "
+                "(--target-error, --time-limit), or take method hybrid"
+            )

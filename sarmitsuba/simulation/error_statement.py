@@ -188,12 +188,12 @@ class ErrorStatement:
         """Statement in one line."""
         counted = self.theory.counted
         parts = [
-            f"sampling {_level(self.sampling_db[counted])}",
-            f"bounces left out {_level(self.bounces_db[counted])}",
-            self.theory.text,
+            f"sampling {_measured(self.sampling_db[counted])}",
+            f"bounces left out {_measured(self.bounces_db[counted])}",
+            f"{self.theory.text}, law",
         ]
         if self.currents:
-            parts = [f"mesh {_level(self.sampling_db[counted])}", self.currents]
+            parts = [f"mesh {_measured(self.sampling_db[counted])}", self.currents]
         return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {self._total_text}: {', '.join(parts)}"
 
     @property
@@ -250,6 +250,11 @@ def _level(values: F64) -> str:
         if known.size and np.isfinite(known).all()
         else "not measured"
     )
+
+
+def _measured(values: F64) -> str:
+    text = _level(values)
+    return text if text == "not measured" else f"{text} (measured here)"
 
 
 def _finite(value: float) -> float | None:

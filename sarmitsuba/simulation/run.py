@@ -80,7 +80,7 @@ class Run:
         ensure_backend()
         check_stages()
         glance()
-        if scene.settings.method in ("image", "raster") and scene.radar.all_round:
+        if scene.settings.one_look and scene.radar.all_round:
             raise RadarError(
                 f"{scene.name}: method {scene.settings.method} takes one look, but the track goes round the scene; "
                 "take method hybrid or raw"
@@ -202,7 +202,7 @@ class Run:
             There is no ray for some pulse.
         """
         assert self.trace_scene is not None
-        rays = Rays(sampling, self.trace_scene, self.layers.subsets, pass_index)
+        rays = Rays(sampling, self.trace_scene, self.layers.subsets, pass_index, self.plan.max_depth)
         middle = self.scene.radar.track.center_index
         for grids in rays.at(middle):
             self._check_rays(sampling, grids)

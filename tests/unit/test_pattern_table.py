@@ -20,7 +20,7 @@ from sarmitsuba.radar.pattern_table import PatternTable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import focus
 
 WIDTHS = (2.0, 6.0)  # degrees
