@@ -54,7 +54,7 @@ def atomic_path(target: Path | str, within: Path | None = None) -> Iterator[Path
     try:
         # another user of the folder could have placed a link there, which writers would follow
         temporary.unlink(missing_ok=True)
-        with removed_if_stopped(partial(temporary.unlink, missing_ok=True)):
+        with removed_if_stopped(partial(temporary.unlink, missing_ok=True), temporary):
             yield temporary
             os.replace(temporary, target)
     except OSError as error:

@@ -234,7 +234,7 @@ def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Itera
     make_folder(folder)
     probe = folder / part_name()
     try:
-        with removed_if_stopped(partial(probe.unlink, missing_ok=True)):
+        with removed_if_stopped(partial(probe.unlink, missing_ok=True), probe):
             probe.touch(exist_ok=False)  # never through a link
             probe.unlink()
     except OSError as error:
@@ -247,7 +247,7 @@ def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Itera
             with suppress(OSError):  # not empty
                 folder.rmdir()
 
-    with removed_if_stopped(remove_empty):
+    with removed_if_stopped(remove_empty, None if existed else folder):
         try:
             with sole_writer(folder):
                 yield OutputFolder(folder, written)
