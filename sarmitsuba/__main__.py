@@ -32,6 +32,7 @@ def main() -> int:
     An exception in foreign code (half-imported modules, callbacks of Mitsuba) would end in a traceback or a crash: the
     process ends without one, and unfinished files are removed.
     """
+    _open_streams()
     started, ending = os.getpid(), threading.RLock()
     shared = share_unfinished()
 
@@ -64,6 +65,15 @@ def main() -> int:
         signal.signal(number, signal.SIG_IGN)
     signal.set_wakeup_fd(-1)
     return status
+
+
+def _open_streams() -> None:
+    """Open what a parent has closed (``>&-``): files would otherwise get the numbers of the standard streams."""
+    while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
+        continue
+    os.close(handle)
+    sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")
+    sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")
 
 
 def _watch(end: Callable[[int, FrameType | None], None], shared: mmap.mmap) -> None:

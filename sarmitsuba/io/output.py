@@ -16,7 +16,7 @@ from sarmitsuba.io.atomic import make_folder, part_name
 from sarmitsuba.io.encoding import json_value
 from sarmitsuba.io.locking import sole_writer
 from sarmitsuba.parameters import one_line
-from sarmitsuba.regular_files import read_text
+from sarmitsuba.regular_files import check_text, read_text
 from sarmitsuba.unfinished import removed_if_stopped
 
 MANIFEST = ".sarmitsuba.json"
@@ -273,6 +273,7 @@ class OutputFile:
 
     def __init__(self, path: Path | str, *, force: bool = False) -> None:
         self.path = Path(path)
+        check_text(self.path)
         folder, name = self.path.parent, self.path.name
         is_result = RESULTS.fullmatch(name) and os.path.lexists(folder / MANIFEST)
         self._folder = OutputFolder(folder) if is_result else None

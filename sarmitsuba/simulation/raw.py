@@ -97,7 +97,9 @@ def simulate(
     run = Run(scene, plan=plan, clock=clock, workers=workers)
     run.admit()
     if state is not None:
-        run.finished = FinishedBlocks(state, run_hash or fingerprint(scene), run.plan, f"pass {pass_index}")
+        run.finished = FinishedBlocks(
+            state, run_hash or fingerprint(scene), run.plan, f"pass {pass_index}", run.batch_shape
+        )
     try:
         if ready:
             ready(run)
