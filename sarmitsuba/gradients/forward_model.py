@@ -95,7 +95,7 @@ class ForwardModel:
                     f"{scene.name}: {what} cannot be differentiated; switch off the effect {name} (-D "
                     f"sar_path.{name}=off), or leave them out"
                 )
-        patterned = scene.radar.antenna.pattern != "isotropic"
+        patterned = scene.radar.antenna.directive
         if (
             any(isinstance(p, BeamPointing) for p in self.parameters)
             and patterned

@@ -177,9 +177,10 @@ class Collector:
             )
         for part, corners in zip(parts, vertices, strict=True):
             kind = kinds[part.material] or DEFAULT
-            index = self.book.named(part.material or DEFAULT, kind, label)
+            index = self.book.named(part.material or kind, kind, label)
             self._check_faces(label, len(part.faces))
-            self._check_size((part.name, part.material), corners)
+            file = Path(label.rpartition(": ")[2]).stem if len(parts) == 1 else ""
+            self._check_size((part.name, part.material, file), corners)
             self.surfaces.append(MeshSurface(part.name, corners, part.faces, index, motion=motion))
 
     def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:

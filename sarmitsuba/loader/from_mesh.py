@@ -13,14 +13,22 @@ import numpy as np
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.assemble import MeshSurface
+from sarmitsuba.loader.assemble import MAX_COORDINATE, MeshSurface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.elements import Element, walk
 from sarmitsuba.loader.mesh_files import MeshPart, read_parts
 from sarmitsuba.loader.names_of_materials import check_chosen
 from sarmitsuba.loader.shapes import MeshReader, Placed
 from sarmitsuba.loader.tables import SENSOR
-from sarmitsuba.mesh.model_units import LIKELY_WALL, TALLEST_WALL, UNITS, doubtful_unit, up_axis, y_ground
+from sarmitsuba.mesh.model_units import (
+    LIKELY_WALL,
+    TALLEST_WALL,
+    UNITS,
+    ShapeExtent,
+    doubtful_unit,
+    up_axis,
+    y_ground,
+)
 from sarmitsuba.parameters import one_line
 
 Up = Literal["auto", "y", "z"]
@@ -129,10 +137,12 @@ def find_frame(
     if up == "auto":
         up, said = "z", "z up"
         flat = [p for p in shapes if p.element.plugin in _FLAT] if not has_radar(root) else []
-        corners = [v[f] for v, f in map(reader.triangles, flat)]
-        ground = y_ground([t for t in corners if len(t)])
+        read = ((p, *reader.triangles(p)) for p in flat)
+        with np.errstate(over="ignore", invalid="ignore"):  # such meshes are refused when they are checked
+            extents = {p.name: ShapeExtent.of(v[f]) for p, v, f in read if len(f)}
+            ground = y_ground(list(extents.values()))
         if ground >= 0:
-            name = one_line(flat[ground].name)
+            name = one_line(list(extents)[ground])
             if _from_blender(root) or _were_turned(flat):
                 up, said = "y", f'y up by its ground "{name}"'
             else:
@@ -161,7 +171,12 @@ def describe_frame(
         f"{label}: {frame.up}, unit {unit}: {span[0]:.4g} m x {span[1]:.4g} m wide and {span[2]:.4g} m high (--up and "
         "--unit change that)"
     )
-    if options.unit != "auto" or not LIKELY_WALL < span[2] <= TALLEST_WALL:
+    # wider ones are refused, or warned of, with the scene
+    if (
+        options.unit != "auto"
+        or not LIKELY_WALL < span[2] <= TALLEST_WALL
+        or not span.max() <= MAX_COORDINATE
+    ):
         return note, ""
     doubt = doubtful_unit(np.concatenate([s.vertices[s.faces] for s in surfaces]), LIKELY_WALL)
     return (
