@@ -144,4 +144,4 @@ def test_the_forecast_is_of_the_whole_command() -> None:
     labelled = needs.labelled(run.label_needs())
     assert labelled.seconds["labels"] > 0.0 and labelled.bytes >= needs.bytes
     assert set(labelled.by_progress) == set(needs.by_progress)
-    assert run.needs().seconds["witnesses"] == 0.02 * 2 * run.needs().seconds["trace"]
+    assert needs.seconds["witnesses"] >= 0.02 * 2 * needs.seconds["trace"]
