@@ -127,6 +127,11 @@ class Run:
         glance()
         self.timer.lap("plan")
 
+    @property
+    def batch_shape(self) -> tuple[int, int, int]:
+        """Layers of one ray subset, pulses and samples of the raw data."""
+        return self.layers.per_subset, self.scene.radar.track.n_pulses, self.scene.radar.window.n_samples
+
     def at(self, factor: float) -> "Run":
         """Run with all ray spacings multiplied by a factor; geometry and decisions are shared."""
         other = copy(self)
