@@ -72,6 +72,12 @@ class FinishedBlocks:
         self.found = len(self._rows)
         self.grid_bytes = max((label.get("grid_bytes", 0) for label in self._journal.labels), default=0)
 
+    def begin_again(self, part: str) -> None:
+        """Discard all blocks and hold those of other rays, identified by ``part``."""
+        self._first["part"] = part
+        self.interval, self.settled, self.growth, self.found = None, False, {}, 0
+        self._begin()
+
     def _begin(self) -> None:
         self._journal.clear()
         self._journal.append(self._first, np.empty(0, np.uint8))
