@@ -22,6 +22,8 @@ from sarmitsuba.witness import Witness
 DRAWN, GROUPS = 40_000, 3
 # dB, error below which the ray spacing is not refined further
 FINE_DB = -15.0
+# dB, error from which a contradiction to two sets of rays is said
+SAID_DB = -20.0
 # factor by which more rays are drawn where the draw leaves open whether that is met, and how often
 MORE, TIMES = 4, 1
 # dB, energy of a channel relative to the strongest below which it does not count
@@ -102,13 +104,13 @@ def _differences(
 
 
 def say_rays(name: str, witness: Witness) -> str:
-    """Warn of rays whose measured error is large, or far above that of two sets of rays; returns the text, or none."""
+    """Warn of rays whose measured error is large, or high and far above that of two sets; returns the text, or none."""
     measured = (
         f"{name}: the error of the rays, measured against half their spacing, is {witness.error_db:.1f} dB"
     )
     if witness.useless:
         text = f"{measured}: the image is not usable; set a smaller ray_spacing, or make the image smaller"
-    elif witness.contradicts:
+    elif witness.contradicts and witness.error_db > SAID_DB:
         text = f"{measured}, where two sets of rays say {witness.law_db:.1f} dB; set a smaller ray_spacing for less"
     else:
         return ""
