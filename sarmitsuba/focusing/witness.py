@@ -231,7 +231,9 @@ def conjugation_warning(raw: RawData, pixels: C64, grid: ImageGrid, windows: tup
     image = _sum_of(pixels, raw.layers, raw.channels[0])
     power = image.real**2 + image.imag**2
     column = int(np.argmax(power.sum(axis=0, dtype=np.float64)))
-    first = int(np.clip(power[:, column].argmax() - _MOST_ROWS // 2, 0, max(0, grid.azimuth.size - _MOST_ROWS)))
+    first = int(
+        np.clip(power[:, column].argmax() - _MOST_ROWS // 2, 0, max(0, grid.azimuth.size - _MOST_ROWS))
+    )
     rows = slice(first, first + _MOST_ROWS)
     line = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[column : column + 1])
     other = replace(raw, data=raw.total().conj()[None], layers=(Layer(raw.channels[0]),))

@@ -48,6 +48,7 @@ def _common(
         "ray_spacing_settings": sampling.spacings.at(1.0) if sampling else {},
         "ray_share_of_tracing": ray_share(run.statistics, len(run.layers.subsets)),
         "notes": list(notes),
+        "witnesses": {} if run.witness is None else {"rays": run.witness.as_dict()},
         "theory": image_theory(run.scene, plan.flags),
         "points": [
             {

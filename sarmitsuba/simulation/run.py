@@ -31,6 +31,7 @@ from sarmitsuba.timing import Clock, StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import check_stages
+from sarmitsuba.witness import Witness
 
 # processor seconds of a reference core, in stages that use all threads, below which a run is computed by one: more
 # threads would not be done sooner, and would take up to twice the processor time
@@ -63,6 +64,7 @@ class Run:
     timer : seconds by stage
     statistics : of the last image or raw data
     report : on the sampling of the raw data; None before, and without a mesh
+    witness : error of the rays of the last image or raw data, as measured; None: not measured
     shortfalls : surface for which the most recent lattices are too coarse
     notes : one line each: assumptions, repairs and warnings
     finished : file of finished blocks of raw data; None (default): no file
@@ -117,6 +119,7 @@ class Run:
         self.layers = LayerPlan.of(self.scene, self.plan)
         self.statistics = TraceStatistics()
         self.report: SamplingReport | None = None
+        self.witness: Witness | None = None
         self.shortfalls: tuple[Shortfall, ...] = ()
         self.finished: FinishedBlocks | None = None
         self._needs: tuple[tuple[SamplingPlan | None, ImageGrid | None], Needs] | None = None

@@ -127,7 +127,9 @@ def test_the_witness_is_the_true_error(mode: str, name: str) -> None:
 
 def test_a_law_that_is_wrong_is_contradicted_in_one_line() -> None:
     raw, grid = small()
-    with pytest.warns(SarmitsubaWarning, match=r"focuser wrong errs by -3\d\.\d dB, .*stated -60.*take focuser back"):
+    with pytest.warns(
+        SarmitsubaWarning, match=r"focuser wrong errs by -3\d\.\d dB, .*stated -60.*take focuser back"
+    ):
         image = focus(raw, grid, focuser=_Wrong(factor=1.02))
     assert image.metadata["focus"]["witness"]["law_db"] == -60.0
 
@@ -174,7 +176,9 @@ def test_conjugated_echoes_are_named(squint: float) -> None:
 def test_nothing_is_said_of_conjugated_clutter_or_noise() -> None:
     raw, grid = small()
     rng = np.random.default_rng(4)
-    noise = (rng.standard_normal(raw.data.shape) + 1j * rng.standard_normal(raw.data.shape)).astype(np.complex64)
+    noise = (rng.standard_normal(raw.data.shape) + 1j * rng.standard_normal(raw.data.shape)).astype(
+        np.complex64
+    )
     focus(replace(raw, data=noise), grid)
 
 
@@ -186,7 +190,10 @@ def test_nothing_is_said_of_conjugated_clutter_or_noise() -> None:
     ("frequency", "slant_range", "resolution", "density"),
     [
         (435e6, 1000.0, 0.5, 4.1),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((1.3e9, 2e3, 1.0, 4.0), (16e9, 500.0, 0.3, 9.0))),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in ((1.3e9, 2e3, 1.0, 4.0), (16e9, 500.0, 0.3, 9.0))
+        ),
     ],
 )
 def test_dense_pulses_change_nothing(
