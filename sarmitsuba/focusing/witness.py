@@ -217,9 +217,9 @@ def _brightest(power: F32, count: int) -> I64:
 
 
 def conjugation_warning(raw: RawData, pixels: C64, grid: ImageGrid, windows: tuple[Window, Window]) -> str:
-    """One line where echoes of another program focus only when conjugated; empty where they do not.
+    r"""One line where echoes of another program focus only when conjugated; empty where they do not.
 
-    Contrast along azimuth, :math:`n \\sum |I|^4 / (\\sum |I|^2)^2`, of the strongest column of the image and of the
+    Contrast along azimuth, :math:`n \sum |I|^4 / (\sum |I|^2)^2`, of the strongest column of the image and of the
     same pixels from conjugated echoes: 2 in clutter, far more where a scatterer is sharp.
 
     Notes

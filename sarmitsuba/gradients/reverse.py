@@ -307,11 +307,13 @@ class AdjointBatches(BatchTracer):
         for one in {tracer, *tracer.by_frequency}:
             one.tangents = tangents
 
-    def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
+    def trace(
+        self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None, *, only_rays: bool = True
+    ) -> Traced:
         """See the base class."""
         if self.edges is not None:
             lattices = self.edges.of(batch)
-        return super().trace(batch, lattices)
+        return super().trace(batch, lattices, only_rays=only_rays)
 
     def accumulator(self, pulses: Pulses, share: RangeFilter | None) -> GridAccumulator:
         """See the base class."""

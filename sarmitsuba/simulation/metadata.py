@@ -47,8 +47,8 @@ def _common(
         "processor_seconds": dict(run.timer.processor),
         "ray_spacing_settings": sampling.spacings.at(1.0) if sampling else {},
         "ray_share_of_tracing": ray_share(run.statistics, len(run.layers.subsets)),
+        "witnesses": {stage: witness.as_dict() for stage, witness in run.measured.items()},
         "notes": list(notes),
-        "witnesses": {} if run.witness is None else {"rays": run.witness.as_dict()},
         "theory": image_theory(run.scene, plan.flags),
         "points": [
             {

@@ -180,8 +180,8 @@ class Backprojection(Focuser):
         """Error of range interpolation and rounding, dB, against the sum in float64 at exact ranges.
 
         Powers add up of the interpolation's, as benchmarks/suite/focusers.py measures it, and of the rounding of
-        directions at the ends of pixels' own apertures and in narrow beams. All grow where a place is weakly illuminated: its pixel is divided by the summed
-        weight of its pulses.
+        directions at the ends of pixels' own apertures and in narrow beams. All grow where a place is weakly
+        illuminated: its pixel is divided by the summed weight of its pulses.
         """
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate
