@@ -95,7 +95,7 @@ class ForwardModel:
                     f"{scene.name}: {what} cannot be differentiated; switch off the effect {name} (-D "
                     f"sar_path.{name}=off), or leave them out"
                 )
-        patterned = scene.radar.antenna.pattern != "isotropic"
+        patterned = scene.radar.antenna.directive
         if (
             any(isinstance(p, BeamPointing) for p in self.parameters)
             and patterned
@@ -445,7 +445,7 @@ def refuse(scene: Scene) -> None:
     SceneError, RadarError : one line: the reason and the remedy
     """
     method, name = scene.settings.method, scene.name
-    if method in ("image", "raster"):
+    if scene.settings.one_look:
         raise RadarError(f"{name}: method {method} makes no raw data to differentiate; take hybrid or raw")
     if scene.radar.receiver is not None and not scene.radar.receives_itself:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")

@@ -264,14 +264,7 @@ def _seen_by(scene: Scene, data: RawData, fitted: Iterable[str]) -> Scene:
         )
     if request is None:
         return replace(scene, radar=radar)
-    x, y, up = (float(step) for step in shift)
-    image = replace(
-        request,
-        center_x=request.center_x + x,
-        center_y=request.center_y + y,
-        height=request.height + up,
-    )
-    return replace(scene, radar=radar, image=image)
+    return replace(scene, radar=radar, image=request.in_frame(scene.offset))
 
 
 def _traced_as(scene: Scene, data: RawData) -> Scene:

@@ -168,7 +168,7 @@ class BeamPointing(Parameter):
 
     def values(self, scene: Scene) -> F64:
         """See the base class."""
-        if scene.radar.antenna.pattern == "isotropic":
+        if not scene.radar.antenna.directive:
             raise RadarError(
                 "parameter pointing: the antenna is isotropic and has no beam to turn; give it a pattern"
             )
