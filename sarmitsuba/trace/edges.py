@@ -23,7 +23,9 @@ from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.plate_rims import PlateRim, sinc
 from sarmitsuba.trace.sheet_waves import FAR, SheetWave
 from sarmitsuba.trace.source import Scatterers
+from sarmitsuba.trace.stage import mirrored
 from sarmitsuba.trace.state import Kernel
+from sarmitsuba.trace.table_rows import MaterialRow
 from sarmitsuba.trace.wedge_strips import FringeStrip, WedgeFace
 
 if TYPE_CHECKING:
@@ -349,7 +351,7 @@ class FringeCurrents(Scatterers):
                     thickness = dr.gather(mi.Float, self._thickness, index)
                 width = None if self._span is None else partial(_width, self._span, index)
                 rough = None
-                if self._rough is not None and kernel.flags.roughness:
+                if self._rough is not None:
                     rough = tuple(dr.gather(mi.Float, self._rough, index * 2 + i) for i in range(2))
                 self._wedge = _Wedge.of(kernel, rows, incident, scattered, width, thickness, rough)
         return self._wedge.amplitude(e, q)
@@ -370,6 +372,13 @@ def _width(span: mi.Float, index: mi.UInt32, turn: mi.Float) -> mi.Float:
     near, far = (dr.gather(mi.Float, span, index * DIRECTIONS + low + i) for i in (0, 1))
     inverse = dr.sin(step - share) / near + dr.sin(share) / far
     return dr.select(dr.maximum(near, far) < 0.5 * FAR, float(np.sin(step)) / inverse, FAR)
+
+
+def _coherent(kernel: Kernel, height: mi.Float, cosine: mi.Float) -> mi.Float:
+    """Factor of all stages on waves of metal of an rms height, m, as on those mirrored at an angle of this cosine."""
+    row, one = MaterialRow(mi.Vector4f(0.0, 0.0, height, 0.0)), mi.Vector3f(1.0, 0.0, 0.0)
+    ((kept, _),) = mirrored(kernel, row, cosine, ((one, mi.Vector3f(0.0)),))
+    return kept.x
 
 
 @dataclass(frozen=True, eq=False)
@@ -428,8 +437,10 @@ class _Wedge:
         gain = (0.5 / float(np.sqrt(np.pi))) * length * sinc(turn) * outside
         losses = None
         if rough is not None:
-            across = [k * dr.dot(source + observer, face.normal) for face in faces]
-            losses = tuple(dr.exp(-0.5 * dr.square(x * h)) for x, h in zip(across, rough, strict=True))
+            losses = tuple(
+                _coherent(kernel, height, 0.5 * dr.dot(source + observer, face.normal))
+                for height, face in zip(rough, faces, strict=True)
+            )
         shares = rows[2].w, rows[3].w
         if width is None:
             return _Wedge((incident, scattered), tuple(strips), gain, *shares, None, losses=losses)
