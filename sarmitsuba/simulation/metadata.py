@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.simulation.error_statement import image_theory
+from sarmitsuba.simulation.error_statement import image_theory, theory_witness
 from sarmitsuba.simulation.prediction.speed import ray_share
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
@@ -37,6 +37,7 @@ def image_metadata(
 def _common(
     run: Run, plan: EffectsPlan, notes: Sequence[str], sampling: SamplingPlan | None
 ) -> dict[str, object]:
+    theory = image_theory(run.scene, plan.flags)
     return {
         "scene": run.scene.name,
         "settings": {k: v for k, v in vars(run.scene.settings).items() if k != "effects"},
@@ -49,7 +50,8 @@ def _common(
         "ray_share_of_tracing": ray_share(run.statistics, len(run.layers.subsets)),
         "witnesses": {stage: witness.as_dict() for stage, witness in run.measured.items()},
         "notes": list(notes),
-        "theory": image_theory(run.scene, plan.flags),
+        "theory": theory,
+        "witnesses": theory_witness(theory),
         "points": [
             {
                 "name": point.name,
