@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.scene.round_facets import RoundFacets
 from sarmitsuba.simulation.error_statement import image_theory
 from sarmitsuba.simulation.prediction.speed import ray_share
 from sarmitsuba.simulation.run import Run
@@ -49,6 +50,9 @@ def _common(
         "ray_share_of_tracing": ray_share(run.statistics, len(run.layers.subsets)),
         "notes": list(notes),
         "theory": image_theory(run.scene, plan.flags),
+        "facets": RoundFacets.of(
+            run.scene.geometry, run.scene.materials, run.scene.radar.waveform.wavelength
+        ).as_dict(),
         "points": [
             {
                 "name": point.name,
