@@ -9,7 +9,7 @@ from sarmitsuba.arrays import C128, F64
 from sarmitsuba.currents.solution import JOINED, BodyMesh, WholeSurface, scattering_matrices
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
-from sarmitsuba.errors import RadarError
+from sarmitsuba.errors import RadarError, ResourceError
 from sarmitsuba.finite import all_finite
 from sarmitsuba.memory import check_fits
 from sarmitsuba.mesh.contacts import contacts
@@ -196,12 +196,17 @@ def solve_currents(
     # as if it had all mirrors, before they are looked for
     if not asked and edge_length(target.area, MOST_COPIES) > COARSEST:
         return _too_long(target.area, MOST_COPIES)
-    check_fits(
-        "rcs with solved currents",
-        MESH_BYTES * (len(target.corners) + int(SAMPLES * target.area / COARSEST**2)),
-        f"{len(target.corners)} triangles of {target.area:.3g} square wavelengths are too many to mesh again; switch "
-        "full_wave off",
-    )
+    samples = int(SAMPLES * target.area / COARSEST**2)
+    try:
+        check_fits(
+            "rcs: meshing the surface for its currents",
+            MESH_BYTES * (len(target.corners) + samples),
+            "switch full_wave off",
+        )
+    except ResourceError as error:
+        if asked:
+            raise
+        return str(error)
     whole = WholeSurface.of(target.corners, COARSEST * wave)
     if not len(whole.faces):
         return _left(f"the surface is narrower than {JOINED * COARSEST:.1g} wavelengths", asked)

@@ -1,14 +1,18 @@
 """Smooth surfaces through the corners of facets: spheres, cylinders, creases, and what counts as round."""
 
+import warnings
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
+from sarmitsuba import load_scene
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.loader.from_mesh import MeshOptions
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.mesh.smooth_surface import facet_sagitta, smooth_surface
 from sarmitsuba.radar.description import RadarDescription
@@ -71,3 +75,21 @@ def test_coarse_facets_of_metal_are_warned_of_with_the_number_needed() -> None:
     assert fine.mesh_face_offset.tolist() == [0, fine.n_faces] and fine.n_faces > found.needed
     finer = RoundFacets.of(fine, scene.materials, 1.0)
     assert not finer.doubt and finer.error_db < found.error_db - 20.0
+
+
+def test_meshes_far_from_their_origin_in_single_precision_are_warned_of_and_materials_keep_their_names(
+    tmp_path: Path,
+) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=40.0)
+    ball.apply_translation([0.0, 5.334e6, 100.0])
+    ball.vertices = np.asarray(ball.vertices).astype(np.float32)
+    path = tmp_path / "ball.stl"
+    ball.export(path)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = load_scene(
+            path, radar="airborne_x", mesh=MeshOptions(up="z", unit="m", materials={"*": "pec"})
+        )
+    said = [str(w.message) for w in caught]
+    assert any("rounded to 0.5 m, 16 wavelengths" in text for text in said)
+    assert [m.name for m in scene.materials] == ["pec"]
