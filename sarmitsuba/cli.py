@@ -16,6 +16,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.parameters import one_line
 from sarmitsuba.registry import load_extension
+from sarmitsuba.regular_files import check_text
 
 EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
 
@@ -66,6 +67,8 @@ def _load_extensions(argv: Sequence[str] | None) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     try:
+        for argument in sys.argv[1:] if argv is None else argv:
+            check_text(argument)
         _load_extensions(argv)
     except SarmitsubaError as error:
         Console(quiet=False, verbose=False).complain(str(error))

@@ -365,6 +365,7 @@ def _image(
             table,
             range_window=args.window,
             azimuth_window=_azimuth_window(aspects, args.window),
+            error_bars=False,  # the sweep has a statement of its own
             progress=console.progress,
             ready=ready,
         )
@@ -378,7 +379,7 @@ def _image(
         results.draw_into(folder, results.picture_name(channels, channel), shown, console)
     record["image"] = {
         "radar": results.radar_record(table.radar),
-        "image_request": table.image.moved(table.offset),
+        "image_request": table.image.as_dict(),
         "plan": image.metadata.get("plan"),
     }
     wave = table.radar.waveform

@@ -85,11 +85,13 @@ class SimulatedWaves:
     edges : fringe waves of sharp metal edges; those of other surfaces are never simulated
     between_rims : waves diffracted twice, between the rims of a sheet
     one_rim : the two edges of a thin plate act as one rim
+    folds : waves off folds between two faces, as far as they are tabulated
     """
 
     edges: bool = True
     between_rims: bool = False
     one_rim: bool = False
+    folds: bool = False
 
 
 LAWS = WaveLaws()

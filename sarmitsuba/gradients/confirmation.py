@@ -239,7 +239,7 @@ def _focused(model: ForwardModel, center: F64, spectrum: C128) -> C128:
     """Spectra (channels, pulses, frequencies) as an image about a point (channels, azimuths, ranges), energies kept."""
     radar = model.scene.radar
     frequency = frequencies(radar.window.n_samples, radar.window.sample_spacing)
-    away = np.linalg.norm(radar.track.position - center, axis=1)
+    away = radar.slant_range(center)
     turn = (
         radar.waveform.center_frequency * away[:, None]
         + frequency * (away - radar.window.start_range)[:, None]

@@ -95,7 +95,7 @@ class ForwardModel:
                     f"{scene.name}: {what} cannot be differentiated; switch off the effect {name} (-D "
                     f"sar_path.{name}=off), or leave them out"
                 )
-        patterned = scene.radar.antenna.pattern != "isotropic"
+        patterned = scene.radar.antenna.directive
         if (
             any(isinstance(p, BeamPointing) for p in self.parameters)
             and patterned
@@ -332,10 +332,10 @@ class ForwardModel:
         def rows() -> Iterator[C64]:
             for parameter, counts in zip(parameters, wanted.counts, strict=True):
                 displaced, levelled, changed, mapped = found.take(counts)
-                frequency, time = radar.waveform.center_frequency, radar.track.time
+                frequency, times = radar.waveform.center_frequency, radar.times
                 yield from parameter.derivative(
                     Derivatives(
-                        data, farther, displaced, levelled, changed, mapped, pointed, aside, frequency, time
+                        data, farther, displaced, levelled, changed, mapped, pointed, aside, frequency, times
                     )
                 )
 
@@ -443,9 +443,9 @@ def refuse(scene: Scene) -> None:
     SceneError, RadarError : one line: the reason and the remedy
     """
     method, name = scene.settings.method, scene.name
-    if method in ("image", "raster"):
+    if scene.settings.one_look:
         raise RadarError(f"{name}: method {method} makes no raw data to differentiate; take hybrid or raw")
-    if scene.radar.receiver is not None:
+    if scene.radar.receiver is not None and not scene.radar.receives_itself:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")

@@ -15,7 +15,6 @@ from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
 from sarmitsuba.gradients.least_squares import Samples
-from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene, SceneLike
 
 # largest relative difference of the centre frequencies of data and scene
@@ -138,29 +137,17 @@ def _seen_by(scene: Scene, data: RawData) -> Scene:
     shift = data.radar.offset - scene.offset
     own, request = data.radar, data.request
 
-    def moved(track: Track | None) -> Track | None:
-        return None if track is None else replace(track, position=track.position + shift)
-
-    flown = moved(own.track if data.flown is None else data.flown)
-    assert flown is not None
     radar = replace(
-        own,
-        track=flown,
-        recorded=None if data.flown is None else moved(own.track),
-        receiver=moved(own.receiver),
-        aim_point=own.aim_point + shift,
-        offset=scene.offset,
+        own.displaced(*[shift] * len(own.tracks)), aim_point=own.aim_point + shift, offset=scene.offset
     )
+    if data.flown is not None:
+        # the receiver is as far off its record as the transmitter
+        error = data.flown.position - own.track.position
+        flown = radar.displaced(*[error] * len(own.tracks))
+        radar = replace(flown, track=replace(data.flown, position=flown.track.position), recorded=radar.track)
     if request is None:
         return replace(scene, radar=radar)
-    x, y, up = (float(step) for step in shift)
-    image = replace(
-        request,
-        center_x=request.center_x + x,
-        center_y=request.center_y + y,
-        height=request.height + up,
-    )
-    return replace(scene, radar=radar, image=image)
+    return replace(scene, radar=radar, image=request.in_frame(scene.offset))
 
 
 def _received_as(scene: Scene, data: RawData) -> Scene:

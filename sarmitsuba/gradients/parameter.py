@@ -39,7 +39,7 @@ class Derivatives:
     aside : (2, n_pulses, 3) 1/m, aperture axes in azimuth and elevation over the slant range: angle by which the beam
         would have to turn to see the scene as a displaced antenna does
     center_frequency : Hz
-    time : (n_pulses,) s
+    times : (n_pulses,) s each, of transmission, and where the antenna moves on meanwhile, of reception
     """
 
     data: C64
@@ -51,7 +51,7 @@ class Derivatives:
     pointed: Sequence[C64]
     aside: F64
     center_frequency: float
-    time: F64
+    times: tuple[F64, ...]
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ import numpy as np
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import GuessWarning, SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.assemble import MeshSurface, assemble
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.material_book import MaterialBook
 from sarmitsuba.loader.mesh_files import MeshPart, obj_materials, read_parts
-from sarmitsuba.loader.names_of_materials import DEFAULT, kind_of
+from sarmitsuba.loader.names_of_materials import DEFAULT, is_doubtful, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.radar_ground import PLUGIN, LevelGround, ground_element, read_ground
@@ -28,6 +28,7 @@ from sarmitsuba.memory import check_fits
 from sarmitsuba.mesh.cleaning import single_precision_step
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.mesh.smooth_surface import facet_sagitta, smooth_surface
+from sarmitsuba.mesh.model_units import doubtful_size
 from sarmitsuba.parameters import Value, float_value, printable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
@@ -113,6 +114,8 @@ class Collector:
         material = self.book.index(bsdf, placed.element.where)
         vertices, faces = self.reader.triangles(placed)
         self._check_faces(placed.element.where, len(faces))
+        file = placed.element.values.get("filename")
+        self._check_size((placed.name, Path(file).stem if isinstance(file, str) else ""), vertices)
         names = map_attributes(self.book.materials[material])
         self.surfaces.append(
             MeshSurface(
@@ -159,23 +162,34 @@ class Collector:
 
         Warns
         -----
-        SarmitsubaWarning : a name matches no material
+        GuessWarning : a name matches no material, or only a word in it does
         """
         kinds = {name: kind_of(name, chosen) for name in dict.fromkeys(part.material for part in parts)}
-        known = [f'"{name}" {kind}' if name else kind for name, kind in kinds.items() if kind]
-        if known:
+        said = {name: f'"{printable(name)}" {kind}' if name else kind for name, kind in kinds.items() if kind}
+        guesses = [text for name, text in said.items() if is_doubtful(name, chosen)]
+        if known := [text for text in said.values() if text not in guesses]:
             self.notes.append(f"{label}: materials by their names: {', '.join(known)}")
-        unknown = [f'"{name}"' if name else "no name" for name, kind in kinds.items() if not kind]
+        if guesses:
+            warn_once(
+                self.notes,
+                f"{label}: materials guessed from a word in their names: {', '.join(guesses)}; choose with --material "
+                "NAME=MATERIAL",
+                GuessWarning,
+            )
+        unknown = [f'"{printable(name)}"' if name else "no name" for name, kind in kinds.items() if not kind]
         if unknown:
             warn_once(
                 self.notes,
                 f"{label}: materials with unknown names are read as {DEFAULT}: {', '.join(unknown)}; name them "
                 "brick, glass, metal, ... in the file, or choose with --material MATERIAL or NAME=MATERIAL",
+                GuessWarning,
             )
         for part, corners in zip(parts, vertices, strict=True):
             kind = kinds[part.material] or DEFAULT
             index = self.book.named(part.material or kind, kind, label)
             self._check_faces(label, len(part.faces))
+            file = Path(label.rpartition(": ")[2]).stem if len(parts) == 1 else ""
+            self._check_size((part.name, part.material, file), corners)
             self.surfaces.append(MeshSurface(part.name, corners, part.faces, index, motion=motion))
 
     def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:
@@ -246,6 +260,13 @@ class Collector:
                     f"precision, rounded to {step:.2g} m, {step / wavelength:.2g} wavelengths: phases are wrong; "
                     "export it about an origin nearby, or in double precision",
                 )
+
+    def _check_size(self, names: tuple[str, ...], vertices: F64) -> None:
+        """Warn where something by the name of a known thing has the size of none, as in another unit."""
+        label = printable(self.path.name if self.path else self.name)
+        length = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
+        if doubt := next(filter(None, (doubtful_size(printable(name), length) for name in names)), ""):
+            warn_once(self.notes, f"{label}: {doubt}")
 
     def _check_faces(self, where: str, more: int) -> None:
         """Count triangles; raise a SceneError for more than fit into the memory."""

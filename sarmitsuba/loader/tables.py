@@ -112,7 +112,7 @@ INTEGRATOR = ParamTable(
             "store echoes by their number of bounces, each in its own layers; the last has all beyond",
         ),
         Param(
-            "keep_subsets", "boolean", False, "store two independent ray subsets separately, for error bars"
+            "keep_subsets", "boolean", True, "store two independent ray subsets separately, for error bars"
         ),
         Param(
             "phase_precision",

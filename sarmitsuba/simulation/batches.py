@@ -193,7 +193,7 @@ class TraceJob:
         trace_scene = built(self.scene)
         flags, timer = self.sampling.flags, StageTimer()
         tracer = Tracer(self.sampling, flags, trace_scene, self.max_depth, timer, self.sub_bands)
-        rays = Rays(self.sampling, trace_scene, self.layers.subsets, self.pass_index)
+        rays = Rays(self.sampling, trace_scene, self.layers.subsets, self.pass_index, self.max_depth)
         return BatchTracer(tracer, rays, self.layers.per_subset, self.layers.max_order)
 
 

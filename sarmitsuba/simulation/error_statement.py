@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.omitted_waves import SimulatedWaves, metal_lines, omitted_energy
+from sarmitsuba.effects.fold_sections import Folds, find_folds
+from sarmitsuba.effects.omitted_waves import SimulatedWaves
 from sarmitsuba.effects.theory_error import (
-    BODIES,
     STRONG_DB,
     TheoryError,
-    cause_text,
-    repeated_share,
     rms_db,
     stated,
     theory_error,
+    waves_left,
 )
-from sarmitsuba.effects.waves_between import metal_faces, waves_between
 from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.mesh.double_faces import double_faces
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.simulation.sampling.refined_spacing import POOR_DB, error_text, worst
 
 # dB, total error above which a sweep is warned of
@@ -37,10 +37,26 @@ _REMEDIES = {
 _FULL_WAVE = "take solved currents for single levels"
 
 
-def simulated_waves(flags: KernelFlags) -> SimulatedWaves:
+def simulated_waves(scene: Scene, flags: KernelFlags) -> SimulatedWaves:
     """Waves beyond physical optics that a run with these flags follows."""
     edges = flags.edge_diffraction
-    return SimulatedWaves(edges=edges, between_rims=edges, one_rim=edges)
+    folds = edges and flags.coherent and flags.multi_bounce and scene.radar.receiver is None
+    return SimulatedWaves(edges=edges, between_rims=edges, one_rim=edges, folds=folds)
+
+
+def followed_folds(scene: Scene, flags: KernelFlags, wavelength: float) -> Folds:
+    """Folds between faces of smooth metal at rest whose waves a run follows beyond rays, as far as tabulated."""
+    geometry, corners = scene.geometry, np.zeros((0, 3, 3))
+    if simulated_waves(scene, flags).folds:
+        visible, still = VisibleFaces.of(geometry, scene.materials), np.ones(geometry.n_faces, dtype=bool)
+        for _, faces in geometry.moving_meshes():
+            still[faces] = False
+        smooth = np.array([m.rms_height == 0.0 for m in scene.materials], dtype=bool)[geometry.face_material]
+        kept = visible.metal & still[visible.face] & smooth[visible.face]
+        if kept.any() and kept.sum() <= MOST_IMAGE_FACES:
+            corners = visible.corners[kept]
+            corners = corners[~double_faces(corners, visible.shape[kept])]
+    return find_folds(corners, wavelength)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +106,7 @@ class ErrorStatement:
         -----
         Energies of sampling and bounces left out are spread evenly over the directions.
         """
-        waves = simulated_waves(flags)
+        waves = simulated_waves(scene, flags)
         wavelength = scene.radar.waveform.wavelength
         theory = theory_error(
             scene.geometry, scene.materials, directions, amplitude, flags.channels, wavelength, waves
@@ -182,14 +198,14 @@ class ErrorStatement:
         """Statement in one line."""
         counted = self.theory.counted
         parts = [
-            f"sampling {_level(self.sampling_db[counted])}",
-            f"bounces left out {_level(self.bounces_db[counted])}",
-            self.theory.text,
+            f"sampling {_measured(self.sampling_db[counted])}",
+            f"bounces left out {_measured(self.bounces_db[counted])}",
+            f"{self.theory.text}, law",
         ]
         if self.currents:
-            parts = [f"mesh {_level(self.sampling_db[counted])}", self.currents]
+            parts = [f"mesh {_measured(self.sampling_db[counted])}", self.currents]
         if self.facets is not None:
-            parts.insert(1, f"facets of a round body {_level(self.facets_db[counted])}")
+            parts.insert(1, f"facets of a round body {_measured(self.facets_db[counted])}")
         return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {self._total_text}: {', '.join(parts)}"
 
     @property
@@ -241,6 +257,7 @@ class ErrorStatement:
             },
             "causes": [{"cause": c.text, "rms_db": _finite(c.rms_db)} for c in self.theory.causes],
             "currents": self.currents,
+            "witness": None if self.theory.witness is None else self.theory.witness.as_dict(),
             "text": self.text,
         }
 
@@ -252,6 +269,11 @@ def _level(values: F64) -> str:
         if known.size and np.isfinite(known).all()
         else "not measured"
     )
+
+
+def _measured(values: F64) -> str:
+    text = _level(values)
+    return text if text == "not measured" else f"{text} (measured here)"
 
 
 def _finite(value: float) -> float | None:
@@ -285,21 +307,15 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
         return {"why": f"{int(metal.sum())} metal faces are too many to examine"}
     corners = np.asarray(geometry.vertices[geometry.faces[metal]], dtype=np.float64)
     wavelength = scene.radar.waveform.wavelength
-    lines = metal_lines(corners, np.ones(len(corners)), wavelength)
     place = scene.radar.track.position
     away = place[
         np.linspace(0, len(place) - 1, min(len(place), APERTURE)).round().astype(int)
     ] - corners.mean(axis=(0, 1))
     look = away / np.linalg.norm(away, axis=1, keepdims=True)
     channels = scene.radar.channels
-    waves = simulated_waves(flags)
-    faces = metal_faces(corners)
-    between = waves_between(lines, faces, look, channels, wavelength)
-    omitted = omitted_energy(lines, look, channels, wavelength, waves) | {BODIES: between.energy}
-    by_cause = {
-        cause_text(name, lines, wavelength, between.gap): energy.mean(axis=0)
-        for name, energy in omitted.items()
-    }
+    waves = simulated_waves(scene, flags)
+    left = waves_left(corners, np.ones(len(corners)), look, np.arange(len(look)), channels, wavelength, waves)
+    by_cause = {left.text(name, wavelength): energy.mean(axis=0) for name, energy in left.energy.items()}
     total = np.sum(list(by_cause.values()), axis=0)
     largest = max(by_cause, key=lambda text: float(by_cause[text].max()))
     found: dict[str, object] = {
@@ -308,9 +324,9 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     }
     seen = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
     if flags.multi_bounce and metal[seen].all():
-        extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-        width = min(lines.face_width, extent) / wavelength
-        found["repeated_share"] = float(repeated_share(faces, width, wavelength, 2)[1])
+        found["repeated_share"] = float(left.repeated_share(wavelength, 2)[1])
+    if left.witness is not None:
+        found["witness"] = left.witness.as_dict()
     return found
 
 

@@ -30,7 +30,7 @@ def image_metadata(
     return {
         **_common(run, run.plan, run.notes, sampling),
         "method": method,
-        "image_request": dict(vars(run.scene.image.moved(run.scene.offset))),
+        "image_request": run.scene.image.as_dict(),
         "focus": dict(focus),
     }
 

@@ -1,11 +1,8 @@
 """Raw data of a scene: trace key pulses, synthesise the pulses around each, add ideal points and noise."""
 
-import time
 import warnings
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -13,98 +10,24 @@ from sarmitsuba.arrays import C64
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.exclusive import exclusive
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
-from sarmitsuba.scene.scene import Scene, SceneLike
-from sarmitsuba.simulation.batches import Workers
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.blocks import Blocks
-from sarmitsuba.simulation.fingerprint import fingerprint
-from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
-from sarmitsuba.simulation.run import Ready, Run
+from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_sampling, check_small_parts
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
-from sarmitsuba.timing import Clock
 
 # error of blocks of pulses from which on a note says so, dB of the energy
 BLOCKS_SAID_DB = -20.0
 # share of the echoes' power outside the receive window that gives a warning
 LOST_POWER = 0.05
-
-
-@exclusive
-def simulate(
-    scene: SceneLike,
-    *,
-    radar: Path | str | None = None,
-    parameters: Mapping[str, str] | None = None,
-    ground: str | None = None,
-    seed: int | None = None,
-    progress: Progress | None = None,
-    plan: EffectsPlan | None = None,
-    pass_index: int = 0,
-    ready: Ready | None = None,
-    clock: Clock = time.perf_counter,
-    state: Path | str | None = None,
-    run_hash: str | None = None,
-    workers: Workers | None = None,
-) -> RawData:
-    """Raw data of a scene: the range-compressed echoes of every pulse.
-
-    Parameters
-    ----------
-    scene : as loaded, a scene or mesh file, or the name of a shipped scene
-    radar, parameters, ground : of a file or a name, as for :func:`sarmitsuba.load_scene`
-    seed : overrides the scene's
-    progress : called after every batch
-    plan : overrides the automatic effects plan
-    pass_index : other values shift the ray lattices only: independent samples of the same scene
-    ready : called once the run is planned and fits into memory, before it is traced
-    clock : of the stages' seconds in the metadata
-    state : file of finished blocks of pulses, from which an interrupted run continues with the same bits; remove it
-        when the data are stored. None: no file
-    run_hash : hash of the blocks in ``state``; default: that of the scene, its settings and the program
-    workers : workers that share the tracing, such as :class:`sarmitsuba.cluster.dask_workers.DaskWorkers`; the result
-        has the same bits
-
-    Returns
-    -------
-    raw : ``compressed`` domain; one layer per channel, and per bounce order and ray subset where these are kept
-
-    Raises
-    ------
-    RadarError
-        When no echo is received.
-    ResourceError
-        The run does not fit into memory.
-    OutputError
-        ``state`` cannot be written.
-
-    Notes
-    -----
-    Limitations are those of the kernel; within a block of pulses amplitudes and visibility are those of its key pulse.
-    """
-    scene = Scene.of(scene, radar=radar, parameters=parameters, ground=ground)
-    if seed is not None:
-        scene = replace(scene, settings=replace(scene.settings, seed=seed))
-    run = Run(scene, plan=plan, clock=clock, workers=workers)
-    run.admit()
-    if state is not None:
-        run.finished = FinishedBlocks(state, run_hash or fingerprint(scene), run.plan, f"pass {pass_index}")
-    try:
-        if ready:
-            ready(run)
-        return echoes(run, pass_index=pass_index, progress=progress)
-    finally:
-        if run.finished is not None:
-            run.finished.close()
 
 
 def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -> RawData:

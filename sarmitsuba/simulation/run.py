@@ -80,7 +80,7 @@ class Run:
         ensure_backend()
         check_stages()
         glance()
-        if scene.settings.method in ("image", "raster") and scene.radar.all_round:
+        if scene.settings.one_look and scene.radar.all_round:
             raise RadarError(
                 f"{scene.name}: method {scene.settings.method} takes one look, but the track goes round the scene; "
                 "take method hybrid or raw"
@@ -126,6 +126,11 @@ class Run:
                 self.notes += [note] if (note := unlit(self.scene, self.sampling.windows)) else []
         glance()
         self.timer.lap("plan")
+
+    @property
+    def batch_shape(self) -> tuple[int, int, int]:
+        """Layers of one ray subset, pulses and samples of the raw data."""
+        return self.layers.per_subset, self.scene.radar.track.n_pulses, self.scene.radar.window.n_samples
 
     def at(self, factor: float) -> "Run":
         """Run with all ray spacings multiplied by a factor; geometry and decisions are shared."""
@@ -202,7 +207,7 @@ class Run:
             There is no ray for some pulse.
         """
         assert self.trace_scene is not None
-        rays = Rays(sampling, self.trace_scene, self.layers.subsets, pass_index)
+        rays = Rays(sampling, self.trace_scene, self.layers.subsets, pass_index, self.plan.max_depth)
         middle = self.scene.radar.track.center_index
         for grids in rays.at(middle):
             self._check_rays(sampling, grids)

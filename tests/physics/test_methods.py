@@ -12,7 +12,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import LOOK_SPACING, SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop

@@ -10,7 +10,7 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.prediction import Prediction, predict
 from sarmitsuba.simulation.prediction.speed import Machine
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sources.kind import expected_sources
 from sarmitsuba.simulation.sources.site import RunSite

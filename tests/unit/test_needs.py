@@ -13,7 +13,7 @@ from sarmitsuba.errors import ResourceError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.prediction.counting import lattice_rays
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from tests.support.unweighted import focus, refine, render
 

@@ -195,7 +195,7 @@ class Backprojection(Focuser):
         rate = PIXEL_PULSE_SECONDS * self.effort(radar, grid)
         if np.isfinite(radar.half_aperture):
             rate *= OWN_APERTURES
-        if radar.antenna.pattern != "isotropic":
+        if radar.antenna.directive:
             rate += PATTERN_SECONDS
         pixels, pulses = float(np.prod(grid.shape)), radar.track.n_pulses
         profiles = PROFILE_SECONDS * pulses * radar.window.n_samples

@@ -134,7 +134,7 @@ class _RowsMap(LinearMap):
     band, law : see there
     n_x : rows of the spectrum over the track
     m : whole numbers of the rows used, k_x = 2 pi m / period
-    side : rad/m, largest distance of k_x from that of the squint
+    side : (count,) float64, rad/m, largest distance of k_x from that of the squint
     aperture : spectrum of the pulse weights; None where it is 1
     """
 
@@ -143,7 +143,7 @@ class _RowsMap(LinearMap):
     law: RangeLaw
     n_x: int
     m: I64
-    side: float
+    side: F64
     aperture: ApertureFilter | None
 
     @staticmethod
@@ -160,9 +160,10 @@ class _RowsMap(LinearMap):
         k = band.center_wavenumber + band.offset
         dkx = 2.0 * np.pi / (n_x * geometry.spacing)
         center = k * geometry.sin_squint
-        side = geometry.reach(band.center_wavenumber) * band.center_wavenumber
-        first = int(np.ceil((center.min() - side) / dkx))
-        last = int(np.floor((center.max() + side) / dkx))
+        side = np.array([geometry.reach(each) * each for each in k])
+        bounds = np.outer(geometry.faded, k)  # every wavenumber's own
+        low, high = np.maximum(center - side, bounds[0]), np.minimum(center + side, bounds[1])
+        first, last = int(np.ceil(low.min() / dkx)), int(np.floor(high.max() / dkx))
         reach = np.array([first, last + 1]) * (dkx / k.min())
         aperture = aperture_filter(radar, grid, geometry, window, reach)
         return _RowsMap(geometry, band, law, n_x, np.arange(first, last + 1), side, aperture)
@@ -176,7 +177,8 @@ class _RowsMap(LinearMap):
         center = k * geometry.sin_squint
         kx: F64 = np.asarray(self.m[rows, None] * dkx, dtype=np.float64)
         square = k**2 - kx**2
-        keep = (np.abs(kx - center) <= self.side) & (square > 0.0)
+        sine = kx / k
+        keep = (np.abs(kx - center) <= self.side) & (sine >= geometry.faded[0]) & (sine <= geometry.faded[1])
         ky: F64 = np.sqrt(np.where(keep, square, 1.0))
         phase = self.law.bulk(kx, ky, offset)
         phase -= offset * geometry.range_center
@@ -188,6 +190,9 @@ class _RowsMap(LinearMap):
         value *= gain
         if self.aperture is not None:
             value *= self.aperture(kx, k, ky)
+        fade = None if np.isfinite(geometry.half_band) else geometry.fade(sine)
+        if fade is not None:
+            value *= fade.astype(np.float32)
         return value, kx, ky
 
     def forward(self, values: C64) -> C64:
@@ -270,8 +275,7 @@ class RowsImaging(LinearMap):
                 stacklevel=4,
             )
         kc = wavenumber(radar)
-        reach = replace(geometry, spacing=geometry.spacing / self.upsampling).reach(kc)
-        sines = np.clip(geometry.sin_squint + np.array([-reach, reach]), -0.999, 0.999)
+        sines = replace(geometry, spacing=geometry.spacing / self.upsampling).sines(kc)
         extra = range_walk(radar, grid, geometry) + int(
             np.ceil(room(sines, radar.window.extent) / radar.window.sample_spacing)
         )

@@ -194,7 +194,7 @@ class Needs:
         return (
             f"expected: {rays}, {rows} x {columns} pixels, {in_bytes(self.memory)} of memory, about "
             f"{duration(sum(self.elapsed.values()))} on {threads} core{'s' if threads > 1 else ''} "
-            f"({duration(sum(self.processor.values()))} of processor time)"
+            f"({duration(sum(self.processor.values()))} of processor time); law"
         )
 
 
