@@ -366,7 +366,7 @@ class Blocks:
         """Error of the rays, measured at one pulse in the middle, see :mod:`.ray_witness`; call once all is traced."""
         pulse = self.blocks[self._middle][1] if len(self.blocks) > 1 else self.data.shape[1] // 2
         channels = tuple(dict.fromkeys(layer.channel for layer in self.layers))
-        own = [layer.channel for layer in self.layers[self._layers_of(0)]]
+        own = [layer.channel for layer in self.layers[self.layers_of(0)]]
 
         def profiles(rays: Sequence[LaunchGrid]) -> C64:
             planes = self._at(rays, pulse)
