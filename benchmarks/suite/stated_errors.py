@@ -18,13 +18,14 @@ from pathlib import Path
 import _support
 import harness
 import numpy as np
-from stated_echoes import focusers
+from stated_echoes import focusers, focusers_outside
 from stated_row import BELOW, FLOOR, Row
 from stated_traces import block_model, blocks, gridding, passes, rays, rcs
 from stated_wide import wide, wide_effects, wide_rays
 
 TOPICS: dict[str, Callable[[int], Iterator[Row]]] = {
     "focusers": focusers,
+    "focusers_outside": focusers_outside,
     "rays": rays,
     "passes": passes,
     "blocks": blocks,

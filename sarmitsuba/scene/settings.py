@@ -41,6 +41,8 @@ class TraceSettings:
     target_error_db : sampling error up to which passes are added, dB relative to the image's clutter or peak; 0 = off
     time_limit : for which passes are added, s; 0 = off
     default_rms_height : m, of Sionna's materials without a roughness; 0: none has a typical one; used while loading
+    smooth : whether meshes are taken for their smooth surfaces, see :mod:`sarmitsuba.mesh.smooth_surface`; used while
+        loading
     endless_ground : whether level ground goes on beyond its rim, see :mod:`sarmitsuba.scene.endless_ground`
     effects : name of an effect to ``auto``, ``on`` or ``off``; others are ``auto``
     """
@@ -61,6 +63,7 @@ class TraceSettings:
     target_error_db: float = 0.0
     time_limit: float = 0.0
     default_rms_height: float = 1e-3
+    smooth: bool = False
     endless_ground: Switch = "auto"
     effects: Mapping[str, Switch] = field(default_factory=dict)
 

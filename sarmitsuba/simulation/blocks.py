@@ -18,11 +18,13 @@ from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.finished import FinishedBlocks
+from sarmitsuba.simulation.ray_witness import witness_rays
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid
+from sarmitsuba.witness import Witness
 
 # exponent of the time between two pulses with which the energy of a path's change grows, least and most: one for edges
 # of shadows, which cross scatterers in proportion to time, two for glints, less where rays hit other facets; a lower
@@ -50,6 +52,8 @@ STRIP_FROM = 1_000_000
 STRIP = 0.05
 # energy of a strip with raised-cosine tapers over half of its width, relative to full weight
 STRIP_ENERGY = 11.0 / 16.0
+# pulses from which a witness takes the difference of two ray sets
+WITNESSED = 256
 # golden section: its multiples modulo one are evenly distributed
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 # margin required of the error on a strip, dB: bright targets elsewhere may hold more of the image than of the error
@@ -358,6 +362,26 @@ class Blocks:
             if half > 0.0 and whole > 0.0:
                 self.growth[channel] = float(np.clip(np.log2(whole / half), GROWTH, MOST_GROWTH))
 
+    def witness(self) -> Witness | None:
+        """Error of the rays, measured at one pulse in the middle, see :mod:`.ray_witness`; call once all is traced."""
+        pulse = self.blocks[self._middle][1] if len(self.blocks) > 1 else self.data.shape[1] // 2
+        channels = tuple(dict.fromkeys(layer.channel for layer in self.layers))
+        own = [layer.channel for layer in self.layers[self.layers_of(0)]]
+
+        def profiles(rays: Sequence[LaunchGrid]) -> C64:
+            planes = self._at(rays, pulse)
+            return np.stack([planes[[c == channel for c in own]].sum(axis=0) for channel in channels])
+
+        energy = np.array([_energy(self._channel(self.data[:, pulse], channel)) for channel in channels])
+        scatter = np.nan
+        if has_subsets(self.layers):
+            near = slice(max(0, pulse - WITNESSED // 2), pulse + WITNESSED // 2)
+            shares = np.array([SUBSET_SHARES[layer.subset] for layer in self.layers], dtype=np.float32)
+            bars = estimate_error(self.data[:, near] * shares[:, None, None], self.layers, pixels=False)
+            scatter = max(bars.error_db)
+        seed = self.tracer.sampling.scene.settings.seed
+        return witness_rays(profiles, self.rays.at(pulse)[0], energy, scatter, seed)
+
     def _channel(self, planes: C64, channel: str) -> C64:
         """Sum of a channel's layers (n_layers, ...), subsets weighted by their shares."""
         total = np.zeros(planes.shape[1:], dtype=np.complex64)
@@ -438,7 +462,8 @@ class Blocks:
 
     def _at(self, rays: Sequence[LaunchGrid] | None, pulse: int) -> C64:
         """Profiles (n_layers, n_samples) of one pulse: surfaces with given rays; None: all, first ray subset."""
-        return self.batches.trace(Batch(0, pulse, pulse + 1, together=True), rays).profiles[:, 0]
+        batch = Batch(0, pulse, pulse + 1, together=self.interval > 1)
+        return self.batches.trace(batch, rays).profiles[:, 0]
 
 
 def strip(grid: LaunchGrid, frame: LaunchFrame, share: float = STRIP, place: float = 0.0) -> LaunchGrid:
