@@ -192,15 +192,21 @@ def _draw_wide(rng: np.random.Generator) -> DrawnEchoes | None:
     )
     if mode != "spotlight":
         half = 0.5 * angle if mode == "own" else np.inf
-        radar = _along_strip(radar, sides[0] + 1.2 * slant_range * (angle if mode == "own" else 2.5 * width), half)
+        radar = _along_strip(
+            radar, sides[0] + 1.2 * slant_range * (angle if mode == "own" else 2.5 * width), half
+        )
     sample, position = radar.window.sample_spacing, radar.track.position
     corners = np.array([[0.5 * a * sides[1], 0.5 * b * sides[0], 0.0] for a in (-1.3, 1.3) for b in (-1, 1)])
     distance = np.linalg.norm(position, axis=1)
     if mode == "spotlight":
-        span = max(float(np.abs(np.linalg.norm(corner - position, axis=1) - distance).max()) for corner in corners)
+        span = max(
+            float(np.abs(np.linalg.norm(corner - position, axis=1) - distance).max()) for corner in corners
+        )
         start, n_samples = np.floor((distance - span) / sample - 20) * sample, int(2.0 * span / sample) + 40
     else:
-        nearest = np.floor((np.linalg.norm(corners[:, None] - position, axis=-1).min()) / sample - 20) * sample
+        nearest = (
+            np.floor((np.linalg.norm(corners[:, None] - position, axis=-1).min()) / sample - 20) * sample
+        )
         farthest = slant_range * (1.0 + 0.5 * angle**2 + 2.0 * angle * abs(np.tan(squint))) + sides[1]
         start = np.full(distance.size, nearest)
         n_samples = int((farthest - nearest) / sample) + 40
@@ -212,7 +218,9 @@ def _draw_wide(rng: np.random.Generator) -> DrawnEchoes | None:
     grid = default_grid(radar, request)
     if np.prod(grid.shape) * distance.size > MOST_WORK or min(grid.shape) < 16:
         return None
-    wander = float(wavelength * _between(rng, 0.01, 3.0)) if mode == "spotlight" and _chance(rng, 0.2) else 0.0
+    wander = (
+        float(wavelength * _between(rng, 0.01, 3.0)) if mode == "spotlight" and _chance(rng, 0.2) else 0.0
+    )
     flown = _wandering(radar, wander, rng) if wander else radar
     points, strengths = _points(grid, cells[0], rng)
     keep = slice(0, 24)

@@ -41,9 +41,7 @@ def focusers_outside(seed: int, names: tuple[str, ...] = OTHERS) -> Iterator[Row
     return focusers(seed, names, draw_wide(seed))
 
 
-def focusers(
-    seed: int, names: tuple[str, ...] = OTHERS, drawn: DrawnEchoes | None = None
-) -> Iterator[Row]:
+def focusers(seed: int, names: tuple[str, ...] = OTHERS, drawn: DrawnEchoes | None = None) -> Iterator[Row]:
     """All focusers, or some and backprojection, on one drawn recording: their laws, and what they measured of it."""
     topic = "focusers" if drawn is None else "focusers_outside"
     drawn = drawn or draw_echoes(seed)
@@ -107,4 +105,6 @@ def _backprojections(seed: int, drawn: DrawnEchoes, best: np.ndarray | None) -> 
         stated = image.metadata["focus"]["stated_error_db"]
         true = 10.0 * float(np.log10(max(error, 1e-30)))
         yield Row("focusers", name, seed, drawn.label, stated, true)
-        yield Row("focusers", MEASURED, seed, f"{name} {drawn.label}", _measured(image.metadata["focus"]), true)
+        yield Row(
+            "focusers", MEASURED, seed, f"{name} {drawn.label}", _measured(image.metadata["focus"]), true
+        )

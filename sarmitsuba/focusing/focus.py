@@ -107,7 +107,9 @@ def focus(
     law_db = focuser.error_db(raw.radar, grid)
     witness = witness_focusing(raw, focused.pixels, grid, focuser, chain.windows, law_db)
     if witness is not None and corrections:
-        witness = replace(witness, reference=f"{witness.reference} of the data after {' and '.join(corrections)}")
+        witness = replace(
+            witness, reference=f"{witness.reference} of the data after {' and '.join(corrections)}"
+        )
     if chain.halfway != 0.0:
         focused.pixels[...] *= np.complex64(np.exp(1j * chain.halfway))
 

@@ -86,7 +86,9 @@ class TrackGeometry:
         if sine.min() >= self.seen[0] and sine.max() <= self.seen[1]:
             return None
         width = [max(abs(end - edge), 1e-12) for edge, end in zip(self.seen, self.faded, strict=True)]
-        beyond = np.maximum((self.seen[0] - sine) * (1.0 / width[0]), (sine - self.seen[1]) * (1.0 / width[1]))
+        beyond = np.maximum(
+            (self.seen[0] - sine) * (1.0 / width[0]), (sine - self.seen[1]) * (1.0 / width[1])
+        )
         return np.asarray(np.cos(0.5 * np.pi * np.clip(beyond, 0.0, 1.0)) ** 2)
 
 

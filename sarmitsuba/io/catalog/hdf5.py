@@ -189,7 +189,11 @@ def read_raw(path: Path | str) -> RawData:
         ):
             raise DataError(f"{domain} echoes of {data.shape[2]} samples do not match /radar/window")
         asked = groups.has(file, "image_request")
-        request = groups.read_fields(groups.group_of(file, "image_request"), ImageRequest, offset=(0.0, 0.0, 0.0)) if asked else None
+        request = (
+            groups.read_fields(groups.group_of(file, "image_request"), ImageRequest, offset=(0.0, 0.0, 0.0))
+            if asked
+            else None
+        )
         metadata = _read_metadata(file)
         if planes:
             check_pulses(data)
