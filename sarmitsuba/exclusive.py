@@ -1,11 +1,14 @@
-"""Lock of the back end: one thread at a time in functions that record or evaluate Dr.Jit arrays."""
+"""Lock of the back end: one thread at a time records or evaluates Dr.Jit arrays; and what a fork does to both."""
 
 import functools
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
+
+from sarmitsuba.errors import BackendError
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -14,6 +17,11 @@ _lock = threading.RLock()
 _depth = 0  # depth of nested calls in the thread that holds the lock
 _holder = 0  # identity of that thread
 _threads = 0  # threads of Dr.Jit to return to when the outermost call ends; 0: they were not changed
+_lost = ""  # why this process cannot compute with Dr.Jit; empty: it can
+_paused = 0  # threads of Dr.Jit to return to after a fork; 0: they were not ended
+_held = False  # whether the forking thread has the lock
+_trial = False  # whether the fork is one of `fork_for_trial`
+_forking = threading.Lock()  # one fork at a time: the marks above are those of its thread
 
 
 @contextmanager
@@ -35,7 +43,7 @@ def backend_lock() -> Iterator[None]:
             _depth -= 1
             if _depth == 0:
                 drjit = sys.modules.get("drjit")
-                if drjit is not None and hasattr(drjit, "sync_thread"):
+                if drjit is not None and hasattr(drjit, "sync_thread") and not _lost:
                     drjit.sync_thread()
                     if _threads:
                         drjit.set_thread_count(_threads)
@@ -61,7 +69,7 @@ def take_threads(one: bool) -> None:
     """
     global _threads
     drjit = sys.modules.get("drjit")
-    if drjit is None or _holder != threading.get_ident() or one == (drjit.thread_count() <= 1):
+    if drjit is None or _lost or _holder != threading.get_ident() or one == (drjit.thread_count() <= 1):
         return
     if one or _threads:
         drjit.sync_thread()
@@ -77,7 +85,7 @@ def single_threaded() -> Iterator[None]:
     """
     with backend_lock():
         drjit = sys.modules.get("drjit")
-        if drjit is None:
+        if drjit is None or _lost:
             yield
             return
         drjit.sync_thread()
@@ -99,3 +107,68 @@ def exclusive(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **kwargs)
 
     return alone
+
+
+def check_backend_kept() -> None:
+    """Raise a BackendError in a process whose back end was lost by a fork."""
+    if _lost:
+        raise BackendError(
+            f"{_lost}; start processes with multiprocessing's 'spawn' or 'forkserver', or fork before the first "
+            "simulation"
+        )
+
+
+def fork_for_trial() -> int:
+    """``os.fork`` of a process that will not compute with Dr.Jit, whose threads go on in this one."""
+    global _trial
+    with backend_lock():
+        _trial = True
+        try:
+            return os.fork()
+        finally:
+            _trial = False
+
+
+def _prepare_fork() -> None:
+    """End the threads of Dr.Jit, which a fork does not copy, unless another thread is computing."""
+    global _held, _paused
+    _forking.acquire()
+    _held = _lock.acquire(blocking=False)
+    drjit = sys.modules.get("drjit")
+    if drjit is None or _trial or _lost or not _held or _depth or not hasattr(drjit, "thread_count"):
+        return
+    if drjit.thread_count() > 1:
+        drjit.sync_thread()
+        _paused = int(drjit.thread_count())
+        drjit.set_thread_count(1)
+
+
+def _resume() -> None:
+    """Start the threads of Dr.Jit again in the parent."""
+    global _held, _paused
+    if _paused:
+        sys.modules["drjit"].set_thread_count(_paused)
+    if _held:
+        _lock.release()
+    _held, _paused = False, 0
+    _forking.release()
+
+
+def _begin_child() -> None:
+    """Renew the locks, and start the threads of Dr.Jit again where none was computing."""
+    global _lock, _forking, _lost, _held, _trial, _depth, _holder, _threads, _paused
+    mitsuba, drjit = sys.modules.get("mitsuba"), sys.modules.get("drjit")
+    if drjit is not None and hasattr(drjit, "thread_count") and not _lost:
+        variant = mitsuba.variant() if mitsuba is not None and hasattr(mitsuba, "variant") else None
+        if (variant or "").startswith("cuda_"):
+            _lost = "this process was forked from one that uses the GPU, which CUDA does not allow"
+        elif _trial or not _held or _depth:
+            _lost = "this process was forked while Dr.Jit computed, whose threads are not copied"
+        elif _paused:
+            drjit.set_thread_count(_paused)
+    _lock, _forking = threading.RLock(), threading.Lock()
+    _held, _trial, _depth, _holder, _threads, _paused = False, False, 0, 0, 0, 0
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_prepare_fork, after_in_parent=_resume, after_in_child=_begin_child)

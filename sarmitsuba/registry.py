@@ -151,6 +151,12 @@ class Registry(Generic[T]):
         self._loaded = package is None
         self._loading = threading.RLock()  # other threads wait; modules being loaded may look up entries
         self._in_work = False
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self._renew)
+
+    def _renew(self) -> None:
+        """Begin anew in a forked process, which another thread that was loading does not reach."""
+        self._loading, self._in_work = threading.RLock(), False
 
     def register(self, entry: T) -> T:
         """Add an entry and return it.

@@ -51,8 +51,9 @@ class Witness:
 
         Notes
         -----
-        The upper level is the 95 % quantile of a bootstrap over the sample, and once more the largest error drawn: where
-        a few values hold the error, some like it were not drawn. Draw the strongest values and the edges with certainty.
+        The upper level is the 95 % quantile of a bootstrap over the sample, and once more the largest error drawn:
+        where a few values hold the error, some like it were not drawn. Draw the strongest values and the edges with
+        certainty.
         """
         error, energy = np.asarray(error, dtype=np.float64), np.asarray(energy, dtype=np.float64)
         picks = np.random.default_rng(seed).integers(0, max(error.size, 1), (_DRAWS, error.size))

@@ -21,6 +21,7 @@ import numpy as np
 from stated_echoes import focusers, focusers_outside
 from stated_row import BELOW, FLOOR, Row
 from stated_traces import block_model, blocks, gridding, passes, rays, rcs
+from stated_wide import wide, wide_effects, wide_rays
 
 TOPICS: dict[str, Callable[[int], Iterator[Row]]] = {
     "focusers": focusers,
@@ -31,6 +32,9 @@ TOPICS: dict[str, Callable[[int], Iterator[Row]]] = {
     "block_model": block_model,
     "gridding": gridding,
     "rcs": rcs,
+    "wide": wide,
+    "wide_effects": wide_effects,
+    "wide_rays": wide_rays,
 }
 # cases of a topic: quick, and of the page
 QUICK, COUNT = 1, 30

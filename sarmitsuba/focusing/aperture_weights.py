@@ -40,7 +40,7 @@ def direction_gain(radar: Radar, pulse: int | slice, direction: F64, pointing: P
     -------
     (...) float64, 1 at boresight
     """
-    if radar.antenna.pattern == "isotropic":
+    if not radar.antenna.directive:
         return np.ones(direction.shape[:-1])
     p = pointing or radar.pointing
     gain = radar.antenna.two_way_amplitude(
@@ -102,7 +102,7 @@ def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: W
 
 def bistatic_refusal(radar: Radar) -> str:
     """Reason why bistatic data cannot be backprojected; empty when they can, or are monostatic."""
-    if radar.receiver is None or (radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)):
+    if radar.receiver is None or (not radar.antenna.directive and np.isinf(radar.half_aperture)):
         return ""
     if radar.receives_itself:
         return ""
@@ -248,7 +248,7 @@ def dimness(radar: Radar, point: F64) -> float:
     Power gain of errors of single pulses in an image whose pixels are divided by that sum. Places that are not
     illuminated are left out.
     """
-    if radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture):
+    if not radar.antenna.directive and np.isinf(radar.half_aperture):
         return 1.0
     total = np.array([matched_weights(radar, one).sum() for one in point])
     lit = total > _UNLIT * total.max()

@@ -164,9 +164,7 @@ def _of_the_radar(
     """Reference figures for quality measures: squint of pixels with their own apertures, and NESZ at the centre."""
     facts: dict[str, float | bool] = {}
     middle = radar.track.center_index
-    if radar.mode_law.own_apertures and (
-        np.isfinite(radar.half_aperture) or radar.antenna.pattern != "isotropic"
-    ):
+    if radar.mode_law.own_apertures and (np.isfinite(radar.half_aperture) or radar.antenna.directive):
         forward, sine, _ = flight(radar)
         facts["squint_sine"] = float(sine[middle])
         speed = radar.footprint_speed

@@ -84,7 +84,7 @@ def sum_exactly(raw: RawData, points: F64, range_window: Window, azimuth_window:
         place = (distance - radar.window.start_range[part]) / plan.step
         weight = weight * ((place >= 0.0) & (place <= plan.last))
         gain = np.ones(1)
-        if radar.antenna.pattern != "isotropic":
+        if radar.antenna.directive:
             gain = direction_gain(radar, part, lines[0] / legs[0][..., None])
         weight_sum += np.sum(weight * gain**2, axis=1)
         weight = weight * gain * legs[0] * legs[-1]

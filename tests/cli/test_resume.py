@@ -23,7 +23,7 @@ from sarmitsuba.io.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation import batches, tracing
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import refine
 
 BOX = """<scene version="3.0.0">

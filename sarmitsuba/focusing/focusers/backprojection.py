@@ -180,8 +180,8 @@ class Backprojection(Focuser):
         """Error of range interpolation and rounding, dB, against the sum in float64 at exact ranges.
 
         Powers add up of the interpolation's, as benchmarks/suite/focusers.py measures it, and of the rounding of
-        directions at the ends of pixels' own apertures and in narrow beams. All grow where a place is weakly illuminated: its pixel is divided by the summed
-        weight of its pulses.
+        directions at the ends of pixels' own apertures and in narrow beams. All grow where a place is weakly
+        illuminated: its pixel is divided by the summed weight of its pulses.
         """
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate
@@ -197,7 +197,7 @@ class Backprojection(Focuser):
         rate = PIXEL_PULSE_SECONDS * self.effort(radar, grid)
         if np.isfinite(radar.half_aperture):
             rate *= OWN_APERTURES
-        if radar.antenna.pattern != "isotropic":
+        if radar.antenna.directive:
             rate += PATTERN_SECONDS
         pixels, pulses = float(np.prod(grid.shape)), radar.track.n_pulses
         profiles = PROFILE_SECONDS * pulses * radar.window.n_samples

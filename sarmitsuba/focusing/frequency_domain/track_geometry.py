@@ -130,7 +130,7 @@ def own_apertures(radar: Radar) -> bool:
 
 def lit_in_turn(radar: Radar) -> bool:
     """Whether the beam, or the band of the pixels' own apertures, passes over the pixels one after the other."""
-    return own_apertures(radar) or (radar.antenna.pattern != "isotropic" and radar.mode_law.own_apertures)
+    return own_apertures(radar) or (radar.antenna.directive and radar.mode_law.own_apertures)
 
 
 def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
