@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.ndimage
+import scipy
 
 from sarmitsuba.arrays import C64, C128, F32, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
@@ -25,6 +25,8 @@ PIXELS, PIXELS_OF_EXACT, _FEWEST = 64, 16, 6
 _CERTAIN, _FRAME = 16, 2
 # pixels of a scatterer's response, over which power is averaged for the chances
 _RESPONSE = 5
+# chance of all pixels alike, and by amplitude, over that by power, of which faint ones have none
+_FAINT = 3.0
 # part of the time of focusing that the sum may take, and seconds that are always allowed
 _SHARE, _ALWAYS = 0.05, 0.1
 # processor seconds of a profile's sample, and of a pixel and pulse
@@ -187,11 +189,11 @@ def _draw(power: F32, count: int, seed: int = _SEED) -> tuple[I64, F64]:
     # errors of a scatterer lie in the flanks of its response too
     near = np.maximum(scipy.ndimage.uniform_filter(power, _RESPONSE, mode="constant"), 0.0)
     amplitude = np.sqrt(near)
-    chance = np.full(power.shape, 1.0 / power.size, dtype=np.float32)
-    for part in (amplitude, near, amplitude * frame, near * frame):
+    chance = np.full(power.shape, _FAINT / power.size, dtype=np.float32)
+    for part, share in ((amplitude, _FAINT), (near, 1.0), (amplitude * frame, 1.0), (near * frame, 1.0)):
         whole = float(part.sum(dtype=np.float64))
         if whole > 0.0:
-            chance += part * np.float32(1.0 / whole)
+            chance += part * np.float32(share / whole)
     chance.ravel()[sure] = 0.0
     rows_end = np.cumsum(chance.sum(axis=1, dtype=np.float64))
     if rows_end[-1] <= 0.0:
