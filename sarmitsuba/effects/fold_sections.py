@@ -712,11 +712,8 @@ def fold_error(
     if not order.size:
         return FoldError(energy, -1, None)
     k, best, most = 2.0 * np.pi / wavelength, -1, 0.0
-    held: dict[int, NDArray[np.bool_]] = {}
-    for grid in grids:
-        which = np.asarray(grid.holds(azimuth[:, grid.row], lean[:, grid.row]) & seen[:, grid.row])
-        if which.any():
-            held[grid.row] = which
+    held = {g.row: np.asarray(g.holds(azimuth[:, g.row], lean[:, g.row]) & seen[:, g.row]) for g in grids}
+    held = {row: which for row, which in held.items() if which.any()}
     rows = [int(row) for row in order if not folds.square[row]]
     solved = [row for row in rows if row not in held][:MOST_SECTIONS]
     measured = {
@@ -751,14 +748,20 @@ def fold_error(
     between = [int(row) for row in order if inner[:, row].any()]
     if not between:
         return FoldError(energy, best, None)
-    first, law = between[0], math.nan
+    first = between[0]
     if first not in measured:
         place = azimuth[inner[:, first], first]
         measured[first] = MeasuredFold.of(folds, first, wavelength, place, tabulated=False, edges=edges)
-    if folds.square[first]:
-        narrow = measured[first].scale * float(folds.width[first].min()) / wavelength
-        law = min(0.0, -20.0 * math.log10(narrow))
-    return FoldError(energy, best, measured[first].witness(law))
+    return FoldError(
+        energy, best, measured[first].witness(_law_db(folds, first, wavelength, measured[first]))
+    )
+
+
+def _law_db(folds: Folds, row: int, wavelength: float, measured: MeasuredFold) -> float:
+    """Share of double bounces at right angles by which ray optics is wrong, dB; NaN at other angles."""
+    if not folds.square[row]:
+        return math.nan
+    return min(0.0, -20.0 * math.log10(measured.scale * float(folds.width[row].min()) / wavelength))
 
 
 @dataclass(frozen=True, eq=False)
