@@ -75,6 +75,7 @@ class ErrorStatement:
     theory : waves that are not simulated, and its causes
     remedy : of the theory's error
     currents : how surface currents were solved, whose error by the mesh ``sampling`` then is; empty: by ray optics
+    facets : (n_channels,) float64, m^2, energy of the error by facets of round metal in a direction; None: no such ones
     """
 
     power: F64
@@ -83,6 +84,7 @@ class ErrorStatement:
     theory: TheoryError
     remedy: str = _FULL_WAVE
     currents: str = ""
+    facets: F64 | None = None
 
     @staticmethod
     def of(
@@ -156,6 +158,15 @@ class ErrorStatement:
         """By bounces left out, (n_channels,)."""
         return rms_db(self._spread(self.bounces), self.power)
 
+    @cached_property
+    def facets_db(self) -> F64:
+        """By facets of round metal, (n_channels,)."""
+        return rms_db(self._spread(self._facets), self.power)
+
+    @property
+    def _facets(self) -> F64:
+        return np.zeros(self.power.shape[1]) if self.facets is None else self.facets
+
     @property
     def theory_db(self) -> F64:
         """By waves that are not simulated, (n_channels,); NaN without echoes."""
@@ -173,7 +184,8 @@ class ErrorStatement:
         """By all of them, (n_channels,); errors whose size is not measured are left out; NaN without echoes."""
         if self.theory.unknown:
             return self.theory.rms_db
-        left = self._spread(self.sampling) + self._spread(self.bounces) + self.theory.missing
+        even = np.nan_to_num(self.sampling) + np.nan_to_num(self.bounces) + self._facets
+        left = self._spread(even) + self.theory.missing
         return np.asarray(np.where(self.silent, np.nan, rms_db(left, self.power)))
 
     def over(self, rows: NDArray[np.bool_]) -> "ErrorStatement":
@@ -206,6 +218,8 @@ class ErrorStatement:
         ]
         if self.currents:
             parts = [f"mesh {_measured(self.sampling_db[counted])}", self.currents]
+        if self.facets is not None:
+            parts.insert(1, f"facets of a round body {_measured(self.facets_db[counted])}")
         return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {self._total_text}: {', '.join(parts)}"
 
     @property
@@ -228,6 +242,12 @@ class ErrorStatement:
         )
         if self.currents:
             return f"levels are {stated(self.worst_db)} by the mesh ({self.currents}); {self.remedy}"
+        if self.facets is not None and float(self.facets_db[self.theory.counted].max()) > max(
+            sampled, self.theory.worst_db
+        ):
+            return (
+                f"levels are {stated(self.worst_db)} if facets stand for a round body; take more, or --smooth"
+            )
         if sampled > self.theory.worst_db:
             remedy = "set a smaller ray_spacing, or a higher max_depth"
         else:
@@ -244,6 +264,7 @@ class ErrorStatement:
                 for name, values in (
                     ("sampling_db", self.sampling_db),
                     ("bounces_left_out_db", self.bounces_db),
+                    ("facets_db", self.facets_db),
                     ("theory_db", self.theory_db),
                     ("total_db", self.total_db),
                 )

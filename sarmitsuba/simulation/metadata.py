@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.scene.round_facets import RoundFacets
 from sarmitsuba.simulation.error_statement import image_theory, theory_witness
 from sarmitsuba.simulation.prediction.speed import ray_share
 from sarmitsuba.simulation.run import Run
@@ -48,9 +49,15 @@ def _common(
         "processor_seconds": dict(run.timer.processor),
         "ray_spacing_settings": sampling.spacings.at(1.0) if sampling else {},
         "ray_share_of_tracing": ray_share(run.statistics, len(run.layers.subsets)),
+        "witnesses": {
+            **{stage: witness.as_dict() for stage, witness in run.measured.items()},
+            **theory_witness(theory),
+        },
         "notes": list(notes),
         "theory": theory,
-        "witnesses": theory_witness(theory),
+        "facets": RoundFacets.of(
+            run.scene.geometry, run.scene.materials, run.scene.radar.waveform.wavelength
+        ).as_dict(),
         "points": [
             {
                 "name": point.name,

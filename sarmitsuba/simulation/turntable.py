@@ -24,6 +24,7 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.round_facets import RoundFacets, smooth_geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.error_statement import SILENT_DB, ErrorStatement, say_sampling_error
@@ -50,6 +51,9 @@ CHECKED = 24
 # spacing of these rays relative to the first, and energy of the error relative to the difference, since a part of the
 # error is common to both (benchmarks/suite/stated_errors.py --kind rcs)
 OTHER_SPACING, ERROR_SHARE = 2.0**-0.5, 2.0
+# wavelengths between facets and the smooth surface below which they change nothing, and most aspects that are traced on
+# the smooth surface
+NEGLIGIBLE_SAGITTA, SMOOTHED = 1.0 / 200.0, 16
 # relative error energy of phases: sums of rays in float32, and wavefront curvature
 ROUNDING = 10.0**-9.5
 
@@ -172,6 +176,8 @@ def rcs_sweep(
             statement.of_currents(solved.amplitude, solved.error, solved.text),
             solved.error_db,
         )
+    if checked and isinstance(currents, str) and scene.traced:
+        statement = dataclasses.replace(statement, facets=traced.facet_error(aspects))
     if checked and statement.warning:
         warnings.warn(f"{scene.name}: {statement.warning}", SarmitsubaWarning, stacklevel=2)
     return RcsSweep(aspects, frequency, result, result.max_depth, errors, statement, notes, solved)
@@ -355,6 +361,30 @@ class _TracedAspects:
             said = say_sampling_error(self.tracing.scene, result.ray_spacing, errors)
         notes = _notes(self.tracing.scene, result.ray_spacing) + self.notes + said
         return dataclasses.replace(self, result=result, errors=errors, notes=notes)
+
+    def facet_error(self, aspects: Aspects) -> F64 | None:
+        """Energy (n_channels,) m^2 of the error by facets of round metal in a direction; None without such ones.
+
+        Measured: some of the aspects are traced on the smooth surface through the corners of the facets.
+        """
+        scene, tracing = self.tracing.scene, self.tracing
+        wavelength = scene.radar.waveform.wavelength
+        found = RoundFacets.of(scene.geometry, scene.materials, wavelength)
+        if not (found.sagitta > NEGLIGIBLE_SAGITTA).any() or scene.geometry.corner_values:
+            return None
+        smooth = dataclasses.replace(
+            scene, geometry=smooth_geometry(scene.geometry, 0.5 * NEGLIGIBLE_SAGITTA * wavelength)
+        )
+        n = aspects.azimuth.size
+        pick = np.sort(np.random.default_rng(0).permutation(n)[:SMOOTHED])
+        some = Aspects(aspects.azimuth[pick], aspects.elevation[pick])
+        other = dataclasses.replace(
+            tracing, scene=smooth, progress=silent, site=FarSite(smooth, tracing.flags, aspects)
+        ).at(self.result.ray_spacing)
+        total = self.result.amplitude[pick].sum(axis=1)
+        return np.asarray(
+            np.square(np.abs(other.amplitudes(some, 0).amplitude.sum(axis=1) - total)).mean(axis=0)
+        )
 
 
 def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple[Scene, KernelFlags, int]:
