@@ -26,9 +26,9 @@ from sarmitsuba.materials.bsdfs import wire_permittivity
 from sarmitsuba.materials.map_materials import map_attributes
 from sarmitsuba.memory import check_fits
 from sarmitsuba.mesh.cleaning import single_precision_step
+from sarmitsuba.mesh.model_units import doubtful_size
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.mesh.smooth_surface import facet_sagitta, smooth_surface
-from sarmitsuba.mesh.model_units import doubtful_size
 from sarmitsuba.parameters import Value, float_value, printable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
