@@ -21,6 +21,7 @@ from sarmitsuba.arrays import F64
 from sarmitsuba.errors import BackendError, SarmitsubaWarning
 from sarmitsuba.exclusive import check_backend_kept
 from sarmitsuba.kernel_cache import prepare_kernel_cache
+from sarmitsuba.memory import check_limits
 
 if TYPE_CHECKING:
     import drjit as dr
@@ -103,11 +104,16 @@ def ensure_backend(prefer: str | None = None) -> Backend:
 
     Raises
     ------
+    ResourceError
+        Limits of the system leave no room for its threads and libraries.
     BackendError
         No back end works, or the requested variant does not exist or cannot start.
     """
     check_backend_kept()
     late = "drjit" in sys.modules
+    if not late:
+        check_limits()
+        _check_folder()
     choice = None if late else prepare_llvm()
     if not late:
         prepare_kernel_cache()
@@ -136,6 +142,16 @@ def ensure_backend(prefer: str | None = None) -> Backend:
         threads=int(dr.thread_count()),
         gpu=gpu_description() if on_gpu else None,
     )
+
+
+def _check_folder() -> None:
+    """Raise a BackendError in a deleted working folder, in which Mitsuba ends the process."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise BackendError(
+            f"the working folder is gone ({error.strerror}); change to another folder"
+        ) from error
 
 
 def _refuse_old_llvm(version: str | None) -> None:

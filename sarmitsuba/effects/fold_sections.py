@@ -153,20 +153,31 @@ class _Facet:
     closed: bool
 
 
-def _flat_facets(corners: F64, wavelength: float) -> list[_Facet]:
-    """Largest flat faces of triangles."""
+def coplanar_parts(corners: F64) -> I64:
+    """Number (n,) of the flat part of each triangle (n, 3, 3): coplanar neighbours are one, however they are cut."""
+    return _parts(corners)[0]
+
+
+def _parts(corners: F64) -> tuple[I64, I64, I64, F64]:
+    """Flat part and body of each triangle, its sides that others share, and twice its area times the normal."""
     grid = SAME * max(float(np.ptp(corners)), 1e-300)
-    vertex = weld(np.round(corners.reshape(-1, 3) / grid))
-    first, second = edge_pairs(vertex)
+    first, second = edge_pairs(weld(np.round(corners.reshape(-1, 3) / grid)))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    twice = np.linalg.norm(normal, axis=1)
-    unit = normal / np.maximum(twice, 1e-300)[:, None]
+    unit = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     a, b = first // 3, second // 3
     level = np.abs(np.einsum("ei,ei->e", unit[a], unit[b])) > 1.0 - 0.5 * _PLANE**2
     n = len(corners)
-    part, body = connected(n, a[level], b[level]), connected(n, a, b)
+    return connected(n, a[level], b[level]), connected(n, a, b), np.concatenate([first, second]), normal
+
+
+def _flat_facets(corners: F64, wavelength: float) -> list[_Facet]:
+    """Largest flat faces of triangles."""
+    part, body, shared, normal = _parts(corners)
+    twice = np.linalg.norm(normal, axis=1)
+    unit = normal / np.maximum(twice, 1e-300)[:, None]
+    n, grid = len(corners), SAME * max(float(np.ptp(corners)), 1e-300)
     alone = np.ones(3 * n)
-    alone[np.concatenate([first, second])] = 0.0
+    alone[shared] = 0.0
     is_open = np.bincount(body, alone.reshape(-1, 3).sum(axis=1)) > 0.0
     volume = np.bincount(body, np.einsum("ni,ni->n", corners[:, 0] - corners.mean(axis=(0, 1)), normal))
     area = 0.5 * np.bincount(part, twice)

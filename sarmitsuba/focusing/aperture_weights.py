@@ -273,6 +273,17 @@ def ends_rounding(radar: Radar) -> float:
     return _SINE_ROUNDING**2 / max(float(np.median(step)) * radar.half_aperture, _SINE_ROUNDING)
 
 
+def beam_rounding(radar: Radar) -> float:
+    r"""Relative error power because of float32 sines in a narrow beam.
+
+    A gain :math:`2^{-s^2 / w^2}` changes by :math:`2 \ln 2 \, \epsilon / w` at its half-power angle w, for an error
+    :math:`\epsilon` of the sine: that of a direction and that of the beam's axis, which all pulses may share.
+    """
+    if radar.antenna.pattern == "isotropic":
+        return 0.0
+    return float(np.sum((4.0 * np.log(2.0) * _SINE_ROUNDING * np.array(radar.antenna.per_width)) ** 2))
+
+
 def leaves_beam(radar: Radar, point: ArrayLike) -> bool:
     """Whether one of the places (..., 3), m, is nearly outside the beam, relative to the best illuminated one.
 

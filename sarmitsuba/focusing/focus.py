@@ -22,7 +22,7 @@ from sarmitsuba.focusing.motion_compensation import compensate_motion
 from sarmitsuba.focusing.preparation import prepare, raw_data
 from sarmitsuba.focusing.shown import shown_share
 from sarmitsuba.focusing.windows import Window
-from sarmitsuba.focusing.witness import witness_focusing, witness_warning
+from sarmitsuba.focusing.witness import conjugation_warning, witness_focusing, witness_warning
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.collection import signal_facts
@@ -121,6 +121,7 @@ def focus(
         cells.warning,
         beam_edge_warning(raw.radar, grid, azimuth_window, cells.center),
         "" if witness is None else witness_warning(witness, focuser),
+        conjugation_warning(raw, focused.pixels, grid, chain.windows),
     ):
         if text:
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)

@@ -123,7 +123,7 @@ def find_frame(
 
     That is believed where all shapes stand on ground whose normal is y, and Blender's exporter wrote the file or most
     shapes were turned from z up to y up; where only the ground says so there is a warning. Files with a radar are in
-    its frame.
+    its frame, and there is a warning where they hardly are.
 
     Parameters
     ----------
@@ -136,16 +136,17 @@ def find_frame(
     up, said, doubt = options.up, f"{options.up} up as asked", ""
     if up == "auto":
         up, said = "z", "z up"
-        flat = [p for p in shapes if p.element.plugin in _FLAT] if not has_radar(root) else []
+        flat = [p for p in shapes if p.element.plugin in _FLAT]
         read = ((p, *reader.triangles(p)) for p in flat)
         with np.errstate(over="ignore", invalid="ignore"):  # such meshes are refused when they are checked
             extents = {p.name: ShapeExtent.of(v[f]) for p, v, f in read if len(f)}
             ground = y_ground(list(extents.values()))
         if ground >= 0:
             name = one_line(list(extents)[ground])
-            if _from_blender(root) or _were_turned(flat):
+            sure, placed = _from_blender(root) or _were_turned(flat), has_radar(root)
+            if sure and not placed:
                 up, said = "y", f'y up by its ground "{name}"'
-            else:
+            elif sure or not placed:
                 doubt = f'{label}: is y up? "{name}" looks like ground below all else; give --up y, or --up z'
     matrix = np.eye(4)
     matrix[:3, :3] = UNITS.get(options.unit, 1.0) * (_Y_UP if up == "y" else np.eye(3))

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,6 +19,7 @@ from sarmitsuba.effects.theory_error import (
     rms_db,
     stated,
     theory_error,
+    too_many,
     waves_left,
 )
 from sarmitsuba.errors import SarmitsubaWarning
@@ -28,6 +30,8 @@ from sarmitsuba.simulation.sampling.refined_spacing import POOR_DB, error_text, 
 
 # dB, total error above which a sweep is warned of
 DOUBTFUL_DB = 3.0
+# dB below the strongest channel's peak at which a channel is rounding
+SILENT_DB = -80.0
 # most metal faces that an image's account examines, and positions of its aperture
 MOST_IMAGE_FACES, APERTURE = 20_000, 9
 _REMEDIES = {
@@ -53,7 +57,7 @@ def followed_folds(scene: Scene, flags: KernelFlags, wavelength: float) -> Folds
             still[faces] = False
         smooth = np.array([m.rms_height == 0.0 for m in scene.materials], dtype=bool)[geometry.face_material]
         kept = visible.metal & still[visible.face] & smooth[visible.face]
-        if kept.any() and kept.sum() <= MOST_IMAGE_FACES:
+        if kept.any() and not too_many(visible.corners[kept], MOST_IMAGE_FACES):
             corners = visible.corners[kept]
             corners = corners[~double_faces(corners, visible.shape[kept])]
     return find_folds(corners, wavelength)
@@ -146,7 +150,7 @@ class ErrorStatement:
     @cached_property
     def sampling_db(self) -> F64:
         """By the sampling with rays, (n_channels,)."""
-        known = np.where(np.isnan(self.sampling), np.nan, 1.0)
+        known = np.where(np.isnan(self.sampling) | self.silent, np.nan, 1.0)
         return np.asarray(known * rms_db(self._spread(self.sampling), self.power))
 
     @cached_property
@@ -165,16 +169,24 @@ class ErrorStatement:
 
     @property
     def theory_db(self) -> F64:
-        """By waves that are not simulated, (n_channels,)."""
-        return self.theory.rms_db
+        """By waves that are not simulated, (n_channels,); NaN without echoes."""
+        return np.asarray(np.where(self.silent, np.nan, self.theory.rms_db))
+
+    @cached_property
+    def silent(self) -> NDArray[np.bool_]:
+        """Channels (n_channels,) whose levels are rounding of the strongest channel's: they have no echo."""
+        peak = self.power.max(axis=0, initial=0.0)
+        most = peak.max(initial=0.0)
+        return np.asarray((most > 0.0) & (peak <= 10.0 ** (0.1 * SILENT_DB) * most))
 
     @cached_property
     def total_db(self) -> F64:
-        """By all of them, (n_channels,); errors whose size is not measured are left out."""
+        """By all of them, (n_channels,); errors whose size is not measured are left out; NaN without echoes."""
         if self.theory.unknown:
             return self.theory.rms_db
         even = np.nan_to_num(self.sampling) + np.nan_to_num(self.bounces) + self._facets
-        return rms_db(self._spread(even) + self.theory.missing, self.power)
+        left = self._spread(even) + self.theory.missing
+        return np.asarray(np.where(self.silent, np.nan, rms_db(left, self.power)))
 
     def over(self, rows: NDArray[np.bool_]) -> "ErrorStatement":
         """Statement on some of the directions, whose own peak counts; causes as before."""
@@ -191,7 +203,9 @@ class ErrorStatement:
     @property
     def worst_db(self) -> float:
         """Largest total of the channels that count, dB."""
-        return float(self.total_db[self.theory.counted].max(initial=0.0))
+        return float(
+            np.nan_to_num(self.total_db[self.theory.counted], nan=0.0, posinf=np.inf).max(initial=0.0)
+        )
 
     @property
     def text(self) -> str:
@@ -309,9 +323,9 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     metal = metallic[geometry.face_material] if geometry.n_faces else np.zeros(0, dtype=bool)
     if not metal.any() or not flags.coherent:
         return {}
-    if metal.sum() > MOST_IMAGE_FACES:
-        return {"why": f"{int(metal.sum())} metal faces are too many to examine"}
     corners = np.asarray(geometry.vertices[geometry.faces[metal]], dtype=np.float64)
+    if too_many(corners, MOST_IMAGE_FACES):
+        return {"why": f"{len(corners)} metal faces are too many to examine"}
     wavelength = scene.radar.waveform.wavelength
     place = scene.radar.track.position
     away = place[
@@ -330,10 +344,18 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     }
     seen = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
     if flags.multi_bounce and metal[seen].all():
-        found["repeated_share"] = float(left.repeated_share(wavelength, 2)[1])
+        # a face of two folds is one of three that meet, whose echoes bounce three times
+        bounces = 3 if left.folds.n > 2 and not left.folds.plain.any() else 2
+        found["repeated_share"] = float(left.repeated_share(wavelength, bounces)[-1])
     if left.witness is not None:
-        found["witness"] = left.witness.as_dict()
+        found["fold"] = left.witness.as_dict()
+        found["whole"] = bool(metal[seen].all() and left.folds.n == 1 and left.faces.n == 2)
     return found
+
+
+def theory_witness(theory: Mapping[str, object]) -> dict[str, object]:
+    """Witness of the theory, of metal that is nothing but the measured fold; empty for others."""
+    return {"theory": theory["fold"]} if theory.get("whole") else {}
 
 
 def say_sampling_error(scene: Scene, spacing: float, errors: tuple[float, ...]) -> tuple[str, ...]:

@@ -258,8 +258,8 @@ def solve_currents(
         reference=f"edges {rough.rms_edge / fine.rms_edge:.2g} times as long, extrapolated; artificial losses taken "
         "out; residual of drawn equations",
     )
-    error = (by_mesh + rest).mean(axis=0)
-    return SolvedCurrents(amplitude, error, fine.unknowns * copies, fine.rms_edge / wave, witness)
+    left = (by_mesh + rest).mean(axis=0)
+    return SolvedCurrents(amplitude, left, fine.unknowns * copies, fine.rms_edge / wave, witness)
 
 
 def _too_long(area: float, copies: int) -> str:

@@ -27,7 +27,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.round_facets import RoundFacets, smooth_geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
-from sarmitsuba.simulation.error_statement import ErrorStatement, say_sampling_error
+from sarmitsuba.simulation.error_statement import SILENT_DB, ErrorStatement, say_sampling_error
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, target_middle
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
@@ -312,6 +312,8 @@ class _AspectTracing:
             other = finer.amplitudes(some, realisation).amplitude.sum(axis=1)
             error += np.square(np.abs(other - total)).sum(axis=0)
         error = ERROR_SHARE / others * error + ROUNDING * energy
+        # a channel at rounding of another one has no echo whose error could be measured
+        error = np.where(energy > 10.0 ** (0.1 * SILENT_DB) * energy.max(initial=0.0), error, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
             return tuple(float(v) for v in 10.0 * np.log10(error / energy))
 

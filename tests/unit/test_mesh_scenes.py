@@ -236,6 +236,14 @@ def test_scenes_that_only_look_like_y_up_are_asked_about(tmp_path: Path, seed: i
     turned = [v @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) for v in truth]
     check_shapes(load_scene(path), turned)
     check_shapes(load_scene(path, mesh=MeshOptions(up="y")), truth)
+    # but not where Blender wrote it
+    path, truth = made_for_light(tmp_path, seed, "blender")
+    path.write_text(path.read_text().replace('<sensor type="perspective"/>', '<sensor type="sar_antenna"/>'))
+    with pytest.warns(
+        SarmitsubaWarning, match=r'is y up\? "elm__0" looks like ground below all else; give --up y'
+    ):
+        load_scene(path)
+    check_shapes(load_scene(path, mesh=MeshOptions(up="y")), truth)
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, 1e300])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sarmitsuba.simulation.sampling.chains import with_divided_cells
+from sarmitsuba.simulation.sampling.chains import halved, with_divided_cells
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import bounding_antennas
 from sarmitsuba.simulation.sampling.small_parts import Shortfall, coarse_corners, with_small_parts
@@ -84,6 +84,8 @@ class Rays:
                     )
                     if missed is not None and one.serves(track.center_index):
                         short.append(missed)
+                for _ in range(self.sampling.halvings if grid.purpose != "diffuse" else 0):
+                    grid = halved(grid)
                 finer.append(grid)
             made.append(tuple(grid for grid in finer if grid.n_rays))
         self.shortfalls = tuple(short)
