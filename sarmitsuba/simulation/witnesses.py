@@ -102,7 +102,8 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
     Notes
     -----
     Pulses are drawn at all distances from the key pulses, by equal shares. Strips are tapered, and leave out echoes of
-    scatterers at known positions. Unlike the change where blocks meet, errors alike on both sides are seen, too.
+    scatterers at known positions. Unlike the change where blocks meet, errors alike on both sides are seen, too. The
+    error is relative to the echoes of the whole track; in strips, to those of the strip in the block.
     """
     if blocks.interval == 1:
         return None
@@ -114,6 +115,7 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         n = allowance.samples(part)
         affordable = 0.5 * allowance.allowed / max(n, 1) - launches
         share = float(np.clip(affordable / allowance.pulse, LEAST_STRIP, WIDEST_STRIP))
+    mean = _energy_of_pulses(blocks, allowance.subsets)
     errors, energies, here = [], [], []
     for pulse in _drawn_pulses(blocks, n, rng):
         start, stop = next(block for block in blocks.blocks if pulse < block[1])
@@ -124,8 +126,8 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         ]
         shared, exact = (np.sum(planes, axis=0) for planes in zip(*sets, strict=True))
         errors.append(_energy(shared[:, pulse - start] - exact))
-        here.append(_energy(exact))
-        energies.append(_energy(shared) / (stop - start))
+        here.append(_energy(exact) if share < 1.0 else mean)
+        energies.append(_energy(shared) / (stop - start) if share < 1.0 else mean)
     if not errors:
         return None
     strips = f" in strips of {100.0 * share:.0f} % of the window" if share < 1.0 else ""
@@ -179,6 +181,20 @@ def _of_subset(
     exact = blocks.batches.trace(Batch(subset, pulse, pulse + 1, together=True), rays).profiles[:, 0]
     weight = np.float32(SUBSET_SHARES[layers[0].subset])
     return _by_channel(shared, layers) * weight, _by_channel(exact, layers) * weight
+
+
+def _energy_of_pulses(blocks: Blocks, subsets: int) -> F64:
+    """Energy (n_channels,) of a pulse, mean over the track: that of a glint counts with all others."""
+    picks = [blocks.layers_of(subset) for subset in range(subsets)]
+    weights = [np.float32(SUBSET_SHARES[blocks.layers[pick][0].subset]) for pick in picks]
+    energies = []
+    for start, stop in blocks.blocks:
+        sets = [
+            _by_channel(blocks.data[pick, start:stop], blocks.layers[pick]) * weight
+            for pick, weight in zip(picks, weights, strict=True)
+        ]
+        energies.append(_energy(np.sum(sets, axis=0)))
+    return np.asarray(np.sum(energies, axis=0) / blocks.data.shape[1])
 
 
 def _drawn_pulses(blocks: Blocks, n: int, rng: np.random.Generator) -> list[int]:
