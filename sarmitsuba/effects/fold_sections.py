@@ -37,7 +37,7 @@ MOST_TABLES, MOST_OPERATIONS, MOST_LEANS = 6, 3e10, 8
 # rad of phase between two entries of a table: by angle (cubic between), and by lean (linear between)
 PHASE_STEP, LEAN_STEP = 0.5, 0.25
 # sections that a statement solves, and wavelengths of both faces together up to which they are not scaled down
-MOST_SECTIONS, WIDEST_STATED = 3, 40.0
+MOST_SECTIONS, WIDEST_STATED = 2, 30.0
 # error of the section by rays that the simulator's have beside it, by grazing tubes, over the rms of the section
 OF_RAYS = 0.015
 # rad from a right angle within which the energy of these waves grows as the width of the faces
@@ -677,7 +677,7 @@ class FoldError:
     ----------
     energy : (m, n_channels) float64, m^2, as an RCS
     row : of the fold with most of it; -1 without one
-    witness : error of the section of the longest fold that is seen; None without one
+    witness : error of the section of the longest fold into which some direction looks; None without one
     """
 
     energy: F64
@@ -712,17 +712,15 @@ def fold_error(
     if not order.size:
         return FoldError(energy, -1, None)
     k, best, most = 2.0 * np.pi / wavelength, -1, 0.0
-    held: dict[int, NDArray[np.bool_]] = {}
-    for grid in grids:
-        which = np.asarray(grid.holds(azimuth[:, grid.row], lean[:, grid.row]) & seen[:, grid.row])
-        if which.any():
-            held[grid.row] = which
+    held = {g.row: np.asarray(g.holds(azimuth[:, g.row], lean[:, g.row]) & seen[:, g.row]) for g in grids}
+    held = {row: which for row, which in held.items() if which.any()}
     rows = [int(row) for row in order if not folds.square[row]]
     solved = [row for row in rows if row not in held][:MOST_SECTIONS]
     measured = {
         row: MeasuredFold.of(folds, row, wavelength, azimuth[which, row], tabulated=True, edges=edges)
         for row, which in held.items()
     }
+    spread: dict[int, _SpreadWaves] = {}
     for row in rows:
         amplitude = np.zeros((2, len(directions)), dtype=np.complex128)
         left = seen[:, row].copy()
@@ -732,39 +730,75 @@ def fold_error(
         if left.any():
             known = np.array(solved or [row])
             alike = int(known[np.abs(folds.angle[known] - folds.angle[row]).argmin()])
-            amplitude[:, left] = _stated_waves(folds, alike, wavelength, azimuth[left, row], edges=edges)
+            small = folds.width[row].sum() <= WIDEST_STATED * wavelength
+            if alike == row and small:
+                amplitude[:, left] = _section_waves(folds, row, wavelength, azimuth[left, row], edges=edges)
+            else:
+                if alike not in spread:
+                    spread[alike] = _spread_waves(folds, alike, wavelength, edges=edges)
+                amplitude[:, left] = spread[alike].at(azimuth[left, row], float(folds.width[row].sum()))
         size = np.minimum(folds.length[row], 1.0 / np.maximum(k * np.abs(lean[:, row]), 1e-12))
         returned = [_in_channel(amplitude, directions, folds.along[row], c) for c in channels]
         part = 2.0 / wavelength * np.square(size * np.abs(returned)).T
         energy += part
         if part.sum() > most:
             best, most = row, float(part.sum())
-    first = int(order[0])
+    # between both faces, where the law of repeated bounces is of the same
+    inner = seen & (np.abs(azimuth) < 0.5 * folds.angle)
+    between = [int(row) for row in order if inner[:, row].any()]
+    if not between:
+        return FoldError(energy, best, None)
+    first = between[0]
     if first not in measured:
-        place = azimuth[seen[:, first], first]
+        place = azimuth[inner[:, first], first]
         measured[first] = MeasuredFold.of(folds, first, wavelength, place, tabulated=False, edges=edges)
-    law = math.nan
-    if folds.square[first]:
-        law = min(
-            0.0, -20.0 * math.log10(measured[first].scale * float(folds.width[first].min()) / wavelength)
-        )
-    return FoldError(energy, best, measured[first].witness(law))
-
-
-def _stated_waves(folds: Folds, row: int, wavelength: float, azimuth: F64, *, edges: bool) -> C128:
-    """Waves (2, m) of a fold's section; of wide faces their rms over some degrees, of a smaller section."""
-    angle, width, sheets = float(folds.angle[row]), folds.width[row], not folds.closed[row]
-    scale = WIDEST_STATED * wavelength / float(width.sum())
-    if scale >= 1.0:
-        return waves_left_out(angle, width, wavelength, azimuth, edges=edges, sheets=sheets)
-    grid = np.radians(np.arange(-180.0, 180.0, 1.0))
-    square = np.square(
-        np.abs(waves_left_out(angle, scale * width, wavelength, grid, edges=edges, sheets=sheets))
+    return FoldError(
+        energy, best, measured[first].witness(_law_db(folds, first, wavelength, measured[first]))
     )
-    # waves of the double bounce's edges join with the whole beam the more the nearer to a right angle
-    square *= 1.0 / scale if abs(angle - 0.5 * np.pi) < NEAR_RIGHT else math.sqrt(1.0 / scale)
-    mean = np.mean([np.roll(square, shift, axis=1) for shift in (-2, -1, 0, 1, 2)], axis=0)
-    return np.stack([np.sqrt(np.interp(azimuth, grid, part)) for part in mean]).astype(np.complex128)
+
+
+def _law_db(folds: Folds, row: int, wavelength: float, measured: MeasuredFold) -> float:
+    """Share of double bounces at right angles by which ray optics is wrong, dB; NaN at other angles."""
+    if not folds.square[row]:
+        return math.nan
+    return min(0.0, -20.0 * math.log10(measured.scale * float(folds.width[row].min()) / wavelength))
+
+
+@dataclass(frozen=True, eq=False)
+class _SpreadWaves:
+    """Energy of a section's waves by whole degrees, mean over some of them, (2, 360), m; total width, m; angle, rad."""
+
+    square: F64
+    width: float
+    angle: float
+
+    def at(self, azimuth: F64, width: float) -> C128:
+        """Amplitudes (2, m) of a section alike of another total width, m.
+
+        Waves of the double bounce's edges join with the whole beam the more the nearer to a right angle.
+        """
+        ratio = max(width / self.width, 1.0)
+        grown = ratio if abs(self.angle - 0.5 * np.pi) < NEAR_RIGHT else math.sqrt(ratio)
+        found = [np.sqrt(grown * np.interp(azimuth, _DEGREES, part)) for part in self.square]
+        return np.stack(found).astype(np.complex128)
+
+
+_DEGREES = np.radians(np.arange(-180.0, 180.0, 1.0))
+
+
+def _section_waves(folds: Folds, row: int, wavelength: float, azimuth: F64, *, edges: bool) -> C128:
+    """Waves (2, m) of a fold's section."""
+    angle, sheets = float(folds.angle[row]), not folds.closed[row]
+    return waves_left_out(angle, folds.width[row], wavelength, azimuth, edges=edges, sheets=sheets)
+
+
+def _spread_waves(folds: Folds, row: int, wavelength: float, *, edges: bool) -> _SpreadWaves:
+    """Waves of a fold's section, scaled down where it is wide."""
+    angle, width, sheets = float(folds.angle[row]), folds.width[row], not folds.closed[row]
+    width = min(1.0, WIDEST_STATED * wavelength / float(width.sum())) * width
+    found = waves_left_out(angle, width, wavelength, _DEGREES, edges=edges, sheets=sheets)
+    turned = [np.roll(np.square(np.abs(found)), shift, axis=1) for shift in (-2, -1, 0, 1, 2)]
+    return _SpreadWaves(np.mean(turned, axis=0), float(width.sum()), angle)
 
 
 def _in_channel(amplitude: C128, directions: F64, along: F64, channel: str) -> C128:

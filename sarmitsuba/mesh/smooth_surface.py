@@ -14,6 +14,8 @@ from sarmitsuba.mesh.welding import weld
 MOST_FACES, MOST_HALVINGS = 4_000_000, 12
 # deg: bend between two facets of one plane
 _LEVEL = 0.1
+# difference of normals within a plane
+_SAME = 1e-4
 
 
 def facet_sagitta(corners: F64, group: I32 | I64) -> F64:
@@ -29,6 +31,12 @@ def facet_sagitta(corners: F64, group: I32 | I64) -> F64:
     Facets of one plane are one. Planes that bend towards fewer than two others of their group, such as the slopes of
     a flat roof, are no part of a curved surface.
     """
+    bent = _in_bent_groups(corners, group)
+    if not bent.all():
+        out = np.zeros(len(corners))
+        if bent.any():
+            out[bent] = facet_sagitta(corners[bent], group[bent])
+        return out
     if not len(corners):
         return np.zeros(0)
     vertex = weld(corners.reshape(-1, 3))
@@ -47,6 +55,17 @@ def facet_sagitta(corners: F64, group: I32 | I64) -> F64:
     start, end = corners, np.roll(corners, -1, axis=1)
     rise = _rise(start, end, normal, np.roll(normal, -1, axis=1))
     return np.where(curved, np.linalg.norm(rise, axis=2).max(axis=1), 0.0)
+
+
+def _in_bent_groups(corners: F64, group: I32 | I64) -> NDArray[np.bool_]:
+    """Whether the facets of each one's group have different normals."""
+    if not len(corners):
+        return np.zeros(0, dtype=bool)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    _, first, label = np.unique(group, return_index=True, return_inverse=True)
+    differs = (np.abs(normal - normal[first[label]]) > _SAME).any(axis=1)
+    return np.asarray(np.bincount(label, differs)[label] > 0)
 
 
 def smooth_surface(vertices: F64, faces: I32, group: I32 | I64, sagitta: float) -> tuple[F64, I32, I64]:

@@ -219,7 +219,9 @@ class ErrorStatement:
         if self.currents:
             parts = [f"mesh {_measured(self.sampling_db[counted])}", self.currents]
         if self.facets is not None:
-            parts.insert(1, f"facets of a round body {_measured(self.facets_db[counted])}")
+            # on the smooth surface, of which there are no solved currents
+            level = (_law if self.currents else _measured)(self.facets_db[counted])
+            parts.insert(1, f"facets of a round body {level}")
         return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {self._total_text}: {', '.join(parts)}"
 
     @property
@@ -288,6 +290,10 @@ def _level(values: F64) -> str:
 def _measured(values: F64) -> str:
     text = _level(values)
     return text if text == "not measured" else f"{text} (measured here)"
+
+
+def _law(values: F64) -> str:
+    return f"{_level(values)} (law)"
 
 
 def _finite(value: float) -> float | None:

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy.stats
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.errors import SarmitsubaWarning
@@ -18,14 +19,17 @@ from sarmitsuba.simulation.sampling.chains import every_nth, halved
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.witness import Witness
 
-# rays drawn at first, of a lattice with more; groups of them
-DRAWN, GROUPS = 40_000, 3
+# rays drawn at first, of a lattice with more; rays that are drawn together: terms of common sides of tubes cancel among
+# them; groups
+DRAWN, RUN, GROUPS = 40_000, 64, 4
 # dB, error below which the ray spacing is not refined further
 FINE_DB = -15.0
 # dB, error from which a contradiction to two sets of rays is said
 SAID_DB = -20.0
-# factor by which more rays are drawn where the draw leaves open whether that is met, and how often
-MORE, TIMES = 4, 1
+# factor by which more rays are drawn where the draw leaves open whether that is met, and most that are drawn then
+MORE, MOST_DRAWN = 4, 400_000
+# confidence from which what groups have in common is not the chance of the draw
+SEEN = 0.99
 # dB, energy of a channel relative to the strongest below which it does not count
 EMPTY_DB = -60.0
 # most rays of a lattice of half the spacing
@@ -60,12 +64,13 @@ def witness_rays(
         return None
     rng = np.random.default_rng([seed & 0x7FFFFFFF, 0x3A75])
     step = max(1, -(-n_rays // DRAWN))
-    for _ in range(TIMES + 1):
+    while True:
         common, chance = _differences(profiles, coherent, step, rng)
         error, spread = (float((x[counted] / energy[counted]).max()) for x in (common, chance))
-        if step == 1 or _db(error + spread) <= FINE_DB or error > spread:
+        finer = max(1, step // MORE)
+        if step == 1 or _db(error + 2.0 * spread) <= FINE_DB or n_rays > finer * MOST_DRAWN:
             break
-        step = max(1, step // MORE)
+        step = finer
     scatter = 0.0 if math.isnan(two_sets_db) else 10.0 ** (0.1 * two_sets_db)
     return Witness(
         _db(error + scatter),
@@ -87,7 +92,7 @@ def _differences(
     first = int(rng.integers(step))
     change = []
     for k in range(groups):
-        drawn = [every_nth(grid, step * groups, first + k * step) for grid in lattices]
+        drawn = [every_nth(grid, step * groups, first + k * step, RUN) for grid in lattices]
         drawn = [grid for grid in drawn if grid.n_rays]
         if drawn:
             step_of = np.float32(step * groups)
@@ -98,9 +103,14 @@ def _differences(
     common = np.square(np.abs(mean), dtype=np.float64).sum(axis=axes)
     if len(each) < 2:
         return common, np.zeros_like(common)
-    apart = np.square(np.abs(each - mean), dtype=np.float64).sum(axis=(0, *(a + 1 for a in axes)))
-    chance = apart / (len(each) * (len(each) - 1))
-    return np.maximum(common - chance, 0.0), chance
+    apart = np.square(np.abs(each - mean), dtype=np.float64).sum(axis=0)
+    n = len(each)
+    chance = apart.sum(axis=axes) / (n * (n - 1))
+    # what the chance of the draw alone may well give is not seen: an F test, with as many degrees of freedom as samples
+    # that carry the chance
+    carry = np.square(apart.sum(axis=axes)) / np.maximum(np.square(apart).sum(axis=axes), 1e-300)
+    limit = scipy.stats.f.ppf(SEEN, 2.0 * np.maximum(carry, 1.0), 2.0 * (n - 1) * np.maximum(carry, 1.0))
+    return np.where(common > limit * chance, common - chance, 0.0), chance
 
 
 def say_rays(name: str, witness: Witness) -> str:

@@ -40,6 +40,8 @@ MOST_COPIES = 8
 MESH_BYTES, SAMPLES = 3000, 16.0
 # distance, over the length of edges, of parts that touch
 TOUCHING = 0.1
+# lengths of edges that are tried where parts touch, over the wanted one
+AGAIN = (1.0, 0.85)
 # surface, square wavelengths, beyond which nothing is meshed without being asked
 LARGEST_AREA = 250.0
 
@@ -203,10 +205,10 @@ def solve_currents(
             MESH_BYTES * (len(target.corners) + samples),
             "switch full_wave off",
         )
-    except ResourceError as error:
+    except ResourceError as full:
         if asked:
             raise
-        return str(error)
+        return str(full)
     whole = WholeSurface.of(target.corners, COARSEST * wave)
     if not len(whole.faces):
         return _left(f"the surface is narrower than {JOINED * COARSEST:.1g} wavelengths", asked)
@@ -221,9 +223,12 @@ def solve_currents(
         f"about {FUNCTIONS * target.area / length**2:.2g} unknowns in {copies} symmetric parts are too many; switch "
         "full_wave off",
     )
-    fine = whole.meshed(length * wave)
-    at = contacts(fine.vertices, fine.faces, TOUCHING * fine.length)
-    if len(at):
+    for factor in AGAIN:  # chords of a narrow tip may cross each other in one mesh, and not in the next
+        fine = whole.meshed(factor * length * wave)
+        at = contacts(fine.vertices, fine.faces, TOUCHING * fine.length)
+        if not len(at):
+            break
+    else:
         place = ", ".join(f"{v:.3g}" for v in at[0] + fine.center)
         return _left(f"parts of the surface touch or cross without common edges, at ({place}) m", asked)
     fields = np.stack(polarisation_vectors(directions, up), axis=1)

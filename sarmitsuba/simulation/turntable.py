@@ -176,8 +176,8 @@ def rcs_sweep(
             statement.of_currents(solved.amplitude, solved.error, solved.text),
             solved.error_db,
         )
-    if checked and isinstance(currents, str) and scene.traced:
-        statement = dataclasses.replace(statement, facets=traced.facet_error(aspects))
+    if checked and scene.traced:
+        statement = dataclasses.replace(statement, facets=traced.facet_error(aspects, solved))
     if checked and statement.warning:
         warnings.warn(f"{scene.name}: {statement.warning}", SarmitsubaWarning, stacklevel=2)
     return RcsSweep(aspects, frequency, result, result.max_depth, errors, statement, notes, solved)
@@ -362,16 +362,21 @@ class _TracedAspects:
         notes = _notes(self.tracing.scene, result.ray_spacing) + self.notes + said
         return dataclasses.replace(self, result=result, errors=errors, notes=notes)
 
-    def facet_error(self, aspects: Aspects) -> F64 | None:
+    def facet_error(self, aspects: Aspects, solved: SolvedCurrents | None) -> F64 | None:
         """Energy (n_channels,) m^2 of the error by facets of round metal in a direction; None without such ones.
 
-        Measured: some of the aspects are traced on the smooth surface through the corners of the facets.
+        Measured: some of the aspects are traced on the smooth surface through the corners of the facets. Of solved
+        currents by law.
         """
         scene, tracing = self.tracing.scene, self.tracing
         wavelength = scene.radar.waveform.wavelength
         found = RoundFacets.of(scene.geometry, scene.materials, wavelength)
         if not (found.sagitta > NEGLIGIBLE_SAGITTA).any() or scene.geometry.corner_values:
             return None
+        if solved is not None:
+            return np.asarray(
+                10.0 ** (0.1 * found.error_db) * np.square(np.abs(solved.amplitude)).mean(axis=0)
+            )
         smooth = dataclasses.replace(
             scene, geometry=smooth_geometry(scene.geometry, 0.5 * NEGLIGIBLE_SAGITTA * wavelength)
         )

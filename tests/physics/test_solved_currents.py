@@ -1,7 +1,7 @@
 """Solved surface currents against exact series, an independent solver, and themselves in other meshes."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import ModuleType
 
 import numpy as np
@@ -337,3 +337,16 @@ def test_crossing_sheets_are_refused_with_their_place() -> None:
 def test_images_refuse_the_switch() -> None:
     with pytest.raises(SceneError, match="full_wave = on is of rcs alone"):
         render(body(trimesh.creation.box((0.8, 0.6, 0.5)), full_wave="on"))
+
+
+@pytest.mark.parametrize(
+    "seeds", [(15,), pytest.param(range(40), marks=pytest.mark.slow)], ids=["one", "forty"]
+)
+def test_drawn_meshes_of_spheres_are_within_their_statements(
+    benchmark_script: Callable[[str], ModuleType], seeds: Sequence[int]
+) -> None:
+    """Meridians, icospheres, scans with noise, hulls, bodies of revolution at ka 0.5 to 30 against the Mie series."""
+    study = benchmark_script("small_round_bodies")
+    for seed in seeds:
+        name, true, stated, text = study.stated_of_sphere(seed)
+        assert true < stated + 3.0, (name, text)

@@ -1,6 +1,7 @@
 """Stated error of the theory against exact solutions: spheres, strips, square cylinders, drawn bodies by moments."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -10,6 +11,7 @@ import trimesh
 from sarmitsuba import theory
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.omitted_waves import MetalLines, SimulatedWaves, metal_lines, omitted_energy
+from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.theory_error import (
     STRONG_DB,
     expected_square,
@@ -22,9 +24,11 @@ from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.simulation.error_statement import image_theory, theory_witness
 from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
+from sarmitsuba.witness import Witness
 
 # bodies of a few wavelengths are several dB off, which is what is tested
 pytestmark = pytest.mark.filterwarnings(
@@ -196,6 +200,30 @@ def test_a_channel_at_rounding_has_no_error() -> None:
     assert np.isnan(sweep.statement.total_db).tolist() == [False, True, False]
     error = sweep.statement.as_dict(channels)
     assert isinstance(error["theory_db"], dict) and error["theory_db"]["HV"] is None
+
+
+def test_images_of_a_fold_alone_have_its_measured_error() -> None:
+    """Plates of 5 wavelengths at 110 degrees, which open towards the radar; with a box beside them nothing is whole."""
+    wave, (c, s) = SPEED_OF_LIGHT / 9.6e9, np.array([np.cos(0.96), np.sin(0.96)])
+    radar = RadarDescription(slant_range=8000.0, look_angle_deg=45.0, center_frequency=9.6e9)
+    bare = build_scene([SceneMesh(*box(1.0, 1.0, 1.0), "pec", "box")], radar=radar)
+    up, along = bare.radar.track.center_position, bare.radar.track.velocity[0]
+    up, along = up / np.linalg.norm(up), along / np.linalg.norm(along)
+    side = np.cross(up, along)
+    ends = [5.0 * wave * (c * up + sign * s * side) for sign in (-1.0, 1.0)]
+    vertices = np.array([p + z * along for p in (0.0 * up, *ends) for z in (-3.0 * wave, 3.0 * wave)])
+    faces = np.array([[0, 1, 2], [2, 1, 3], [0, 4, 1], [1, 4, 5]], dtype=np.int32)
+    fold = SceneMesh(vertices, faces, "pec", "fold")
+    for meshes, whole in (([fold], True), ([fold, SceneMesh(*box(0.5, 0.5, 0.5), "pec", "box")], False)):
+        scene = build_scene(meshes, radar=radar)
+        flags = replace(plan_effects(scene, warn=False).flags, edge_diffraction=True, multi_bounce=True)
+        theory_of_image = image_theory(scene, flags)
+        measured = theory_witness(theory_of_image)
+        assert bool(measured) == whole and "fold" in theory_of_image
+        if whole:
+            witness = Witness.read(measured["theory"])
+            # its waves are added, so that the error left is that of the sections
+            assert witness is not None and witness.error_db < -30.0 and "finer mesh" in witness.reference
 
 
 @pytest.mark.slow

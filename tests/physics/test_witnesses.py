@@ -81,7 +81,7 @@ def test_an_error_alike_on_both_sides_of_a_boundary_is_seen(monkeypatch: pytest.
 
 def test_short_runs_without_error_bars_take_no_witness() -> None:
     plain = simulate(scene_of("tower", keep_subsets=False))
-    assert plain.metadata["witnesses"] == {}
+    assert not {"blocks", "bounces", "effects"} & set(plain.metadata["witnesses"])
 
 
 def test_effects_that_are_off_are_traced_in_long_runs(monkeypatch: pytest.MonkeyPatch) -> None:

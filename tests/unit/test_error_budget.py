@@ -245,6 +245,18 @@ def test_a_witness_takes_the_place_of_a_law(image: SarImage) -> None:
     assert junk["focuser"].known == LAW
 
 
+def test_bounces_that_only_a_witness_measured_have_no_change_of_settings(image: SarImage) -> None:
+    facts = {
+        "effects": {"max_depth": 8, "effects": {"max_depth": {"on": True, "error_is": "at most"}}},
+        "witnesses": {"bounces": {**witness(-10.0), "error_db": None, "upper_db": -40.0}},
+        "statistics": {"rays": 10, "hits": 40},
+    }
+    found = account(replace(image, metadata={**image.metadata, **facts}), {})
+    (part,) = [part for part in found.parts if part.name == "bounces left out"]
+    assert str(part) == "bounces left out none found (95 %: -40.0 dB), measured here (64)"
+    assert not [change for change in found.changes if change.cause == part.name]
+
+
 def test_every_printed_figure_bears_its_kind(image: SarImage) -> None:
     """Of all parts with a level: measured with a number, bound, or law; a sum is what its least certain part is."""
     facts: dict[str, Any] = {

@@ -139,9 +139,15 @@ def halved(grid: LaunchGrid) -> LaunchGrid:
     return replace(_joined(grid, done), spacing=0.5 * grid.spacing)
 
 
-def every_nth(grid: LaunchGrid, n: int, first: int) -> LaunchGrid:
-    """Every ``n``-th ray of a lattice, spread evenly, as neighbours in memory are near in space."""
-    rows = np.arange(first, grid.n_rays, n)
+def every_nth(grid: LaunchGrid, n: int, first: int, run: int = 1) -> LaunchGrid:
+    """Every ``n``-th run of rays of a lattice, spread evenly, as neighbours in memory are near in space.
+
+    Parameters
+    ----------
+    n, first : distance of the runs, and number of the first
+    run : rays of each
+    """
+    rows = np.flatnonzero(np.arange(grid.n_rays) // run % n == first)
     counts = np.bincount(grid.level[rows], minlength=len(grid.every_level))
     start = np.cumsum([0, *counts[:-1]])
     levels = tuple(replace(one, first=int(k)) for one, k in zip(grid.every_level, start, strict=True))
