@@ -53,7 +53,7 @@ def image_request(
     if isinstance(request, ImageRequest):
         return request.in_frame(radar.offset)
     changes: dict[str, Any] = dict(request or {})
-    known = {field.name for field in dataclasses.fields(ImageRequest)} - {"offset"}
+    known = {field.name for field in dataclasses.fields(ImageRequest)}
     unknown = sorted(set(changes) - known)
     if unknown:
         raise DataError(f"image request: {', '.join(unknown)} unknown; it has {', '.join(sorted(known))}")
@@ -65,7 +65,8 @@ def image_request(
         own = _request_from_window(radar)
     if not changes:
         return own.in_frame(radar.offset)
-    return dataclasses.replace(own.in_frame(), **changes).in_frame(radar.offset)
+    counted = own.in_frame(changes.get("offset", (0.0, 0.0, 0.0)))
+    return dataclasses.replace(counted, **changes).in_frame(radar.offset)
 
 
 def default_grid(

@@ -199,10 +199,14 @@ def test_beam_that_misses_gives_zero_not_noise() -> None:
     assert abs(pixels[0, 0]) > 0 and pixels[0, 1] == 0
 
 
-def test_wide_image_at_a_low_prf_warns_in_omega_k() -> None:
+def test_wide_image_at_a_low_prf_is_named_and_refused_in_omega_k() -> None:
+    """What folds over looks different in each focuser, and holds a third of the image's energy."""
     radar = ideal_radar(resolution=2.0)
     raw = ideal_echoes(radar, POINT)
-    with pytest.warns(SarmitsubaWarning, match="times the PRF"):
+    with (
+        pytest.warns(SarmitsubaWarning, match="times the PRF"),
+        pytest.raises(DataError, match="of no use; take focuser backprojection"),
+    ):
         focus(raw, focuser="omega_k", request=request(20.0, extent_azimuth=600.0, spacing_azimuth=4.0))
 
 

@@ -90,7 +90,7 @@ def test_options_change_the_image_and_are_written_down() -> None:
     plain = focus(raw, request=REQUEST)
     best = focus(raw, request=REQUEST, focuser="backprojection,interpolation=kernel:8,oversampling=4")
     assert plain.metadata["focus"]["interpolation"] == "kernel"
-    same = {"azimuth_cell_polynomial": None, "stated_error_db": None, "chosen": None}
+    same = {"azimuth_cell_polynomial": None, "stated_error_db": None, "chosen": None, "witness": None}
     assert best.metadata["focus"]["stated_error_db"] < plain.metadata["focus"]["stated_error_db"]
     assert best.metadata["focus"] | same == plain.metadata["focus"] | {
         **same,

@@ -201,7 +201,7 @@ def test_files_hold_positions_of_the_scenes_file(tmp_path: Path) -> None:
     plane = np.array([*grid["origin"][:2], grid["height"]])
     own = plane + grid["azimuth"][2] * grid["along"] + grid["range"][3] * grid["across"]
     np.testing.assert_allclose(own, expected[2, 3], rtol=0, atol=1e-8)  # tol: float64
-    request = ImageRequest(center_x=1.5, center_y=-2.0, height=0.25)
+    request = ImageRequest(center_x=1.5, center_y=-2.0, height=0.25, offset=tuple(offset))
     radar = dataclasses.replace(raw.radar, offset=offset)
     write_raw(dataclasses.replace(raw, radar=radar, request=request), tmp_path / "raw.h5")
     back = read_raw(tmp_path / "raw.h5")
