@@ -7,6 +7,7 @@ import os
 import platform
 import re
 import sys
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.errors import BackendError
+from sarmitsuba.errors import BackendError, SarmitsubaWarning
 from sarmitsuba.exclusive import check_backend_kept
 from sarmitsuba.kernel_cache import prepare_kernel_cache
+from sarmitsuba.memory import check_limits
 
 if TYPE_CHECKING:
     import drjit as dr
@@ -92,9 +94,9 @@ def ensure_backend(prefer: str | None = None) -> Backend:
 
     The variant is, in this order: one that is already set and can trace (``llvm_*`` or ``cuda_*``), ``prefer``,
     the environment variable ``SARMITSUBA_VARIANT``, ``cuda_ad_rgb`` where an NVIDIA GPU with OptiX works, and
-    ``llvm_ad_rgb``; a scalar variant, which cannot trace, is replaced. Dr.Jit searches for LLVM on import: if Mitsuba
-    was imported first and the LLVM found then is unusable, Dr.Jit is restarted with a usable one, unless it already
-    holds computed arrays.
+    ``llvm_ad_rgb``; a scalar variant, which cannot trace, is replaced with a warning. Dr.Jit searches for LLVM on
+    import: if Mitsuba was imported first and the LLVM found then is unusable, Dr.Jit is restarted with a usable one,
+    unless it already holds computed arrays.
 
     Parameters
     ----------
@@ -102,11 +104,16 @@ def ensure_backend(prefer: str | None = None) -> Backend:
 
     Raises
     ------
+    ResourceError
+        Limits of the system leave no room for its threads and libraries.
     BackendError
         No back end works, or the requested variant does not exist or cannot start.
     """
     check_backend_kept()
     late = "drjit" in sys.modules
+    if not late:
+        check_limits()
+        _check_folder()
     choice = None if late else prepare_llvm()
     if not late:
         prepare_kernel_cache()
@@ -116,7 +123,14 @@ def ensure_backend(prefer: str | None = None) -> Backend:
         choice = _replace_llvm(dr)
     if current is None or not current.startswith(("llvm_", "cuda_")):
         wanted = prefer or os.environ.get(VARIANT_VARIABLE) or None
-        current = _start(mi, dr, wanted, choice)
+        replaced, current = current, _start(mi, dr, wanted, choice)
+        if replaced is not None:
+            warnings.warn(
+                f"Mitsuba's variant {replaced} traces no radar paths and is replaced by {current}; objects made under "
+                "it are of another type, and mi.set_variant brings it back",
+                SarmitsubaWarning,
+                stacklevel=3,
+            )
     on_gpu = current.startswith("cuda_")
     path = os.environ.get(LLVM_VARIABLE)
     version = None if on_gpu else llvm_version()
@@ -128,6 +142,16 @@ def ensure_backend(prefer: str | None = None) -> Backend:
         threads=int(dr.thread_count()),
         gpu=gpu_description() if on_gpu else None,
     )
+
+
+def _check_folder() -> None:
+    """Raise a BackendError in a deleted working folder, in which Mitsuba ends the process."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise BackendError(
+            f"the working folder is gone ({error.strerror}); change to another folder"
+        ) from error
 
 
 def _refuse_old_llvm(version: str | None) -> None:

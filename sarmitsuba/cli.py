@@ -14,8 +14,10 @@ from sarmitsuba import __version__
 from sarmitsuba.commands import COMMANDS
 from sarmitsuba.commands.console import Console
 from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.memory import check_limits
 from sarmitsuba.parameters import one_line
 from sarmitsuba.registry import load_extension
+from sarmitsuba.regular_files import check_text
 
 EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
 
@@ -66,6 +68,9 @@ def _load_extensions(argv: Sequence[str] | None) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     try:
+        check_limits()
+        for argument in sys.argv[1:] if argv is None else argv:
+            check_text(argument)
         _load_extensions(argv)
     except SarmitsubaError as error:
         Console(quiet=False, verbose=False).complain(str(error))

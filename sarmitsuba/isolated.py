@@ -6,11 +6,13 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, ResourceError
 from sarmitsuba.exclusive import backend_lock, fork_for_trial
 from sarmitsuba.regular_files import most_unpacked
+from sarmitsuba.unfinished import removed_if_stopped
 
 # allowed CPU time, s: a hundred times that of any intact file, plus a share by the size of the file
 _LEAST_LIMIT = 5
@@ -20,7 +22,7 @@ _PATIENCE = 20
 _OUT_OF_MEMORY = 3
 
 
-def survive(path: Path, read: Callable[[], object]) -> None:
+def survive(source: Path | int, read: Callable[[], object]) -> None:
     """Try a reader in a forked process; raise a DataError if it crashes, hangs or needs excessive memory.
 
     libhdf5 loops forever on some damaged attributes, and SciPy's reader of MATLAB files uses uninitialised pointers;
@@ -29,29 +31,38 @@ def survive(path: Path, read: Callable[[], object]) -> None:
 
     Parameters
     ----------
-    path : of the file
+    source : the file, or the bytes of what is converted
     read : reads the file; must not need another thread of this process, nor a device
 
     Raises
     ------
     DataError
         The process was ended by a signal, hung, or used more CPU time or memory than any intact file of that size.
+    ResourceError
+        No further process may be started.
     """
     if sys.platform == "win32":
         return
-    size = path.stat().st_size
+    size = source if isinstance(source, int) else source.stat().st_size
     limit, memory = int(_LEAST_LIMIT + size / _BYTES_PER_SECOND), most_unpacked(size)
     # forking stops the threads of linear algebra, and blocks while another thread uses them; filters of warnings are
     # shared by all threads
     with backend_lock(), warnings.catch_warnings():
         # Python 3.12 warns of forking beside threads: the child uses none, and takes no lock of theirs
         warnings.simplefilter("ignore", DeprecationWarning)
-        child = fork_for_trial()
+        try:
+            child = fork_for_trial()
+        except OSError as error:  # a limit of processes, or no memory for one
+            raise ResourceError(
+                f"files are tried in a process of their own first, and none can be started: {error.strerror}; raise "
+                "the limit of processes (ulimit -u) or free memory"
+            ) from error
         if child == 0:
             _try(read, limit, memory)
     status = None
     try:
-        _, status = os.waitpid(child, 0)
+        with removed_if_stopped(partial(os.kill, child, signal.SIGKILL)):
+            _, status = os.waitpid(child, 0)
     finally:
         if status is None:  # Ctrl-C
             os.kill(child, signal.SIGKILL)

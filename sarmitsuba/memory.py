@@ -2,6 +2,7 @@
 
 import os
 import sys
+import threading
 from pathlib import Path
 
 from sarmitsuba.errors import ResourceError
@@ -108,3 +109,45 @@ def _container(limit: str, use: str, statistics: str, cache: str) -> int | None:
     except (OSError, ValueError, IndexError):  # "max", or no such container
         return None
     return max(0, bound - used + reclaimable)
+
+
+# address space, bytes: libraries and kernels reserve 0.7 GB with two threads, each further one its stack; with less
+# they end the process with a signal
+_LEAST_ADDRESSES, _ADDRESSES_PER_THREAD = 1_000_000_000, 16_000_000
+# limit of processes and threads below which it is tried whether enough can be started
+_FEW_THREADS = 10_000
+
+
+def check_limits() -> None:
+    """Raise a ResourceError where libraries would end the process for a limit of the system, before they are loaded.
+
+    NumPy's linear algebra and Dr.Jit each start a thread for every processor.
+    """
+    if sys.platform == "win32":
+        return
+    import resource
+
+    count = os.cpu_count() or 1
+    most, need = resource.getrlimit(resource.RLIMIT_AS)[0], _LEAST_ADDRESSES + _ADDRESSES_PER_THREAD * count
+    if most != resource.RLIM_INFINITY and most < need:
+        raise ResourceError(
+            f"the address space is limited to {most / 1e6:.0f} MB, of {need / 1e6:.0f} MB needed; raise it (ulimit -v)"
+        )
+    most = resource.getrlimit(resource.RLIMIT_NPROC)[0]
+    if most == resource.RLIM_INFINITY or most > _FEW_THREADS:
+        return
+    wanted, go = 2 * count + 2, threading.Event()
+    started: list[threading.Thread] = []
+    try:
+        for _ in range(wanted):
+            thread = threading.Thread(target=go.wait)
+            thread.start()
+            started.append(thread)
+    except RuntimeError:
+        raise ResourceError(
+            f"{len(started)} of {wanted} threads can be started: the limit of processes is {most}; raise it (ulimit -u)"
+        ) from None
+    finally:
+        go.set()
+        for thread in started:
+            thread.join()

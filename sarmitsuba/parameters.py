@@ -3,6 +3,7 @@
 import difflib
 import functools
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal, TypeVar
@@ -115,8 +116,9 @@ class Param:
             raise self._wrong_type(value, where, error)
         if self.kind != "float" and not isinstance(value, int):
             raise self._wrong_type(value, where, error)
-        if not math.isfinite(value):
-            raise error(f"{where}: {self.name} = {value} is not a finite number; {self._remedy()}")
+        if not is_finite(value):
+            said = value if isinstance(value, float) else "an integer of hundreds of digits"
+            raise error(f"{where}: {self.name} = {said} is not a finite number; {self._remedy()}")
         if 0.0 < abs(value) < TINY:  # powers of it underflow
             raise error(
                 f"{where}: {self.name} = {_text(value, self.unit)} is nearer to 0 than {TINY:g}; {self._remedy()}"
@@ -337,6 +339,11 @@ def params_of(description: type) -> tuple[Param, ...]:
 def filled(description: D, values: Mapping[str, object]) -> D:
     """Copy of a dataclass with validated values for its fields."""
     return replace(description, **values)
+
+
+def is_finite(value: float) -> bool:
+    """Whether a number is finite, and fits into a float64 (integers of 400 digits do not)."""
+    return abs(value) <= sys.float_info.max
 
 
 def float_value(values: Mapping[str, Value | None], name: str) -> float:

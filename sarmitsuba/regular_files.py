@@ -5,7 +5,7 @@ import os
 import stat
 from pathlib import Path
 
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, OutputError, SarmitsubaError
 
 # a city of a million buildings; larger files must be divided
 LARGEST = 1 << 30
@@ -13,6 +13,15 @@ LARGEST = 1 << 30
 # numbers in text, or compressed tenfold, read in several copies, take 60
 _LEAST_UNPACKED = 1 << 28
 _UNPACKED_PER_BYTE = 60
+
+
+def check_text(name: Path | str, error: type[SarmitsubaError] = OutputError) -> None:
+    """Raise an error for a name that is not UTF-8, which some libraries cannot open or write to."""
+    try:
+        str(name).encode()
+    except UnicodeEncodeError:
+        shown = str(name).encode(errors="surrogateescape")
+        raise error(f"{shown!r}: the name is not UTF-8 text; rename the file or folder") from None
 
 
 def open_regular(path: Path | str, most: int = LARGEST) -> int:

@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -259,7 +260,9 @@ def _raw_and_image(
     return focus_into(folder, raw, args, console, watch, record, style, workers=workers)
 
 
-def _announcing(console: Console, args: argparse.Namespace, limit: float | None = None) -> "Ready":
+def _announcing(
+    console: Console, args: argparse.Namespace, watch: StageTimer, limit: float | None = None
+) -> "Ready":
     """Print the predicted time and the effects of a run before tracing; ``limit``: time limit of several passes, s."""
     from sarmitsuba.commands import results
     from sarmitsuba.echo.chirp import n_fast_chirped
@@ -272,6 +275,9 @@ def _announcing(console: Console, args: argparse.Namespace, limit: float | None 
             needs = needs.recorded(radar.window.n_samples, n_fast_chirped(radar))
         formats, channels = results.Formats.parse(args.format), run.scene.radar.channels
         needs = results.with_files(needs, formats, channels, image=not args.no_focus, chart=not args.no_chart)
+        if args.labels:
+            needs = needs.labelled(run.label_needs())
+        needs = dataclasses.replace(needs, spent=(watch.total, time.process_time()))
         needs.check()
         console.say(str(needs))
         console.say(f"plan: {run.plan.summary()}")
@@ -316,7 +322,7 @@ def _simulate(
                 RenderOptions(range_window=args.window, azimuth_window=args.window),
                 focused=False,
                 progress=console.progress,
-                ready=_announcing(console, args, limit),
+                ready=_announcing(console, args, watch, limit),
                 state=state,
                 run_hash=run_hash,
                 workers=workers,
@@ -358,7 +364,7 @@ def _image_only(
             range_window=args.window,
             azimuth_window=args.window,
             progress=console.progress,
-            ready=_announcing(console, args),
+            ready=_announcing(console, args, watch),
         )
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})

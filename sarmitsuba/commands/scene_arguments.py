@@ -67,6 +67,12 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="radar material of a mesh file's material NAME, or of all that are not named so: concrete, brick, glass, "
         "metal, pec, ... (default: by its name)",
     )
+    mesh.add_argument(
+        "--smooth",
+        action="store_true",
+        help="take meshes for the smooth surface through their corners, and fit finer facets to it; edges that bend by "
+        "more than 40 deg stay sharp",
+    )
 
 
 def pixels(text: str) -> tuple[int, int]:
@@ -83,6 +89,8 @@ def scene_of(args: argparse.Namespace) -> "Scene":
     from sarmitsuba.loader.load import load_scene
 
     radar = resolve_radar(args.radar) if args.radar else None
+    if args.smooth:
+        args.define = [*args.define, ("sar_path.smooth", "true")]
     mesh, told = None, mesh_record(args)
     if told is not None:
         from sarmitsuba.loader.from_mesh import MeshOptions

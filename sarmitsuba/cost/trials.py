@@ -1,24 +1,31 @@
 """Trials of a cost study: each is run once, and kept in a file from which an interrupted study continues."""
 
 import json
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.trial import Prepared, Trial, TrialSetting, run_trial
-from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.io.journal import Journal
+from sarmitsuba.io.journal import Journal, Label, fits, is_echo
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.simulation.statistics import STATISTICS_FORM, TraceStatistics
 
 _FIRST = "cost study"
+_FORMS = {
+    _FIRST: {"kind": str, "hash": str},
+    "trial": {
+        **{"kind": str, "key": str, "shape": [int, int], "stages": {str: float}, "compile_seconds": float},
+        **{"peak_bytes": int, "statistics": STATISTICS_FORM, "interval": int},
+    },
+}
 # two runs agree whose seconds differ by less than this factor; a third decides between others
 AGREE = 1.1
 
@@ -52,7 +59,7 @@ class Trials:
         self._made: dict[str, Trial] = {}
         self._prepared: dict[str, Prepared] = {}
         self._last: tuple[str, Trial] | None = None
-        self._journal = Journal(state) if state is not None else None
+        self._journal = Journal(state, _is_record) if state is not None else None
         if self._journal is None:
             return
         first = {"kind": _FIRST, "hash": run_hash}
@@ -181,31 +188,29 @@ class Trials:
             return None
         shape = (grid or default_grid(scene.radar, scene.image)).shape
         label, image = self._journal.labels[row], self._journal.payload(row, np.complex64)
-        try:
-            trial = Trial(
-                setting,
-                image.reshape(shape),
-                {str(k): _seconds(v) for k, v in label["stages"].items()},
-                _seconds(label["compile_seconds"]),
-                int(label["peak_bytes"]),
-                TraceStatistics(**{k: _seconds(v) for k, v in label["statistics"].items()}),  # type: ignore[arg-type]
-                int(label["interval"]),
-            )
-            if not np.isfinite(image).all() or not trial.stages:
-                raise ValueError("not finite")
-        except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
-            raise DataError(
-                f"{self._journal.path}: trial {row} is not one that this program wrote; delete the file, or leave out "
-                "--resume"
-            ) from error
+        if tuple(label["shape"]) != shape:
+            return None
         self.reused += 1
-        return trial
+        return Trial(
+            setting,
+            image.reshape(shape),
+            dict(label["stages"]),
+            label["compile_seconds"],
+            label["peak_bytes"],
+            TraceStatistics(**label["statistics"]),
+            label["interval"],
+        )
 
 
-def _seconds(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < float("inf"):
-        raise ValueError("not a time or a count")
-    return value
+def _is_record(label: Label, payload: bytes) -> bool:
+    """Whether a record is one that a study writes."""
+    kind = label.get("kind")
+    if not isinstance(kind, str) or not fits(label, _FORMS.get(kind, None)):
+        return False
+    if kind == _FIRST:
+        return not payload
+    times = (*label["stages"].values(), label["compile_seconds"], *label["statistics"].values())
+    return bool(label["stages"]) and min(times) >= 0.0 and is_echo(payload, math.prod(label["shape"]))
 
 
 def _part(scene: Scene) -> str:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.parameters import Param, Value, did_you_mean, one_line
+from sarmitsuba.parameters import Param, Value, did_you_mean, is_finite, one_line
 from sarmitsuba.registry import Registry
 
 # trials of a normal draw within the parameter's bounds; more are needed only where these hold less than 1 %
@@ -180,7 +180,7 @@ class Distribution(ABC):
             raise DataError(f"{where}: {param.name}: {self.name} = {shown} is not of the form {self.form}")
         out: list[float] = []
         for i, value in enumerate(values):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not is_finite(value):
                 raise DataError(f"{where}: {param.name}: {self.name} = {shown} does not hold numbers alone")
             out.append(float(value))
             if i < checked:

@@ -23,7 +23,7 @@ from sarmitsuba.datasets.detection import DetectionDocuments, picture_name
 from sarmitsuba.datasets.draw import Drawer
 from sarmitsuba.datasets.pictures import grey_levels, write_picture
 from sarmitsuba.datasets.recipe import PART_NAMES
-from sarmitsuba.datasets.record import append
+from sarmitsuba.datasets.record import SampleForm, append
 from sarmitsuba.datasets.sample import Sample, make_sample
 from sarmitsuba.datasets.store import records, write_store
 from sarmitsuba.errors import DataError, ResourceError
@@ -162,7 +162,8 @@ def generate(
         return folder.path / STORE
     folder.check_space(image_bytes(drawer) * len(wanted) / recipe.samples)
     folder.announce(*names)
-    with closing(Journal(folder.path / JOURNAL)) as journal:
+    form = SampleForm(recipe.samples, PART_NAMES, drawer.classes, recipe.shape)
+    with closing(Journal(folder.path / JOURNAL, form)) as journal:
         done = {label["number"] for label in journal.labels}
         left = [number for number in wanted if number not in done]
         share = len(left) / recipe.samples

@@ -10,11 +10,32 @@ from numpy.typing import NDArray
 
 from sarmitsuba.datasets.sample import Sample, SampleObject
 from sarmitsuba.io.encoding import to_json
-from sarmitsuba.io.journal import Journal
+from sarmitsuba.io.journal import Journal, Label, fits, is_echo
 
 _IMAGE = "image"
 # of a sample that are arrays, or files of their own
 _APART = ("image", "layers", "raw")
+
+
+_OBJECT = {
+    **{"name": str, "semantic_class": str, "instance": str, "code": int, "position": [(float, None)] * 3},
+    **{"heading_deg": float, "aspect_deg": float, "scale": float, "box": [(float, None)] * 4},
+    **{"visible_share": (float, None), "energy_share": (float, None)},
+}
+_LAYER = {"unit": str, "description": str, "parts": [str], "codes": [[int, str]]}
+_FORM = {
+    **{"number": int, "part": str, "attempt": int, "failures": [str], "channels": [str], "notes": [str]},
+    **{
+        "layer_facts": {str: _LAYER},
+        "named_shapes": [[int, str, str]],
+        "objects": [_OBJECT],
+        "seconds": float,
+    },
+    **{"facts": {str: (float, str, bool, None)}, "physics": {str: object}, "sampling_error_db": {str: float}},
+    **{"omitted_db": {str: float}, "arrays": [[str, str, [int]]]},
+}
+# kinds of NumPy's types that images and labels have
+_KINDS = "biufc"
 
 
 # names and values of JSON, read back
@@ -70,6 +91,54 @@ def _plain(shape: SampleObject) -> JsonTable:
     for name in ("visible_share", "energy_share"):
         out[name] = None if math.isnan(out[name]) else out[name]
     return out
+
+
+@dataclass(eq=False)
+class SampleForm:
+    """What the records of one data set are like; as `accept` of its journal.
+
+    Parameters
+    ----------
+    numbers, parts, classes : that there are
+    shape : rows and columns of an image
+    """
+
+    numbers: int
+    parts: Sequence[str]
+    classes: Sequence[str]
+    shape: tuple[int, int]
+    _first: JsonTable | None = None
+
+    def __call__(self, label: Label, payload: bytes) -> bool:
+        """Whether a record is a sample of this data set, with the layers of the first one."""
+        if not fits(label, _FORM) or label["number"] >= self.numbers or label["part"] not in self.parts:
+            return False
+        kinds = {one["semantic_class"] for one in label["objects"]}
+        if not kinds <= set(self.classes) or not self._has_arrays(label["arrays"], payload):
+            return False
+        name, kind, shape = label["arrays"][0]
+        size = 8 * math.prod(shape)
+        if name != _IMAGE or kind != "<c8" or shape != [len(label["channels"]), *self.shape]:
+            return False
+        if {name for name, *_ in label["arrays"][1:]} != label["layer_facts"].keys():
+            return False
+        if self._first is not None and label["arrays"][1:] != self._first["arrays"][1:]:
+            return False
+        self._first = self._first or label
+        return is_echo(payload[:size])
+
+    def _has_arrays(self, arrays: Sequence[tuple[str, str, list[int]]], payload: bytes) -> bool:
+        """Whether the arrays have types of numbers, the image's size, and the payload's length together."""
+        size = 0
+        for i, (_, kind, shape) in enumerate(arrays):
+            try:
+                dtype = np.dtype(kind)
+            except TypeError:
+                return False
+            if dtype.kind not in _KINDS or tuple(shape[:2] if i else shape[1:]) != self.shape:
+                return False
+            size += dtype.itemsize * math.prod(shape)
+        return bool(arrays) and size == len(payload)
 
 
 def append(journal: Journal, sample: Sample) -> int:

@@ -7,7 +7,6 @@ reflects onto the other, the wave off the fold itself, and waves from rim to rim
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 import scipy
@@ -38,10 +37,9 @@ MOST_TABLES, MOST_OPERATIONS, MOST_LEANS = 6, 3e10, 8
 # rad of phase between two entries of a table: by angle (cubic between), and by lean (linear between)
 PHASE_STEP, LEAN_STEP = 0.5, 0.25
 # sections that a statement solves, and wavelengths of both faces together up to which they are not scaled down
-MOST_SECTIONS, WIDEST_STATED = 3, 40.0
-# error of the section by rays that the simulator's have beside it, by grazing tubes and by waves along a sheet, over
-# the rms of the section
-OF_RAYS = 0.02
+MOST_SECTIONS, WIDEST_STATED = 2, 30.0
+# error of the section by rays that the simulator's have beside it, by grazing tubes, over the rms of the section
+OF_RAYS = 0.015
 # rad from a right angle within which the energy of these waves grows as the width of the faces
 NEAR_RIGHT = math.radians(20.0)
 # segments of the mesh by which the error of another one is measured over its own, in so many directions, and the
@@ -130,17 +128,19 @@ def find_folds(corners: F64, wavelength: float) -> Folds:
     with or without common points; a face that goes on beyond the line has two sides.
     """
     facets = _flat_facets(corners, wavelength) if len(corners) else []
-    rows: list[tuple[Any, ...]] = []
-    for i, j in _near_pairs(facets, wavelength):
-        rows += [(i, j, *row) for row in _meeting(facets[i], facets[j], wavelength)]
-    if not rows:
+    found: list[Folds] = []
+    pairs: list[tuple[int, int]] = []
+    for pair in _near_pairs(facets, wavelength):
+        met = _meeting(facets[pair[0]], facets[pair[1]], wavelength)
+        found += met
+        pairs += [pair] * len(met)
+    if not found:
         none, no = np.zeros((0, 3)), np.zeros(0, dtype=bool)
         return Folds(none, none, np.zeros(0), np.zeros((0, 2, 3)), np.zeros((0, 2)), no, no)
-    pair = np.array([row[:2] for row in rows])
-    count = np.bincount(pair.ravel(), minlength=len(facets))
-    parts = [np.array([row[k] for row in rows]) for k in range(2, 9)]
-    parts[6] = parts[6] & (count[pair] == 1).all(axis=1)
-    return Folds(*parts)
+    folds = Folds(*(np.concatenate([getattr(fold, f.name) for fold in found]) for f in fields(Folds)))
+    pair_rows = np.array(pairs)
+    count = np.bincount(pair_rows.ravel(), minlength=len(facets))
+    return replace(folds, plain=folds.plain & (count[pair_rows] == 1).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,20 +153,31 @@ class _Facet:
     closed: bool
 
 
-def _flat_facets(corners: F64, wavelength: float) -> list[_Facet]:
-    """Largest flat faces of triangles."""
+def coplanar_parts(corners: F64) -> I64:
+    """Number (n,) of the flat part of each triangle (n, 3, 3): coplanar neighbours are one, however they are cut."""
+    return _parts(corners)[0]
+
+
+def _parts(corners: F64) -> tuple[I64, I64, I64, F64]:
+    """Flat part and body of each triangle, its sides that others share, and twice its area times the normal."""
     grid = SAME * max(float(np.ptp(corners)), 1e-300)
-    vertex = weld(np.round(corners.reshape(-1, 3) / grid))
-    first, second = edge_pairs(vertex)
+    first, second = edge_pairs(weld(np.round(corners.reshape(-1, 3) / grid)))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    twice = np.linalg.norm(normal, axis=1)
-    unit = normal / np.maximum(twice, 1e-300)[:, None]
+    unit = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     a, b = first // 3, second // 3
     level = np.abs(np.einsum("ei,ei->e", unit[a], unit[b])) > 1.0 - 0.5 * _PLANE**2
     n = len(corners)
-    part, body = connected(n, a[level], b[level]), connected(n, a, b)
+    return connected(n, a[level], b[level]), connected(n, a, b), np.concatenate([first, second]), normal
+
+
+def _flat_facets(corners: F64, wavelength: float) -> list[_Facet]:
+    """Largest flat faces of triangles."""
+    part, body, shared, normal = _parts(corners)
+    twice = np.linalg.norm(normal, axis=1)
+    unit = normal / np.maximum(twice, 1e-300)[:, None]
+    n, grid = len(corners), SAME * max(float(np.ptp(corners)), 1e-300)
     alone = np.ones(3 * n)
-    alone[np.concatenate([first, second])] = 0.0
+    alone[shared] = 0.0
     is_open = np.bincount(body, alone.reshape(-1, 3).sum(axis=1)) > 0.0
     volume = np.bincount(body, np.einsum("ni,ni->n", corners[:, 0] - corners.mean(axis=(0, 1)), normal))
     area = 0.5 * np.bincount(part, twice)
@@ -215,8 +226,8 @@ def _near_pairs(facets: list[_Facet], wavelength: float) -> list[tuple[int, int]
     return [(int(i), int(j)) for i, j in zip(*np.nonzero(np.tril(near, -1)), strict=True)]
 
 
-def _meeting(a: _Facet, b: _Facet, wavelength: float) -> list[tuple[Any, ...]]:
-    """Rows of :class:`Folds` of two faces."""
+def _meeting(a: _Facet, b: _Facet, wavelength: float) -> list[Folds]:
+    """Folds of two faces, each alone."""
     along = np.cross(a.normal, b.normal)
     sine = float(np.linalg.norm(along))
     if sine < math.sin(SHARPEST):
@@ -244,7 +255,7 @@ def _meeting(a: _Facet, b: _Facet, wavelength: float) -> list[tuple[Any, ...]]:
     low, high = max(sides[0][0], sides[1][0]), min(sides[0][1], sides[1][1])
     if high - low < NARROWEST * wavelength:
         return []
-    found: list[tuple[Any, ...]] = []
+    found: list[Folds] = []
     even = abs(sides[0][0] - sides[1][0]) + abs(sides[0][1] - sides[1][1]) < 0.1 * (high - low)
     for one, width, plain in sides[0][2]:
         for two, other, also in sides[1][2]:
@@ -252,9 +263,9 @@ def _meeting(a: _Facet, b: _Facet, wavelength: float) -> list[tuple[Any, ...]]:
             inside = (a.closed and a.normal @ two < 0.0) or (b.closed and b.normal @ one < 0.0)
             if SHARPEST < angle < FLATTEST and not inside:
                 middle = foot + 0.5 * (low + high) * along
-                arms, widths = np.stack([one, two]), np.array([width, other])
-                closed = a.closed or b.closed
-                found.append((middle, along, high - low, arms, widths, closed, plain and also and even))
+                row = (middle, along, high - low, np.stack([one, two]), np.array([width, other]))
+                kinds = (a.closed or b.closed, plain and also and even)
+                found.append(Folds(*(np.asarray(part)[None] for part in (*row, *kinds))))
     return found
 
 
@@ -383,7 +394,9 @@ def _near_moments(start: F64, end: F64, k: float, i: I64, j: I64) -> C128:
     return out
 
 
-def section_by_rays(angle: float, width: F64, wavelength: float, azimuth: F64, *, edges: bool = True) -> C128:
+def section_by_rays(
+    angle: float, width: F64, wavelength: float, azimuth: F64, *, edges: bool = True, sheets: bool = True
+) -> C128:
     r"""The same by the simulator's rays in the limit of dense ones, (2, m), :math:`\sqrt m`.
 
     Plane waves mirrored from face to face, each part of them closed by physical optics where it hits; double bounces
@@ -394,10 +407,7 @@ def section_by_rays(angle: float, width: F64, wavelength: float, azimuth: F64, *
     ----------
     angle, width, wavelength, azimuth : see :func:`section_by_moments`
     edges : whether fringe waves are simulated
-
-    Notes
-    -----
-    Ignores the waves along a face from the fold to its end, which rays take for the other rim of a flat sheet.
+    sheets : whether both faces are sheets, whose fold the simulator takes for the other rim of waves along them
     """
     k = 2.0 * np.pi / wavelength
     to = np.stack([np.cos(azimuth), np.sin(azimuth)])
@@ -440,7 +450,7 @@ def section_by_rays(angle: float, width: F64, wavelength: float, azimuth: F64, *
             face = 1 - face
     total *= math.sqrt(k)
     if edges:
-        total += _rims(arms, normals, width, to, lit, k)
+        total += _rims(arms, normals, width, to, lit, k, sheets)
     return total
 
 
@@ -467,26 +477,71 @@ def _corner_weight(arms: F64, normals: F64, width: F64, first: int, to: F64) -> 
     return np.asarray(np.where(to_a > 0.0, 2.0 * (1.0 + other) / (1.0 + other * (2.0 + own)), 1.0))
 
 
-def _rims(arms: F64, normals: F64, width: F64, to: F64, lit: list[F64], k: float) -> C128:
-    """Fringe waves (2, m) of the far ends of both faces, of a half plane each."""
+def _rims(arms: F64, normals: F64, width: F64, to: F64, lit: list[F64], k: float, sheets: bool) -> C128:
+    """Fringe waves (2, m) of both far ends, of a half plane each, and of the fold of sheets from outside."""
     total = np.zeros((2, to.shape[1]), dtype=np.complex128)
     for i in (0, 1):
         place = width[i] * arms[i]
-        cosine, sine = -(arms[i] @ to), np.abs(normals[i] @ to)
-        # (1 - sine) / cosine, finite at the normal
-        tail = np.where(
-            np.abs(cosine) > 1e-6, (1.0 - sine) / np.where(np.abs(cosine) > 1e-6, cosine, 1.0), 0.0
-        )
+        cosine = -(arms[i] @ to)
+        soft, hard = _fringe(2.0, np.arctan2(np.abs(normals[i] @ to), cosine))
+        along = _along_sheet(cosine, k * float(width[i])) if sheets else 1.0
         seen = lit[i] < width[i] * (1.0 - 1e-9)
         wave = np.where(seen, 1j / math.sqrt(k) * np.exp(2j * k * (place @ to)), 0.0)
-        total += np.stack([0.5 * (tail - 1.0) * wave, 0.5 * (1.0 + tail) * wave])
+        total += np.stack([soft * wave, -hard * along * wave])
+    if sheets:
+        half = math.acos(float(np.clip(arms[1, 0], -1.0, 1.0)))
+        phi = np.arctan2(to[1], to[0]) % (2.0 * np.pi) - half
+        outside = (phi > 0.0) & (phi < 2.0 * (np.pi - half))
+        soft, hard = _fringe(2.0 * (1.0 - half / np.pi), np.where(outside, phi, 1.0))
+        total += np.where(outside, 1j / math.sqrt(k), 0.0) * np.stack([soft, -hard])
     return total
 
 
-def waves_left_out(angle: float, width: F64, wavelength: float, azimuth: F64, *, edges: bool = True) -> C128:
+def _fringe(n: float, phi: F64) -> tuple[F64, F64]:
+    r"""Fringe coefficients (m,) of a wedge in backscatter, soft and hard: the exact wave less physical optics.
+
+    .. math:: f = -\tfrac12 \sum_{a, b} \left[C(\tfrac\pi2) \pm C(\phi - \tfrac\pi2)\right], \quad
+        C(x) = \tfrac1N \cot\tfrac xN - U \cot x
+
+    the sum of :class:`sarmitsuba.trace.edges.FringeCurrents` squarely to the edge, with the angle off each face.
+
+    Parameters
+    ----------
+    n : exterior angle over pi
+    phi : off the first face, rad
+    """
+    soft, hard = np.zeros_like(phi), np.zeros_like(phi)
+    for angle in (phi, n * np.pi - phi):
+        lit = angle < np.pi
+        ahead = 1.0 / (n * np.tan(0.5 * np.pi / n))
+        x = angle - 0.5 * np.pi
+        small = np.abs(x) < 1e-4
+        safe = np.where(small, 1.0, x)
+        back = 1.0 / (n * np.tan(safe / n)) - np.where(lit, 1.0 / np.tan(safe), 0.0)
+        back = np.where(small & lit, 0.0, back)
+        soft -= 0.5 * (ahead + back)
+        hard -= 0.5 * (ahead - back)
+    return soft, hard
+
+
+def _along_sheet(cosine: F64, width: float) -> C128:
+    """Factor Q (m,) of :class:`sarmitsuba.trace.edges.FringeCurrents` in backscatter off the rim of a sheet.
+
+    ``cosine`` of the angle between direction and sheet, ``width`` of the sheet times the wavenumber.
+    """
+    t = scipy.special.erf(np.exp(0.25j * np.pi) * np.sqrt(width * (1.0 - cosine)))
+    lost = (t - 1.0) * (0.5 + 0.5 * np.clip(4.0 * cosine, -1.0, 1.0))
+    c, s = np.sqrt(np.maximum(0.5 + 0.5 * cosine, 1e-6)), np.sqrt(0.5 - 0.5 * cosine)
+    return np.asarray(1.0 + (2.0 * lost / c + lost * lost) * (c + s) / c)
+
+
+def waves_left_out(
+    angle: float, width: F64, wavelength: float, azimuth: F64, *, edges: bool = True, sheets: bool = True
+) -> C128:
     """What moments of a section have beyond rays, (2, m) for the field along and across the fold, square root of m."""
     exact = section_by_moments(angle, width, wavelength, azimuth)
-    return np.asarray(exact - section_by_rays(angle, width, wavelength, azimuth, edges=edges))
+    rays = section_by_rays(angle, width, wavelength, azimuth, edges=edges, sheets=sheets)
+    return np.asarray(exact - rays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -526,7 +581,8 @@ class FoldGrid:
         values = np.zeros((self.n_leans, self.n, 2), dtype=np.complex128)
         for i in range(self.n_leans):
             across = wavelength / (1.0 - self.lean_first - i * self.lean_step)
-            found = waves_left_out(float(folds.angle[self.row]), folds.width[self.row], across, place)
+            angle, width, sheets = folds.angle[self.row], folds.width[self.row], not folds.closed[self.row]
+            found = waves_left_out(float(angle), width, across, place, sheets=sheets)
             values[i] = math.sqrt(2.0 / across) * found.T
         values[:, ~within_fold(folds.of(np.array([self.row])), place[:, None])[:, 0]] = 0.0
         return values
@@ -599,7 +655,8 @@ class MeasuredFold:
             error = np.square(np.abs(fine - exact) * np.array(REST)[:, None])
             error += np.square(OF_RAYS) * np.square(np.abs(exact)).mean(axis=1, keepdims=True)
             return MeasuredFold(np.sqrt(error), exact, scale, True)
-        rays = section_by_rays(angle, scale * width, wavelength, place, edges=edges)
+        sheets = not folds.closed[row]
+        rays = section_by_rays(angle, scale * width, wavelength, place, edges=edges, sheets=sheets)
         return MeasuredFold(np.abs(exact - rays), exact, scale, False)
 
     def witness(self, law_db: float) -> Witness:
@@ -620,7 +677,7 @@ class FoldError:
     ----------
     energy : (m, n_channels) float64, m^2, as an RCS
     row : of the fold with most of it; -1 without one
-    witness : error of the section of the longest fold that is seen; None without one
+    witness : error of the section of the longest fold into which some direction looks; None without one
     """
 
     energy: F64
@@ -655,17 +712,15 @@ def fold_error(
     if not order.size:
         return FoldError(energy, -1, None)
     k, best, most = 2.0 * np.pi / wavelength, -1, 0.0
-    held: dict[int, NDArray[np.bool_]] = {}
-    for grid in grids:
-        which = np.asarray(grid.holds(azimuth[:, grid.row], lean[:, grid.row]) & seen[:, grid.row])
-        if which.any():
-            held[grid.row] = which
+    held = {g.row: np.asarray(g.holds(azimuth[:, g.row], lean[:, g.row]) & seen[:, g.row]) for g in grids}
+    held = {row: which for row, which in held.items() if which.any()}
     rows = [int(row) for row in order if not folds.square[row]]
     solved = [row for row in rows if row not in held][:MOST_SECTIONS]
     measured = {
         row: MeasuredFold.of(folds, row, wavelength, azimuth[which, row], tabulated=True, edges=edges)
         for row, which in held.items()
     }
+    spread: dict[int, _SpreadWaves] = {}
     for row in rows:
         amplitude = np.zeros((2, len(directions)), dtype=np.complex128)
         left = seen[:, row].copy()
@@ -675,37 +730,75 @@ def fold_error(
         if left.any():
             known = np.array(solved or [row])
             alike = int(known[np.abs(folds.angle[known] - folds.angle[row]).argmin()])
-            amplitude[:, left] = _stated_waves(folds, alike, wavelength, azimuth[left, row], edges=edges)
+            small = folds.width[row].sum() <= WIDEST_STATED * wavelength
+            if alike == row and small:
+                amplitude[:, left] = _section_waves(folds, row, wavelength, azimuth[left, row], edges=edges)
+            else:
+                if alike not in spread:
+                    spread[alike] = _spread_waves(folds, alike, wavelength, edges=edges)
+                amplitude[:, left] = spread[alike].at(azimuth[left, row], float(folds.width[row].sum()))
         size = np.minimum(folds.length[row], 1.0 / np.maximum(k * np.abs(lean[:, row]), 1e-12))
         returned = [_in_channel(amplitude, directions, folds.along[row], c) for c in channels]
         part = 2.0 / wavelength * np.square(size * np.abs(returned)).T
         energy += part
         if part.sum() > most:
             best, most = row, float(part.sum())
-    first = int(order[0])
+    # between both faces, where the law of repeated bounces is of the same
+    inner = seen & (np.abs(azimuth) < 0.5 * folds.angle)
+    between = [int(row) for row in order if inner[:, row].any()]
+    if not between:
+        return FoldError(energy, best, None)
+    first = between[0]
     if first not in measured:
-        place = azimuth[seen[:, first], first]
+        place = azimuth[inner[:, first], first]
         measured[first] = MeasuredFold.of(folds, first, wavelength, place, tabulated=False, edges=edges)
-    law = math.nan
-    if folds.square[first]:
-        law = min(
-            0.0, -20.0 * math.log10(measured[first].scale * float(folds.width[first].min()) / wavelength)
-        )
-    return FoldError(energy, best, measured[first].witness(law))
+    return FoldError(
+        energy, best, measured[first].witness(_law_db(folds, first, wavelength, measured[first]))
+    )
 
 
-def _stated_waves(folds: Folds, row: int, wavelength: float, azimuth: F64, *, edges: bool) -> C128:
-    """Waves (2, m) of a fold's section; of wide faces their rms over some degrees, of a smaller section."""
-    angle, width = float(folds.angle[row]), folds.width[row]
-    scale = WIDEST_STATED * wavelength / float(width.sum())
-    if scale >= 1.0:
-        return waves_left_out(angle, width, wavelength, azimuth, edges=edges)
-    grid = np.radians(np.arange(-180.0, 180.0, 1.0))
-    square = np.square(np.abs(waves_left_out(angle, scale * width, wavelength, grid, edges=edges)))
-    # waves of the double bounce's edges join with the whole beam the more the nearer to a right angle
-    square *= 1.0 / scale if abs(angle - 0.5 * np.pi) < NEAR_RIGHT else math.sqrt(1.0 / scale)
-    mean = np.mean([np.roll(square, shift, axis=1) for shift in (-2, -1, 0, 1, 2)], axis=0)
-    return np.stack([np.sqrt(np.interp(azimuth, grid, part)) for part in mean]).astype(np.complex128)
+def _law_db(folds: Folds, row: int, wavelength: float, measured: MeasuredFold) -> float:
+    """Share of double bounces at right angles by which ray optics is wrong, dB; NaN at other angles."""
+    if not folds.square[row]:
+        return math.nan
+    return min(0.0, -20.0 * math.log10(measured.scale * float(folds.width[row].min()) / wavelength))
+
+
+@dataclass(frozen=True, eq=False)
+class _SpreadWaves:
+    """Energy of a section's waves by whole degrees, mean over some of them, (2, 360), m; total width, m; angle, rad."""
+
+    square: F64
+    width: float
+    angle: float
+
+    def at(self, azimuth: F64, width: float) -> C128:
+        """Amplitudes (2, m) of a section alike of another total width, m.
+
+        Waves of the double bounce's edges join with the whole beam the more the nearer to a right angle.
+        """
+        ratio = max(width / self.width, 1.0)
+        grown = ratio if abs(self.angle - 0.5 * np.pi) < NEAR_RIGHT else math.sqrt(ratio)
+        found = [np.sqrt(grown * np.interp(azimuth, _DEGREES, part)) for part in self.square]
+        return np.stack(found).astype(np.complex128)
+
+
+_DEGREES = np.radians(np.arange(-180.0, 180.0, 1.0))
+
+
+def _section_waves(folds: Folds, row: int, wavelength: float, azimuth: F64, *, edges: bool) -> C128:
+    """Waves (2, m) of a fold's section."""
+    angle, sheets = float(folds.angle[row]), not folds.closed[row]
+    return waves_left_out(angle, folds.width[row], wavelength, azimuth, edges=edges, sheets=sheets)
+
+
+def _spread_waves(folds: Folds, row: int, wavelength: float, *, edges: bool) -> _SpreadWaves:
+    """Waves of a fold's section, scaled down where it is wide."""
+    angle, width, sheets = float(folds.angle[row]), folds.width[row], not folds.closed[row]
+    width = min(1.0, WIDEST_STATED * wavelength / float(width.sum())) * width
+    found = waves_left_out(angle, width, wavelength, _DEGREES, edges=edges, sheets=sheets)
+    turned = [np.roll(np.square(np.abs(found)), shift, axis=1) for shift in (-2, -1, 0, 1, 2)]
+    return _SpreadWaves(np.mean(turned, axis=0), float(width.sum()), angle)
 
 
 def _in_channel(amplitude: C128, directions: F64, along: F64, channel: str) -> C128:

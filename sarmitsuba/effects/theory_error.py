@@ -9,7 +9,13 @@ import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
-from sarmitsuba.effects.fold_sections import Folds, find_folds, fold_error, fold_grids
+from sarmitsuba.effects.fold_sections import (
+    Folds,
+    coplanar_parts,
+    find_folds,
+    fold_error,
+    fold_grids,
+)
 from sarmitsuba.effects.omitted_waves import (
     AS_EDGE,
     BENT,
@@ -35,8 +41,8 @@ from sarmitsuba.witness import Witness
 
 # dB below the peak down to which the error is stated
 STRONG_DB = 20.0
-# most triangles that are examined, and most directions
-MOST_FACES, MOST_DIRECTIONS = 60_000, 360
+# most flat facets that are examined, triangles before those of a plane are joined, and directions
+MOST_FACES, MOST_TRIANGLES, MOST_DIRECTIONS = 60_000, 1_000_000, 360
 # wavelengths: largest extent of a body in the Rayleigh region, and second largest of one that resonates as a wire does
 LEAST_SIZE, LEAST_WIDTH = 0.5, 0.2
 # a cause is named where its part of the mean square error is above this
@@ -310,7 +316,7 @@ def _outside(corners: F64, materials: Sequence[Material], wavelength: float) -> 
     bodies = [m for m in materials if not m.metallic and m.thickness <= 0.0]
     if bodies:
         return f"surfaces of {bodies[0].name}: only metal and thin sheets are judged", False
-    if len(corners) > MOST_FACES:
+    if too_many(corners, MOST_FACES):
         return f"{len(corners)} faces are too many to examine", False
     points = corners.reshape(-1, 3)
     points = points - points.mean(axis=0)
@@ -324,6 +330,13 @@ def _outside(corners: F64, materials: Sequence[Material], wavelength: float) -> 
     if extent[1] < LEAST_WIDTH:
         return f"the body is a rod {extent[1]:.2g} wavelengths thick; it resonates as a wire, see wires", True
     return "", False
+
+
+def too_many(corners: F64, most: int) -> bool:
+    """Whether triangles (n, 3, 3) have more flat facets than ``most``, however these are cut."""
+    if len(corners) <= most:
+        return False
+    return len(corners) > MOST_TRIANGLES or int(coplanar_parts(corners).max()) >= most
 
 
 def _some(power: F64) -> NDArray[np.intp]:

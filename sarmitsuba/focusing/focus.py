@@ -22,7 +22,7 @@ from sarmitsuba.focusing.motion_compensation import compensate_motion
 from sarmitsuba.focusing.preparation import prepare, raw_data
 from sarmitsuba.focusing.shown import shown_share
 from sarmitsuba.focusing.windows import Window
-from sarmitsuba.focusing.witness import witness_focusing, witness_warning
+from sarmitsuba.focusing.witness import conjugation_warning, witness_focusing, witness_warning
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.collection import signal_facts
@@ -121,6 +121,7 @@ def focus(
         cells.warning,
         beam_edge_warning(raw.radar, grid, azimuth_window, cells.center),
         "" if witness is None else witness_warning(witness, focuser),
+        conjugation_warning(raw, focused.pixels, grid, chain.windows),
     ):
         if text:
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
@@ -163,9 +164,7 @@ def _of_the_radar(
     """Reference figures for quality measures: squint of pixels with their own apertures, and NESZ at the centre."""
     facts: dict[str, float | bool] = {}
     middle = radar.track.center_index
-    if radar.mode_law.own_apertures and (
-        np.isfinite(radar.half_aperture) or radar.antenna.pattern != "isotropic"
-    ):
+    if radar.mode_law.own_apertures and (np.isfinite(radar.half_aperture) or radar.antenna.directive):
         forward, sine, _ = flight(radar)
         facts["squint_sine"] = float(sine[middle])
         speed = radar.footprint_speed

@@ -1,13 +1,12 @@
 """Options of focusers and autofocusers: the fields of a frozen dataclass, each with a default and a line of help."""
 
 import dataclasses
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.parameters import BOOLEANS
+from sarmitsuba.parameters import BOOLEANS, is_finite
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -61,7 +60,7 @@ class WithOptions:
             choices, within = field.metadata.get("choices", ()), field.metadata.get("within")
             right = value in choices if choices else True
             if right and isinstance(value, int | float) and not isinstance(value, bool):
-                right = math.isfinite(value) and (within is None or within[0] <= value <= within[1])
+                right = is_finite(value) and (within is None or within[0] <= value <= within[1])
                 right |= value == 0 and bool(field.metadata.get("automatic"))
             if not right:
                 shown = f"{value:g}" if isinstance(value, float) else repr(value)

@@ -1,9 +1,11 @@
 """Witness of focusing: pixels of an image recomputed by exact backprojection in float64, from the same data."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from sarmitsuba.arrays import C64, C128, F32, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
@@ -11,15 +13,20 @@ from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import direction_gain, own_aperture_weights
 from sarmitsuba.focusing.focuser import EXACT, Focuser
+from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.profiles import plan_profiles
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.witness import Witness
+from sarmitsuba.witness import USELESS_DB, Witness
 
 # pixels of an image, of one that is exact backprojection already, and the fewest
 PIXELS, PIXELS_OF_EXACT, _FEWEST = 64, 16, 6
-# part of them that are the brightest; the corners and middles of the edges are certain too
-_BRIGHT = 0.25
+# one in so many is among the brightest of the image, and one of its frame this wide, pixels, where errors gather
+_CERTAIN, _FRAME = 16, 2
+# pixels of a scatterer's response, over which power is averaged for the chances
+_RESPONSE = 5
+# chance of all pixels alike, and by amplitude, over that by power, of which faint ones have none
+_FAINT = 3.0
 # part of the time of focusing that the sum may take, and seconds that are always allowed
 _SHARE, _ALWAYS = 0.05, 0.1
 # processor seconds of a profile's sample, and of a pixel and pulse
@@ -29,6 +36,12 @@ _BATCH = 1 << 19
 # summed weight over that of the window below which a pixel counts as not illuminated, as in backprojection
 _DARK = 1e-6
 _SEED = 0x5A12
+# rows of a column whose contrast is measured, and the fewest; contrast of a sharp scatterer, and over that of a smear
+_MOST_ROWS, _LEAST_ROWS = 1024, 32
+_SHARP, _SHARPER = 6.0, 3.0
+# dB, error of an image that no figure shows, of which nothing is said: scatterers beside the image leave as much of
+# their single precision
+_NEGLIGIBLE_DB = -80.0
 
 
 def sum_exactly(raw: RawData, points: F64, range_window: Window, azimuth_window: Window) -> C128:
@@ -71,7 +84,7 @@ def sum_exactly(raw: RawData, points: F64, range_window: Window, azimuth_window:
         place = (distance - radar.window.start_range[part]) / plan.step
         weight = weight * ((place >= 0.0) & (place <= plan.last))
         gain = np.ones(1)
-        if radar.antenna.pattern != "isotropic":
+        if radar.antenna.directive:
             gain = direction_gain(radar, part, lines[0] / legs[0][..., None])
         weight_sum += np.sum(weight * gain**2, axis=1)
         weight = weight * gain * legs[0] * legs[-1]
@@ -101,8 +114,8 @@ def witness_focusing(
 ) -> Witness | None:
     """Error of an image against :func:`sum_exactly` at drawn pixels, in the worst channel; None of an empty image.
 
-    The brightest pixels of some rows, the image's corners and the middles of its edges are taken with certainty, others
-    with chances that follow amplitude and power and leave none out.
+    The brightest pixels of some rows and of the image's frame, its corners and the middles of its edges are taken with
+    certainty, others with chances that follow amplitude and power, more in the frame, and leave none out.
 
     Parameters
     ----------
@@ -115,6 +128,9 @@ def witness_focusing(
     """
     channels = np.array([_sum_of(pixels, raw.layers, channel) for channel in raw.channels])
     energies = [float(np.vdot(one, one).real) for one in channels]
+    reference = f"{EXACT} in float64"
+    if not np.isfinite(energies).all():
+        return Witness(math.inf, math.inf, 0, law_db, reference)
     if not any(energies):
         return None
     power: F32 = sum(
@@ -129,14 +145,14 @@ def witness_focusing(
     points = flat + grid.azimuth[rows, None] * grid.along + across[:, None] * grid.across
     exact = sum_exactly(raw, points, *windows)
     found = []
-    for one, energy, reference in zip(channels, energies, exact, strict=True):
+    for one, energy, right in zip(channels, energies, exact, strict=True):
         if energy > 0.0:
-            error = weight * np.abs(one.ravel()[index] - reference) ** 2
+            error = weight * np.abs(one.ravel()[index] - right) ** 2
             # an image that errs that much has an energy of its own: then that of the exact sum's pixels counts
-            whole = np.array([energy]) if error.sum() < 0.1 * energy else weight * np.abs(reference) ** 2
+            whole = np.array([energy]) if error.sum() < 0.1 * energy else weight * np.abs(right) ** 2
             found.append(Witness.from_weighted(error, whole, _SEED, law_db=law_db))
     worst = max(found, key=lambda one: one.error_db)
-    return replace(worst, reference=f"{EXACT} in float64")
+    return replace(worst, reference=reference)
 
 
 def _sum_of(pixels: C64, layers: Sequence[Layer], channel: str) -> C64:
@@ -154,52 +170,100 @@ def _count(raw: RawData, grid: ImageGrid, focuser: Focuser) -> int:
     return int(np.clip(allowed / (_PAIR_SECONDS * radar.track.n_pulses), min(_FEWEST, most), most))
 
 
-def _draw(power: F32, count: int) -> tuple[I64, F64]:
+def _draw(power: F32, count: int, seed: int = _SEED) -> tuple[I64, F64]:
     """Places of about ``count`` pixels in the flat image, and the inverse of their chances.
 
     Parameters
     ----------
-    power : (n_azimuth, n_range) of the image; certain places are set to zero here
+    power : (n_azimuth, n_range) of the image
     """
-    rng = np.random.default_rng(_SEED)
-    n_rows, n_columns = power.shape
-    best = power.argmax(axis=1)
-    strongest = power[np.arange(n_rows), best]
-    bright = np.argsort(-strongest, kind="stable")[: max(1, int(_BRIGHT * count))]
-    certain = list(bright * n_columns + best[bright])
-    ends = [(i, j) for i in (0, n_rows // 2, n_rows - 1) for j in (0, n_columns // 2, n_columns - 1)]
-    if count >= 2 * len(ends):
-        certain += [i * n_columns + j for i, j in ends if (i, j) != (n_rows // 2, n_columns // 2)]
-    sure = np.unique(np.array(certain, dtype=np.int64))
-    power.ravel()[sure] = 0.0
-    # three equal parts of the chance: even, by amplitude, by power
-    parts = [np.full(n_rows, float(n_columns)), np.sqrt(power).sum(axis=1, dtype=np.float64)]
-    parts.append(power.sum(axis=1, dtype=np.float64))
-    parts = [part / part.sum() for part in parts if part.sum() > 0.0]
-    drawn = max(count - sure.size, 1)
-    places, chances = np.empty(drawn, dtype=np.int64), np.empty(drawn)
-    row_chance = np.mean(parts, axis=0)
-    amplitude, energy = float(np.sqrt(power).sum(dtype=np.float64)), float(power.sum(dtype=np.float64))
-    for i, row in enumerate(rng.choice(n_rows, drawn, p=row_chance / row_chance.sum())):
-        line = power[row].astype(np.float64)
-        shares = [np.full(n_columns, 1.0 / power.size)]
-        if energy > 0.0:
-            shares += [np.sqrt(line) / amplitude, line / energy]
-        chance = np.mean(shares, axis=0)
-        column = rng.choice(n_columns, p=chance / chance.sum())
-        places[i], chances[i] = row * n_columns + column, chance[column]
-    # pixels taken with certainty do not stand for others
-    share = np.where(np.isin(places, sure), 0.0, 1.0 / (drawn * chances))
+    rng = np.random.default_rng(seed)
+    n_columns = power.shape[1]
+    frame = np.zeros(power.shape, dtype=bool)
+    frame[:_FRAME] = frame[-_FRAME:] = frame[:, :_FRAME] = frame[:, -_FRAME:] = True
+    few = max(1, count // _CERTAIN)
+    sure = np.unique([*_brightest(power, few), *_brightest(power * frame, few)])
+    if count >= PIXELS:
+        rows, columns = ([0, n // 2, n - 1] for n in power.shape)
+        sure = np.unique([*sure, *(i * n_columns + j for i in rows for j in columns)])
+    # errors of a scatterer lie in the flanks of its response too
+    near = np.maximum(scipy.ndimage.uniform_filter(power, _RESPONSE, mode="constant"), 0.0)
+    amplitude = np.sqrt(near)
+    chance = np.full(power.shape, _FAINT / power.size, dtype=np.float32)
+    for part, share in ((amplitude, _FAINT), (near, 1.0), (amplitude * frame, 1.0), (near * frame, 1.0)):
+        whole = float(part.sum(dtype=np.float64))
+        if whole > 0.0:
+            chance += part * np.float32(share / whole)
+    chance.ravel()[sure] = 0.0
+    rows_end = np.cumsum(chance.sum(axis=1, dtype=np.float64))
+    if rows_end[-1] <= 0.0:
+        return sure, np.ones(sure.size)
+    # one place in each of equal parts of the chance, so that draws spread over the image
+    places = np.empty(max(count - sure.size, 1), dtype=np.int64)
+    for i, level in enumerate((np.arange(places.size) + rng.random()) / places.size * rows_end[-1]):
+        row = min(int(np.searchsorted(rows_end, level)), power.shape[0] - 1)
+        line = np.cumsum(chance[row], dtype=np.float64)
+        column = int(np.searchsorted(line, level - rows_end[row] + line[-1]))
+        places[i] = row * n_columns + min(column, n_columns - 1)
+    drawn = chance.ravel()[places].astype(np.float64)
+    share = np.divide(rows_end[-1], places.size * drawn, out=np.zeros(places.size), where=drawn > 0.0)
     return np.concatenate([sure, places]), np.concatenate([np.ones(sure.size), share])
 
 
+def _brightest(power: F32, count: int) -> I64:
+    """Flat places of the brightest pixels of at most ``count`` rows."""
+    best = power.argmax(axis=1)
+    strongest = power[np.arange(power.shape[0]), best]
+    rows = np.argsort(-strongest, kind="stable")[: max(1, count)]
+    return np.asarray(rows * power.shape[1] + best[rows], dtype=np.int64)
+
+
+def conjugation_warning(raw: RawData, pixels: C64, grid: ImageGrid, windows: tuple[Window, Window]) -> str:
+    r"""One line where echoes of another program focus only when conjugated; empty where they do not.
+
+    Contrast along azimuth, :math:`n \sum |I|^4 / (\sum |I|^2)^2`, of the strongest column of the image and of the
+    same pixels from conjugated echoes: 2 in clutter, far more where a scatterer is sharp.
+
+    Notes
+    -----
+    Ignores images without a strong scatterer, whose contrast tells nothing. Data of this program are not tried.
+    """
+    if "statistics" in raw.metadata or grid.azimuth.size < _LEAST_ROWS:
+        return ""
+    image = _sum_of(pixels, raw.layers, raw.channels[0])
+    power = image.real**2 + image.imag**2
+    column = int(np.argmax(power.sum(axis=0, dtype=np.float64)))
+    first = int(
+        np.clip(power[:, column].argmax() - _MOST_ROWS // 2, 0, max(0, grid.azimuth.size - _MOST_ROWS))
+    )
+    rows = slice(first, first + _MOST_ROWS)
+    line = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[column : column + 1])
+    other = replace(raw, data=raw.total().conj()[None], layers=(Layer(raw.channels[0]),))
+    turned = backproject(
+        other, line.positions().reshape(-1, 3), range_window=windows[0], azimuth_window=windows[1]
+    )
+    plain, conjugated = _contrast(image[rows, column]), _contrast(turned[0])
+    if conjugated < max(_SHARP, _SHARPER * plain):
+        return ""
+    return (
+        f"the echoes focus when they are conjugated (contrast along azimuth {conjugated:.3g} instead of {plain:.3g}): "
+        "their phase rises with range; give their complex conjugate"
+    )
+
+
+def _contrast(values: C64) -> float:
+    power = np.abs(values.astype(np.complex128)) ** 2
+    whole = float(power.sum()) ** 2
+    return float(power.size * np.sum(power**2)) / whole if whole > 0.0 else 0.0
+
+
 def witness_warning(found: Witness, focuser: Focuser) -> str:
-    """One line where an image errs by more than its focuser stated; empty where it does not.
+    """One line where an image errs by more than its focuser stated and by more than rounding; empty where it does not.
 
     Raises
     ------
     DataError
-        The image is of no use.
+        The image is of no use, and nothing foretold it: a focuser's ``bound`` that was raised by hand does.
     """
     remedy = f"{EXACT},interpolation=kernel:8" if focuser.name == EXACT else EXACT
     errs = (
@@ -207,5 +271,10 @@ def witness_warning(found: Witness, focuser: Focuser) -> str:
         f"{found.samples} pixels"
     )
     if found.useless:
-        raise DataError(f"focus: {errs}: it is of no use; take focuser {remedy}")
-    return f"{errs}; it stated {found.law_db:.1f} dB; take focuser {remedy}" if found.contradicts else ""
+        text = f"{errs}: it is of no use; take focuser {remedy}"
+        if found.law_db > USELESS_DB:
+            return text
+        raise DataError(f"focus: {text}")
+    if not found.contradicts or found.error_db < _NEGLIGIBLE_DB:
+        return ""
+    return f"{errs}; it stated {found.law_db:.1f} dB; take focuser {remedy}"

@@ -79,11 +79,13 @@ class Parameter(ABC):
     label : as in :func:`parse`
     direct : whether its displacements, levels or texels are those of its values, one for each value
     pointing : whether derivatives by the angles of the beam are used, where the antenna has one
+    of_radar : fields of the radar that it changes
     """
 
     label: str
     direct: ClassVar[bool] = False
     pointing: ClassVar[bool] = False
+    of_radar: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def names(self, scene: Scene) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ MOST_GAIN = 300.0
 class Gain(Parameter):
     """Gain of the whole radar, dB of power, relative to the scene's."""
 
+    of_radar: ClassVar[tuple[str, ...]] = ("transmit_power",)
     label: str = "gain"
 
     def names(self, scene: Scene) -> tuple[str, ...]:
@@ -57,6 +58,7 @@ class Gain(Parameter):
 class ClockOffset(Parameter):
     """Delay of the echoes against the clock that starts the receive window, s; the carrier's phase does not change."""
 
+    of_radar: ClassVar[tuple[str, ...]] = ("window",)
     label: str = "clock_offset"
 
     def names(self, scene: Scene) -> tuple[str, ...]:
@@ -93,6 +95,7 @@ class AntennaTrack(Parameter):
     """
 
     pointing: ClassVar[bool] = True
+    of_radar: ClassVar[tuple[str, ...]] = ("track", "receiver", "recorded", "delay")
     knots: int = 1
     axes: str = AXES
 
@@ -149,6 +152,7 @@ class BeamPointing(Parameter):
     """
 
     pointing: ClassVar[bool] = True
+    of_radar: ClassVar[tuple[str, ...]] = ("pointing", "receiver_pointing", "recorded_pointing")
     knots: int = 1
 
     @property
@@ -164,7 +168,7 @@ class BeamPointing(Parameter):
 
     def values(self, scene: Scene) -> F64:
         """See the base class."""
-        if scene.radar.antenna.pattern == "isotropic":
+        if not scene.radar.antenna.directive:
             raise RadarError(
                 "parameter pointing: the antenna is isotropic and has no beam to turn; give it a pattern"
             )

@@ -22,6 +22,7 @@ from sarmitsuba.importing.places import (
     local_of_geodetic,
     middle,
     on_plane,
+    try_conversion,
 )
 from sarmitsuba.importing.polygons import triangulate_in_space, why_unusable
 from sarmitsuba.importing.roofs import GABLED, PYRAMIDS, rise
@@ -224,6 +225,7 @@ class _Place:
                 _drop_far(source, lambda point: point, options.radius)
                 points = _corners(source)
             return _Place(crs, places, points, anchor or Anchor(), anchor, level)
+        try_conversion(points, crs, source.name)
         geodetic = places.geodetic(points)
         anchor = anchor or middle(geodetic)
         origin = anchor

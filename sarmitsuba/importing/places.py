@@ -2,18 +2,26 @@
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sarmitsuba.arrays import F64
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.isolated import survive
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
 
 WGS84, LOCAL = "EPSG:4326", "local"
 # largest distance from the origin, m: there the plane z = 0 is 200 m above the Earth's surface
 WIDEST = 50e3
+# largest coordinates on a map, m, and of angles, deg: beyond, PROJ takes time in proportion to them
+_FARTHEST, _FARTHEST_ANGLE = 1e8, 1e3
 _EPSG = re.compile(r"EPSG(?:/0/|/[\d.]+/|:[\d.]*:|:)(\d{4,6})")
 
 
@@ -59,6 +67,14 @@ class Places:
         return xy
 
 
+@lru_cache(maxsize=8)
+def _system(crs: str) -> "CRS":
+    """Coordinate system of a name."""
+    from rasterio.crs import CRS
+
+    return CRS.from_user_input(crs)
+
+
 def projected(points: F64, crs: str, wanted: str, where: str) -> F64:
     """Coordinates (n, 2) converted to another system.
 
@@ -76,12 +92,47 @@ def projected(points: F64, crs: str, wanted: str, where: str) -> F64:
             "'sarmitsuba[importing]'"
         ) from error
     try:
-        return np.column_stack(transform(crs, wanted, points[:, 0], points[:, 1]))
+        check_map(points, crs, where)
+        return np.column_stack(transform(_system(crs), _system(wanted), points[:, 0], points[:, 1]))
     except (rasterio.errors.RasterioError, CPLE_BaseError, ValueError, TypeError, RuntimeError) as error:
         raise SceneError(
             f"{where}: coordinates cannot be converted from {one_line(crs)} to {one_line(wanted)}: {one_line(error)}; "
             "name their system with --crs EPSG:n"
         ) from error
+
+
+def check_map(points: F64, crs: str, where: str) -> None:
+    """Raise a SceneError for coordinates (n, 2) that no map of the system has."""
+    angles = bool(_system(crs).is_geographic)
+    most, unit = (_FARTHEST_ANGLE, "deg") if angles else (_FARTHEST, "m")
+    bad = ~(np.abs(points) <= most).all(axis=1)
+    if bad.any():
+        x, y = points[np.argmax(bad)]
+        raise SceneError(
+            f"{where}: the coordinates {x:.6g}, {y:.6g} are no place on a map, which ends at {most:g} {unit}; name "
+            "their system with --crs EPSG:n, or --crs local for metres"
+        )
+
+
+def try_conversion(points: F64, crs: str, where: str) -> None:
+    """Convert coordinates (n, 2) to longitude and latitude, and those back, in a process apart first.
+
+    The system may be a file's own, of any parameters.
+
+    Raises
+    ------
+    SceneError : the conversion does not end, crashes, or needs excessive memory
+    """
+    if crs in (WGS84, LOCAL) or not len(points):
+        return
+
+    def convert() -> None:
+        projected(projected(points, crs, WGS84, where), WGS84, crs, where)
+
+    try:
+        survive(points.nbytes, convert)
+    except DataError as error:
+        raise SceneError(f"{where}: coordinates in {one_line(crs)} cannot be converted: {error}") from None
 
 
 def local_of_geodetic(anchor: Anchor, longitude_latitude: F64, height: float | F64) -> F64:

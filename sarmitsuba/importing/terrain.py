@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.arrays import F64, I32, I64
-from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.places import WGS84, Places, beside, local_of_geodetic, projected
+from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.importing.places import WGS84, Places, beside, check_map, local_of_geodetic, projected
 from sarmitsuba.importing.triangulated import Network, network
+from sarmitsuba.isolated import survive
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.regular_files import check_regular
@@ -81,11 +82,11 @@ class HeightRaster:
 
 
 def read_raster(path: Path, geoid: float, around: F64 | None) -> HeightRaster:
-    """Read the first band of a GeoTIFF; side files and other formats under its name are not read.
+    """Read the first band of a GeoTIFF, after a trial in a separate process; other formats are not read.
 
     Parameters
     ----------
-    path : file
+    path : file; side files are not read
     geoid : height of the raster's zero over the ellipsoid, m
     around : (2, 2) lowest and highest longitude and latitude of the region to read, deg; None: all
 
@@ -95,51 +96,76 @@ def read_raster(path: Path, geoid: float, around: F64 | None) -> HeightRaster:
     """
     try:
         import rasterio
-        from rasterio.windows import Window, from_bounds
     except ImportError as error:
         raise SceneError(
             f"{path.name}: elevation rasters need the package rasterio ({error}); pip install 'sarmitsuba[importing]'"
         ) from error
     where = one_line(path.name)
-    try:
+
+    def read() -> HeightRaster:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-            check_regular(path)
-            with rasterio.Env(**_ALONE), rasterio.open(os.path.abspath(path), driver="GTiff") as file:
-                if file.crs is None:
-                    raise SceneError(
-                        f"{where}: has no coordinate system; write one into it with gdal_edit -a_srs"
-                    )
-                crs = str(file.crs)
-                window = Window(0, 0, file.width, file.height)
-                if around is not None:
-                    edge = _frame(around)
-                    if crs != WGS84:
-                        edge = projected(edge, WGS84, crs, where)
-                    else:
-                        west, east = file.bounds.left, file.bounds.right
-                        middle = float(edge[:, 0].mean())
-                        edge[:, 0] += beside(middle, 0.5 * (west + east)) - middle
-                    wanted = from_bounds(*edge.min(axis=0), *edge.max(axis=0), file.transform)
-                    window = _whole(wanted, file.width, file.height, where)
-                n = int(window.height) * int(window.width)
-                if n > MOST_SAMPLES:
-                    raise SceneError(
-                        f"{where}: {n} samples are more than {MOST_SAMPLES}; crop or resample it, or give buildings "
-                        "or --anchor with --radius"
-                    )
-                rows, columns = file.block_shapes[0]
-                if rows * columns * file.count * np.dtype(file.dtypes[0]).itemsize > _LARGEST_BLOCK:
-                    raise SceneError(
-                        f"{where}: blocks of {rows} x {columns} samples of {file.count} bands take more than "
-                        f"{_LARGEST_BLOCK / 1e6:.0f} MB each; write it with -co TILED=YES"
-                    )
-                heights = file.read(1, window=window, masked=True).astype(np.float64).filled(np.nan)
-                transform = file.window_transform(window)
-    except (rasterio.errors.RasterioError, OSError, ValueError, TypeError, MemoryError) as error:
+            return _read(path, where, geoid, around)
+
+    def read_and_place() -> None:
+        raster = read()
+        n_rows, n_columns = raster.heights.shape
+        corners = np.array([[0, 0], [0, n_columns - 1], [n_rows - 1, 0], [n_rows - 1, n_columns - 1]])
+        raster.at(raster.places(corners[:, 0], corners[:, 1]))
+
+    try:
+        check_regular(path)
+        survive(path, read_and_place)
+        return read()
+    except (
+        rasterio.errors.RasterioError,
+        ArithmeticError,
+        DataError,
+        MemoryError,
+        OSError,
+        TypeError,
+        ValueError,
+    ) as error:
         raise SceneError(
             f"{where}: no readable raster: {one_line(error, 120)}; write it as GeoTIFF"
         ) from error
+
+
+def _read(path: Path, where: str, geoid: float, around: F64 | None) -> HeightRaster:
+    import rasterio
+    from rasterio.windows import Window, from_bounds
+
+    with rasterio.Env(**_ALONE), rasterio.open(os.path.abspath(path), driver="GTiff") as file:
+        if file.crs is None:
+            raise SceneError(f"{where}: has no coordinate system; write one into it with gdal_edit -a_srs")
+        crs = str(file.crs)
+        edges = np.array([file.transform * (x, y) for x in (0, file.width) for y in (0, file.height)])
+        check_map(edges, crs, where)
+        window = Window(0, 0, file.width, file.height)
+        if around is not None:
+            edge = _frame(around)
+            if crs != WGS84:
+                edge = projected(edge, WGS84, crs, where)
+            else:
+                west, east = file.bounds.left, file.bounds.right
+                middle = float(edge[:, 0].mean())
+                edge[:, 0] += beside(middle, 0.5 * (west + east)) - middle
+            wanted = from_bounds(*edge.min(axis=0), *edge.max(axis=0), file.transform)
+            window = _whole(wanted, file.width, file.height, where)
+        n = int(window.height) * int(window.width)
+        if n > MOST_SAMPLES:
+            raise SceneError(
+                f"{where}: {n} samples are more than {MOST_SAMPLES}; crop or resample it, or give buildings "
+                "or --anchor with --radius"
+            )
+        rows, columns = file.block_shapes[0]
+        if rows * columns * file.count * np.dtype(file.dtypes[0]).itemsize > _LARGEST_BLOCK:
+            raise SceneError(
+                f"{where}: blocks of {rows} x {columns} samples of {file.count} bands take more than "
+                f"{_LARGEST_BLOCK / 1e6:.0f} MB each; write it with -co TILED=YES"
+            )
+        heights = file.read(1, window=window, masked=True).astype(np.float64).filled(np.nan)
+        transform = file.window_transform(window)
     if min(heights.shape) < 2:
         raise SceneError(
             f"{where}: {heights.shape[0]} x {heights.shape[1]} samples at the buildings; at least 2 x 2 are needed"

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from sarmitsuba.errors import OutputError
+from sarmitsuba.regular_files import check_text
 from sarmitsuba.unfinished import removed_if_stopped
 
 # follow no links and wait for no pipes, where the system supports it
@@ -49,12 +50,13 @@ def atomic_path(target: Path | str, within: Path | None = None) -> Iterator[Path
         Error of the operating system: full disk, permissions, a missing folder.
     """
     target = Path(target)
+    check_text(target)
     # the suffix is kept: some writers choose the format by it
     temporary = (within or target.parent) / part_name(target.suffix)
     try:
         # another user of the folder could have placed a link there, which writers would follow
         temporary.unlink(missing_ok=True)
-        with removed_if_stopped(partial(temporary.unlink, missing_ok=True)):
+        with removed_if_stopped(partial(temporary.unlink, missing_ok=True), temporary):
             yield temporary
             os.replace(temporary, target)
     except OSError as error:
@@ -82,6 +84,7 @@ def open_own(path: Path) -> BinaryIO:
 def make_folder(folder: Path | str) -> Path:
     """Create a folder and its parents, or raise an OutputError."""
     folder = Path(folder)
+    check_text(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

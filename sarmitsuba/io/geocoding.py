@@ -3,7 +3,6 @@
 import warnings
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import scipy
@@ -158,12 +157,12 @@ def map_zone(longitude: float, latitude: float) -> int:
     return (32600 if latitude >= 0.0 else 32700) + zone
 
 
-def warn_unplaced(path: Path, anchor: Anchor) -> None:
-    """Warn that an image on a map has no place on the Earth: its scene states none."""
+def warn_unplaced(anchor: Anchor) -> None:
+    """Warn that a map or an outline has no place on the Earth: its scene states none."""
     if anchor.latitude == anchor.longitude == 0.0:
         warnings.warn(
-            f"{path.name}: the scene has no place on the Earth and is shown at 0 deg north, 0 deg east; give "
-            "latitude_deg and longitude_deg of its sensor",
+            "the scene has no place on the Earth: map and outline are at 0 deg north, 0 deg east; give latitude_deg "
+            "and longitude_deg of its sensor",
             SarmitsubaWarning,
             stacklevel=3,
         )

@@ -71,6 +71,21 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "velocity": ("m/s", "of the antenna, per pulse"),
     "wavelength": ("m", "at the centre frequency"),
 }  # fmt: skip
+# fields of one dimension
+_VECTORS = frozenset(
+    {
+        "across",
+        "aim_point",
+        "along",
+        "azimuth",
+        "cell_area",
+        "delay",
+        "incidence_angle",
+        "origin",
+        "phase_correction",
+    }
+    | {"range", "range_correction", "start_range", "time"}
+)
 # fields that older files do not have, with a default: counts of pixels, direction of the chirp, date
 _LATER = ("pixels_azimuth", "pixels_range", "sweep", "epoch")
 # largest compression ratio: a dataset that states more is damaged or malicious
@@ -189,11 +204,15 @@ def number(group: h5py.Group, name: str, kind: type[float] | type[int]) -> float
 
 
 def numbers(group: h5py.Group, name: str) -> F64:
-    """An array of finite real numbers, float64."""
+    """An array of finite real numbers, float64; a vector that is stored as a row or a column becomes one again."""
     found = dataset(group, name)
     if found.dtype.kind not in "fiu":
         raise DataError(f"{found.name} does not hold real numbers")
     value = np.asarray(found[()], dtype=np.float64)
+    if name in _VECTORS:
+        if sorted(value.shape)[:-1] != [1] * (value.ndim - 1) or value.ndim == 0:
+            raise DataError(f"{found.name} has the shape {value.shape}, and is no vector")
+        value = value.reshape(-1)  # MATLAB writes vectors as (n, 1) and (1, n)
     if not np.isfinite(value).all():
         raise DataError(f"{found.name} holds NaN or infinite numbers")
     return value

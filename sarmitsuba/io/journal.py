@@ -1,8 +1,8 @@
 """Journal file of arrays, each with a checksum, from which an interrupted run resumes.
 
 Layout: the magic line, then records. A record is a header of fixed size (magic, lengths of label and payload, CRC-32 of
-both), the label as JSON, and the bytes of the payload. A truncated or damaged record ends the journal: it and the
-following ones are dropped, earlier ones are kept.
+both), the label as JSON, and the bytes of the payload. A truncated or damaged record ends the journal, and so does one
+that its program would not write: it and the following ones are dropped, earlier ones are kept.
 """
 
 import json
@@ -10,7 +10,7 @@ import os
 import struct
 import sys
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,6 +26,53 @@ MAGIC = b"sarmitsuba journal 1\n"
 _RECORD = b"rec\n"
 _HEADER = struct.Struct("<4sIQI")  # magic, bytes of the label, bytes of the payload, CRC-32
 Label = Mapping[str, Any]
+# bounds of what a label may hold, and of amplitudes
+_LARGEST_COUNT, _LARGEST_NUMBER, _LONGEST_TEXT = 1 << 53, 1e30, 100_000
+LARGEST_AMPLITUDE = 1e15
+
+
+def fits(value: object, form: object) -> bool:
+    """Whether a value of JSON has a form.
+
+    Parameters
+    ----------
+    value : of a label
+    form : ``int`` (a count from 0), ``float`` (finite), ``str``, ``bool``, ``None``, ``object`` (anything); ``[form]``
+        a list of it, ``[a, b]`` of these; ``(a, b)`` one of these; ``{str: form}`` a table of it, ``{"x": form}`` with
+        these names
+    """
+    if isinstance(form, tuple):
+        return any(fits(value, each) for each in form)
+    if isinstance(form, list):
+        if not isinstance(value, list):
+            return False
+        forms = form * len(value) if len(form) == 1 else form
+        return len(value) == len(forms) and all(map(fits, value, forms))
+    if isinstance(form, dict):
+        if not isinstance(value, dict):
+            return False
+        if str in form:
+            return all(fits(each, form[str]) for each in value.values())
+        return value.keys() == form.keys() and all(fits(value[name], each) for name, each in form.items())
+    if form is None or form is bool:
+        return isinstance(value, bool) if form else value is None
+    if form is str:
+        return isinstance(value, str) and len(value) <= _LONGEST_TEXT
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return form is object
+    if form is int:
+        return isinstance(value, int) and 0 <= value <= _LARGEST_COUNT
+    return form is object or abs(value) <= _LARGEST_NUMBER
+
+
+def is_echo(payload: bytes, count: int | None = None) -> bool:
+    """Whether a payload is complex64 numbers (``count`` of them) within the bounds of echoes and images."""
+    numbers = np.frombuffer(payload[: len(payload) // 8 * 8], dtype=np.complex64).view(np.float32)
+    return (
+        len(payload) == 4 * numbers.size
+        and count in (None, numbers.size // 2)
+        and (bool((np.abs(numbers) <= LARGEST_AMPLITUDE).all()))
+    )
 
 
 class Journal:
@@ -34,6 +81,8 @@ class Journal:
     Parameters
     ----------
     path : file; created if missing, else its intact records are kept
+    accept : of a label and the bytes of its payload: whether they are a record that the program writes; by label the
+        types and bounds of all values, by payload type, shape and bounds
 
     Attributes
     ----------
@@ -50,8 +99,8 @@ class Journal:
     flushed: after a power failure the checksums identify the complete records.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
+    def __init__(self, path: Path | str, accept: Callable[[Label, bytes], bool]) -> None:
+        self.path, self._accept = Path(path), accept
         self.labels: list[dict[str, Any]] = []
         self._payloads: list[tuple[int, int]] = []  # offset and bytes
         try:
@@ -95,7 +144,7 @@ class Journal:
                 label = json_value(text)
             except ValueError:
                 return
-            if not isinstance(label, dict):
+            if not isinstance(label, dict) or not self._accept(label, payload):
                 return
             yield label, offset, n_payload
 

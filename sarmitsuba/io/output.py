@@ -16,7 +16,7 @@ from sarmitsuba.io.atomic import make_folder, part_name
 from sarmitsuba.io.encoding import json_value
 from sarmitsuba.io.locking import sole_writer
 from sarmitsuba.parameters import one_line
-from sarmitsuba.regular_files import read_text
+from sarmitsuba.regular_files import check_text, read_text
 from sarmitsuba.unfinished import removed_if_stopped
 
 MANIFEST = ".sarmitsuba.json"
@@ -234,7 +234,7 @@ def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Itera
     make_folder(folder)
     probe = folder / part_name()
     try:
-        with removed_if_stopped(partial(probe.unlink, missing_ok=True)):
+        with removed_if_stopped(partial(probe.unlink, missing_ok=True), probe):
             probe.touch(exist_ok=False)  # never through a link
             probe.unlink()
     except OSError as error:
@@ -247,7 +247,7 @@ def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Itera
             with suppress(OSError):  # not empty
                 folder.rmdir()
 
-    with removed_if_stopped(remove_empty):
+    with removed_if_stopped(remove_empty, None if existed else folder):
         try:
             with sole_writer(folder):
                 yield OutputFolder(folder, written)
@@ -273,6 +273,7 @@ class OutputFile:
 
     def __init__(self, path: Path | str, *, force: bool = False) -> None:
         self.path = Path(path)
+        check_text(self.path)
         folder, name = self.path.parent, self.path.name
         is_result = RESULTS.fullmatch(name) and os.path.lexists(folder / MANIFEST)
         self._folder = OutputFolder(folder) if is_result else None

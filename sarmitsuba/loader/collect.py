@@ -1,7 +1,7 @@
 """Shapes of a scene collected one after the other: surfaces with their materials, ideal points, wires and volumes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,10 @@ from sarmitsuba.loader.wire_shapes import wires
 from sarmitsuba.materials.bsdfs import wire_permittivity
 from sarmitsuba.materials.map_materials import map_attributes
 from sarmitsuba.memory import check_fits
+from sarmitsuba.mesh.cleaning import single_precision_step
 from sarmitsuba.mesh.model_units import doubtful_size
+from sarmitsuba.mesh.smooth_groups import smooth_groups
+from sarmitsuba.mesh.smooth_surface import facet_sagitta, smooth_surface
 from sarmitsuba.parameters import Value, float_value, printable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
@@ -40,6 +43,12 @@ SAGITTA_OVER_WAVELENGTH = 1.0 / 512.0
 # bytes that cleaning and joining need per triangle, beyond the triangle itself; triangles between two checks of the
 # free memory
 BYTES_PER_FACE, COUNTED = 300, 1_000_000
+# deg: bend up to which facets are fitted as one smooth surface
+SMOOTH_ANGLE_DEG = 40.0
+# distance of their new facets from it, over the wavelength: the phase of the curvature within a facet is the kernel's
+SMOOTH_SAGITTA = 1.0 / 100.0
+# step of coordinates in single precision, over the wavelength, from which on it is warned of
+LARGEST_ROUNDING = 1.0 / 32.0
 
 
 @dataclass
@@ -177,9 +186,10 @@ class Collector:
             )
         for part, corners in zip(parts, vertices, strict=True):
             kind = kinds[part.material] or DEFAULT
-            index = self.book.named(part.material or DEFAULT, kind, label)
+            index = self.book.named(part.material or kind, kind, label)
             self._check_faces(label, len(part.faces))
-            self._check_size((part.name, part.material), corners)
+            file = Path(label.rpartition(": ")[2]).stem if len(parts) == 1 else ""
+            self._check_size((part.name, part.material, file), corners)
             self.surfaces.append(MeshSurface(part.name, corners, part.faces, index, motion=motion))
 
     def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:
@@ -202,6 +212,9 @@ class Collector:
 
     def scene(self) -> Scene:
         """The assembled scene, see `sarmitsuba.loader.assemble.assemble`."""
+        if self.described.settings.smooth:
+            self.surfaces = [self._smoothed(surface) for surface in self.surfaces]
+        self._check_rounding()
         return assemble(
             self.name,
             self.path,
@@ -216,6 +229,37 @@ class Collector:
             self.scatterers,
             self.grounds,
         )
+
+    def _smoothed(self, surface: MeshSurface) -> MeshSurface:
+        """Mesh with finer facets on its smooth surface; shapes without facets, and with values at corners, stay."""
+        if surface.smooth or surface.corner_values or not np.isfinite(surface.vertices).all():
+            return surface
+        name, wavelength = surface.name, SPEED_OF_LIGHT / self.book.frequency
+        group = smooth_groups(surface.vertices, surface.faces, SMOOTH_ANGLE_DEG)
+        before = facet_sagitta(surface.vertices[surface.faces], group)
+        vertices, faces, _ = smooth_surface(
+            surface.vertices, surface.faces, group, SMOOTH_SAGITTA * wavelength
+        )
+        if len(faces) == len(surface.faces):
+            return surface
+        self.notes.append(
+            f'mesh "{name}": a smooth surface is fitted as asked, {len(surface.faces)} facets become {len(faces)}, and '
+            f"it lies up to {before.max() / wavelength:.2g} wavelengths off the given ones"
+        )
+        return replace(surface, vertices=vertices, faces=faces)
+
+    def _check_rounding(self) -> None:
+        """Warn of meshes whose coordinates are rounded by single precision to a good part of the wavelength."""
+        wavelength = SPEED_OF_LIGHT / self.book.frequency
+        for surface in self.surfaces:
+            step = single_precision_step(surface.vertices)
+            if step > LARGEST_ROUNDING * wavelength:
+                warn_once(
+                    self.notes,
+                    f'mesh "{surface.name}": coordinates of up to {np.abs(surface.vertices).max():.7g} m are in single '
+                    f"precision, rounded to {step:.2g} m, {step / wavelength:.2g} wavelengths: phases are wrong; "
+                    "export it about an origin nearby, or in double precision",
+                )
 
     def _check_size(self, names: tuple[str, ...], vertices: F64) -> None:
         """Warn where something by the name of a known thing has the size of none, as in another unit."""

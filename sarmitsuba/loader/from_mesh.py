@@ -13,14 +13,22 @@ import numpy as np
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.assemble import MeshSurface
+from sarmitsuba.loader.assemble import MAX_COORDINATE, MeshSurface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.elements import Element, walk
 from sarmitsuba.loader.mesh_files import MeshPart, read_parts
 from sarmitsuba.loader.names_of_materials import check_chosen
 from sarmitsuba.loader.shapes import MeshReader, Placed
 from sarmitsuba.loader.tables import SENSOR
-from sarmitsuba.mesh.model_units import LIKELY_WALL, TALLEST_WALL, UNITS, doubtful_unit, up_axis, y_ground
+from sarmitsuba.mesh.model_units import (
+    LIKELY_WALL,
+    TALLEST_WALL,
+    UNITS,
+    ShapeExtent,
+    doubtful_unit,
+    up_axis,
+    y_ground,
+)
 from sarmitsuba.parameters import one_line
 
 Up = Literal["auto", "y", "z"]
@@ -115,7 +123,7 @@ def find_frame(
 
     That is believed where all shapes stand on ground whose normal is y, and Blender's exporter wrote the file or most
     shapes were turned from z up to y up; where only the ground says so there is a warning. Files with a radar are in
-    its frame.
+    its frame, and there is a warning where they hardly are.
 
     Parameters
     ----------
@@ -128,14 +136,17 @@ def find_frame(
     up, said, doubt = options.up, f"{options.up} up as asked", ""
     if up == "auto":
         up, said = "z", "z up"
-        flat = [p for p in shapes if p.element.plugin in _FLAT] if not has_radar(root) else []
-        corners = [v[f] for v, f in map(reader.triangles, flat)]
-        ground = y_ground([t for t in corners if len(t)])
+        flat = [p for p in shapes if p.element.plugin in _FLAT]
+        read = ((p, *reader.triangles(p)) for p in flat)
+        with np.errstate(over="ignore", invalid="ignore"):  # such meshes are refused when they are checked
+            extents = {p.name: ShapeExtent.of(v[f]) for p, v, f in read if len(f)}
+            ground = y_ground(list(extents.values()))
         if ground >= 0:
-            name = one_line(flat[ground].name)
-            if _from_blender(root) or _were_turned(flat):
+            name = one_line(list(extents)[ground])
+            sure, placed = _from_blender(root) or _were_turned(flat), has_radar(root)
+            if sure and not placed:
                 up, said = "y", f'y up by its ground "{name}"'
-            else:
+            elif sure or not placed:
                 doubt = f'{label}: is y up? "{name}" looks like ground below all else; give --up y, or --up z'
     matrix = np.eye(4)
     matrix[:3, :3] = UNITS.get(options.unit, 1.0) * (_Y_UP if up == "y" else np.eye(3))
@@ -161,7 +172,12 @@ def describe_frame(
         f"{label}: {frame.up}, unit {unit}: {span[0]:.4g} m x {span[1]:.4g} m wide and {span[2]:.4g} m high (--up and "
         "--unit change that)"
     )
-    if options.unit != "auto" or not LIKELY_WALL < span[2] <= TALLEST_WALL:
+    # wider ones are refused, or warned of, with the scene
+    if (
+        options.unit != "auto"
+        or not LIKELY_WALL < span[2] <= TALLEST_WALL
+        or not span.max() <= MAX_COORDINATE
+    ):
         return note, ""
     doubt = doubtful_unit(np.concatenate([s.vertices[s.faces] for s in surfaces]), LIKELY_WALL)
     return (

@@ -12,9 +12,11 @@ from sarmitsuba.loader.assemble import MeshSurface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import describe
 from sarmitsuba.loader.elements import Element, Property
+from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import Placed
 from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS
+from sarmitsuba.mesh.model_units import ShapeExtent, y_ground
 from sarmitsuba.scene.scene import Scene
 
 _NAME = "scene"
@@ -81,6 +83,15 @@ def scene_from_mitsuba(
             collector.surfaces.append(MeshSurface(name, vertices, faces, material))
         else:
             collector.add_shape(_placed(shape, name), element)
+    if radar_root is not None and not any(hasattr(own, "given") for own in mi_scene.sensors()):
+        surfaces = [surface for surface in collector.surfaces if len(surface.faces)]
+        lying = y_ground([ShapeExtent.of(s.vertices[s.faces]) for s in surfaces])
+        if lying >= 0:
+            warn_once(
+                collector.notes,
+                f'{_NAME}: is y up? "{surfaces[lying].name}" looks like ground below all else; give the file '
+                "to load_scene, which turns it, or turn it by to_world",
+            )
     if ground is not None:
         collector.add_ground_of(ground)
     return collector.scene()

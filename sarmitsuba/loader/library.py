@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.parameters import did_you_mean
+from sarmitsuba.regular_files import check_text
 
 _COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
 
@@ -93,6 +94,7 @@ def _entries(folder: Path) -> tuple[LibraryEntry, ...]:
 
 
 def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
+    check_text(name_or_path, SceneError)
     path = Path(name_or_path)
     if os.path.isfile(path):
         return path

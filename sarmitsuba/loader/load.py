@@ -27,7 +27,7 @@ from sarmitsuba.loader.overrides import check_used, split_parameters
 from sarmitsuba.loader.plugins import register_plugins
 from sarmitsuba.loader.references import check_meshes
 from sarmitsuba.loader.shapes import SHAPE_PARAMETERS, placed_shapes
-from sarmitsuba.loader.xml import parse_dict, parse_file, read_text
+from sarmitsuba.loader.xml import check_dict, parse_dict, parse_file, read_text
 from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS, ORDINARY_BSDFS
 from sarmitsuba.scene.scatterers import scatterer_tables
 from sarmitsuba.scene.scene import Scene
@@ -104,6 +104,7 @@ def load_scene(
     known = tables.TABLES | own
     plain, overrides = split_parameters(parameters or {}, known)
     file = resolve(scene) if isinstance(scene, Path | str) else None
+    scene = check_dict(scene, _DICT) if isinstance(scene, Mapping) else scene
     radar_file = None if radar is None else resolve_radar(radar)
     radar_root = None if radar_file is None else parse_file(radar_file, plain, allow_outside=allow_outside)
     loaded, root = None, None
@@ -114,7 +115,7 @@ def load_scene(
         root = Element("scene", "scene", "", file.name, file.parent, {})
     elif file is not None:
         root = parse_file(file, plain, allow_outside=allow_outside)
-    elif not _holds_objects(scene) and isinstance(scene, Mapping):
+    elif not _holds_objects(scene) and isinstance(scene, dict):
         root = parse_dict(scene, _DICT)
     else:
         loaded = _loaded(scene)
@@ -146,7 +147,7 @@ def _check_options(mesh: MeshOptions, scene: object, label: str) -> None:
         )
     if not isinstance(scene, Path | str | Mapping) or _holds_objects(scene):
         raise SceneError(
-            f"{label}: unit and up axis are given to files and plain dicts, not to what Mitsuba has loaded"
+            f"{label}: unit and up axis are given to files and dicts, not to what Mitsuba has loaded"
         )
 
 
@@ -186,9 +187,9 @@ def _holds_objects(value: object) -> bool:
 def _loaded(scene: object) -> "mi.Scene":
     register_plugins()
 
-    if isinstance(scene, Mapping):
+    if isinstance(scene, dict):
         try:
-            scene = mi.load_dict(dict(scene))
+            scene = mi.load_dict(scene)
         except RuntimeError as error:
             raise SceneError(f"{_DICT}: {' '.join(str(error).split())}") from None
     if not isinstance(scene, mi.Scene):

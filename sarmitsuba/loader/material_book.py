@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import GuessWarning, SceneError
+from sarmitsuba.errors import GuessWarning, SarmitsubaWarning, SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.maps import CLASS_MAP, MATERIAL_MAPS, land_cover, with_maps
@@ -168,7 +168,8 @@ class MaterialBook:
         elif note:
             self._say(f'{label}: "{one_line(title)}": {note}')
         if warning:
-            warn_once(self.notes, f"{label}: {warning}", GuessWarning)
+            category = SarmitsubaWarning if material.invisible else GuessWarning
+            warn_once(self.notes, f"{label}: {warning}", category)
         return material
 
     def _radar_material(self, bsdf: Element, name: str) -> tuple[Material, str]:

@@ -3,7 +3,7 @@
 import errno
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -60,6 +60,8 @@ class _Beside:
     get = __getitem__
 
 
+# most nodes of a file, and within each other
+_MOST_NODES, _DEEPEST_NODE = 100_000, 1000
 # suffixes of files whose parts have names
 _NAMED_PARTS = (".glb", ".gltf")
 
@@ -140,20 +142,47 @@ def _placed_parts(path: Path, where: str) -> list[MeshPart]:
     import trimesh
 
     loaded = _load(path)
+    placed = _placements(loaded, path, where)
     parts = []
     for node in sorted(loaded.graph.nodes_geometry):
-        matrix, key = loaded.graph[node]
+        matrix, key = placed[node], loaded.graph.transforms.node_data[node].get("geometry")
         mesh = loaded.geometry[key]
         if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
             continue  # lines and points
         corners = np.array(mesh.vertices, dtype=np.float64)
-        vertices = corners @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
+        vertices = corners @ matrix[:3, :3].T + matrix[:3, 3]
         faces = _checked(vertices, np.array(mesh.faces, dtype=np.int64), path, where)
         material = getattr(getattr(mesh.visual, "material", None), "name", None)
         if not material and path.suffix.lower() in _NAMED_PARTS:
             material = node
         parts.append(MeshPart(str(node), str(material or ""), vertices, faces))
     return parts
+
+
+def _placements(loaded: "trimesh.Scene", path: Path, where: str) -> dict[Hashable, F64]:
+    """Transform (4, 4) of every node, from the root down: each is its parent's times its own."""
+    from trimesh.transformations import fix_rigid
+
+    graph = loaded.graph
+    root = graph.base_frame
+    placed: dict[Hashable, F64] = {root: np.eye(4)}
+    level, depth = [root], 0
+    while level:
+        depth += 1
+        below = [(node, child) for node in level for child in graph.transforms.children.get(node, ())]
+        if depth > _DEEPEST_NODE or len(placed) + len(below) > _MOST_NODES:
+            raise SceneError(
+                f"{where}: mesh file {path.name} has more than {_MOST_NODES} nodes, or more than {_DEEPEST_NODE} "
+                "within each other; join them before the export"
+            )
+        for node, child in below:
+            own = graph.transforms.edge_data[node, child].get("matrix")
+            with np.errstate(over="ignore", invalid="ignore"):  # far places are refused later
+                placed[child] = placed[node] if own is None else placed[node] @ own
+        level = [child for _, child in below]
+    if graph.repair_rigid is None:
+        return placed
+    return {node: np.asarray(fix_rigid(matrix, graph.repair_rigid)) for node, matrix in placed.items()}
 
 
 def obj_materials(path: Path) -> tuple[str, ...]:

@@ -5,6 +5,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element, Property
 from sarmitsuba.parameters import ParamTable, Value, did_you_mean, one_line
@@ -55,10 +57,23 @@ class Overrides:
 def split_parameters(
     parameters: Mapping[str, str], tables: Mapping[str, ParamTable]
 ) -> tuple[dict[str, str], Overrides]:
-    """Separate values for ``$name`` in the file from overrides of plugin parameters, which hold a dot."""
+    """Separate values for ``$name`` in the file from overrides of plugin parameters, which hold a dot.
+
+    Raises
+    ------
+    SceneError : a name is no text, or a value neither text nor a number
+    """
+    if not isinstance(parameters, Mapping):
+        raise SceneError(
+            f"parameters is of type {type(parameters).__name__}; give a dict of names and values"
+        )
     plain: dict[str, str] = {}
     entries = []
     for key, value in parameters.items():
+        if not isinstance(key, str) or not isinstance(value, str | int | float | np.generic):
+            raise SceneError(
+                f"parameters: {one_line(key, 60)} = {one_line(value, 60)}: a name is text, a value text or a number"
+            )
         prefix, dot, name = key.rpartition(".")
         if not dot:
             plain[key] = str(value)

@@ -160,6 +160,13 @@ INTEGRATOR = ParamTable(
             0.1,
         ),
         Param(
+            "smooth",
+            "boolean",
+            False,
+            "meshes stand for the smooth surface through their corners, to which finer facets are fitted; edges that "
+            "bend by more than 40 deg stay sharp",
+        ),
+        Param(
             "endless_ground",
             "string",
             "auto",

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from sarmitsuba import regular_files
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
@@ -19,6 +21,8 @@ _UNRESOLVED = re.compile(r'unresolved reference to "([^"]*)"')
 _ID = re.compile(r'<(\w+)\b[^<>]*?\bid="([^"]*)"')
 _POSITION = re.compile(r" ?\((line \d+, col \d+)\)")
 _NODE = re.compile(r'dictionary node "(.*)"')
+# bounds of dicts: within each other, entries in all, and numbers in a list
+_DEEPEST, _MOST_ENTRIES, _MOST_NUMBERS = 200, 1_000_000, 1_000_000
 _PARSER_ERRORS = (RuntimeError, TypeError, ValueError, IndexError, KeyError, AttributeError)
 
 
@@ -56,12 +60,12 @@ def parse_file(path: Path, parameters: Mapping[str, str], *, allow_outside: bool
     return root
 
 
-def parse_dict(scene: Mapping[str, object], label: str) -> Element:
+def parse_dict(scene: dict[str, object], label: str) -> Element:
     """Read a dict as for `mi.load_dict` into elements; file names are relative to the working folder.
 
     Parameters
     ----------
-    scene : without any Mitsuba object in it, transforms and colours apart
+    scene : as `check_dict` returns it, without any Mitsuba object in it, transforms and colours apart
     label : start of every error
 
     Raises
@@ -70,13 +74,71 @@ def parse_dict(scene: Mapping[str, object], label: str) -> Element:
     """
     config = mi.parser.ParserConfig(mi.variant())
     try:
-        root = _tree(config, mi.parser.parse_dict(config, dict(scene)), label, Path())
+        root = _tree(config, mi.parser.parse_dict(config, scene), label, Path())
     except _PARSER_ERRORS as error:
         what = _SOURCE.sub("", (str(error).strip() or "unreadable").split("\n")[-1])
         raise SceneError(f"{label}: {one_line(what, 200)}") from None
     if root.kind != "scene":
         raise SceneError(f'{label}: the outermost type is "{root.plugin}", not "scene"; wrap it in a scene')
     return root
+
+
+def check_dict(scene: Mapping[str, object], label: str) -> dict[str, object]:
+    """Copy of a dict for Mitsuba's parser, which ends the interpreter on some types, None among them.
+
+    Raises
+    ------
+    SceneError : one line that names the key of a value of a foreign type, a key that is no text, or too deep nesting
+    """
+    copy: dict[str, object] = {}
+    todo: list[tuple[str, Mapping[str, object], dict[str, object], int]] = [("", scene, copy, 1)]
+    count = 0
+    while todo:
+        place, source, target, depth = todo.pop()
+        if depth > _DEEPEST:
+            raise SceneError(f"{label}: {one_line(place, 60)}: more than {_DEEPEST} dicts within each other")
+        for key, value in source.items():
+            count += 1
+            here = f"{place}.{key}" if place else f"{key}"
+            if not isinstance(key, str):
+                raise SceneError(
+                    f"{label}: the key {one_line(here, 60)} is no text; give every object a name"
+                )
+            if count > _MOST_ENTRIES:
+                raise SceneError(f"{label}: more than {_MOST_ENTRIES} entries; put meshes into files")
+            if isinstance(value, Mapping):
+                inner: dict[str, object] = {}
+                target[key] = inner
+                todo.append((here, value, inner, depth + 1))
+            elif (isinstance(value, str) or key != "type") and _is_known(value):
+                target[key] = value
+            else:
+                raise SceneError(
+                    f'{label}: "{one_line(here, 60)}" is of type {one_line(type(value).__name__, 60)}; give '
+                    + (
+                        "the name of a plugin"
+                        if key == "type"
+                        else "a number, text, a point, a transform or a dict"
+                    )
+                )
+    return copy
+
+
+def _is_known(value: object) -> bool:
+    """Whether Mitsuba's parser takes a value of a dict, or refuses it with an exception."""
+    if isinstance(value, list | tuple):
+        return len(value) <= _MOST_NUMBERS and all(
+            isinstance(v, bool | int | float | np.number) and _is_known(v) for v in value
+        )
+    if isinstance(value, int):
+        return -(1 << 63) <= value < 1 << 63
+    if isinstance(value, np.ndarray | np.generic):
+        return value.dtype.kind in "biufU"
+    return (
+        isinstance(value, float | str)
+        or type(value).__module__.partition(".")[0] in ("mitsuba", "drjit")
+        or (isinstance(value, mi.Object))
+    )
 
 
 def read_text(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -72,51 +73,74 @@ def up_axis(triangles: F64) -> int:
     return 1 if level[1] > _MORE * level[2] and span[1] < span[2] else 2
 
 
-def ground_shape(shapes: Sequence[F64], axis: int) -> int:
+@dataclass(frozen=True, eq=False)
+class ShapeExtent:
+    """Size and level area of a shape.
+
+    Parameters
+    ----------
+    bounds : (2, 3) float64, lowest and highest corner
+    level : (3,) float64, area of the triangles that face an axis, on the more covered side, projected along it
+    """
+
+    bounds: F64
+    level: F64
+
+    @staticmethod
+    def of(triangles: F64) -> "ShapeExtent":
+        """Extent of triangles (n, 3, 3) float64, at least one."""
+        normal = 0.5 * np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        facing = np.where(np.abs(normal) > _LEVEL * np.linalg.norm(normal, axis=1)[:, None], normal, 0.0)
+        areas = [np.maximum(side * facing, 0.0).sum(axis=0) for side in (1.0, -1.0)]
+        corners = triangles.reshape(-1, 3)
+        return ShapeExtent(np.stack([corners.min(axis=0), corners.max(axis=0)]), np.maximum(*areas))
+
+    def is_thin(self, axis: int) -> bool:
+        """Whether it is flat across an axis, as ground is."""
+        span = self.bounds[1] - self.bounds[0]
+        return bool(span[axis] <= _THIN * np.delete(span, axis).min())
+
+
+def ground_shape(shapes: Sequence[ShapeExtent], axis: int) -> int:
     """Index of the shape that is the ground of all others where an axis points up; -1 where there is none.
 
     Ground is thin along the axis, covers most of the plan, and others stand on it, none of them below it.
 
     Parameters
     ----------
-    shapes : (n_i, 3, 3) float64 corners of each
+    shapes : of a scene
     axis : 0 to 2
     """
     if len(shapes) < 2:
         return -1
-    bounds = np.array([[t.reshape(-1, 3).min(axis=0), t.reshape(-1, 3).max(axis=0)] for t in shapes])
-    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    plan = [i for i in range(3) if i != axis]
-    covered = [_level_area(t, axis) / float(np.prod((high - low)[plan]) or np.inf) for t in shapes]
-    ground = int(np.argmax(covered))
-    spans = bounds[ground, 1] - bounds[ground, 0]
-    others = np.delete(bounds, ground, axis=0)
+    span, plan = _span_and_plan(shapes, axis)
+    found = int(np.argmax([shape.level[axis] for shape in shapes]))
+    ground = shapes[found]
+    others = np.array([shape.bounds[:, axis] for i, shape in enumerate(shapes) if i != found])
     return (
-        ground
-        if covered[ground] > _COVERS
-        and spans[axis] <= _THIN * spans[plan].min()
-        and others[:, 0, axis].min() >= bounds[ground, 0, axis] - _THIN * (high - low)[axis]
-        and others[:, 1, axis].max() > bounds[ground, 1, axis]
+        found
+        if ground.level[axis] > _COVERS * plan > 0.0
+        and ground.is_thin(axis)
+        and others[:, 0].min() >= ground.bounds[0, axis] - _THIN * span[axis]
+        and others[:, 1].max() > ground.bounds[1, axis]
         else -1
     )
 
 
-def y_ground(shapes: Sequence[F64]) -> int:
+def y_ground(shapes: Sequence[ShapeExtent]) -> int:
     """Index of the ground of shapes, as in `ground_shape`, where y is up and z cannot be; -1 otherwise."""
     ground = ground_shape(shapes, 1)
     if ground < 0 or ground_shape(shapes, 2) >= 0:
         return -1
-    corners = np.concatenate([t.reshape(-1, 3) for t in shapes])
-    plan = float(np.prod(np.ptp(corners[:, :2], axis=0)))
-    thin = [t for t in shapes if np.ptp(t[..., 2]) <= _THIN * np.ptp(t.reshape(-1, 3)[:, :2], axis=0).min()]
-    return ground if sum(_level_area(t, 2) for t in thin) <= _BARE * plan else -1
+    _, plan = _span_and_plan(shapes, 2)
+    return ground if sum(shape.level[2] for shape in shapes if shape.is_thin(2)) <= _BARE * plan else -1
 
 
-def _level_area(triangles: F64, axis: int) -> float:
-    """Area of the level triangles on the more covered side of an axis, projected along it."""
-    normal = 0.5 * np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    level = normal[np.abs(normal[:, axis]) > _LEVEL * np.linalg.norm(normal, axis=1), axis]
-    return float(max(level[level > 0.0].sum(), -level[level < 0.0].sum()))
+def _span_and_plan(shapes: Sequence[ShapeExtent], axis: int) -> tuple[F64, float]:
+    """Size (3,) of all shapes together, and the area that its bounds cover across an axis."""
+    bounds = np.array([shape.bounds for shape in shapes])
+    span = bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)
+    return span, float(np.prod(np.delete(span, axis)))
 
 
 def doubtful_size(name: str, length: float) -> str:

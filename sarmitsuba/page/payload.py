@@ -253,7 +253,7 @@ def nested(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]
 def _beam(radar: Radar, grid: ImageGrid) -> tuple[tuple[float, float], str]:
     """Widths of the drawn beam cone, azimuth and elevation, rad, and their description."""
     antenna = radar.antenna
-    if antenna.pattern != "isotropic":
+    if antenna.directive:
         return (antenna.azimuth_beamwidth, antenna.elevation_beamwidth), "antenna"
     middle = radar.track.center_index
     corners = grid.positions()[:: grid.shape[0] - 1 or 1, :: grid.shape[1] - 1 or 1].reshape(-1, 3)

@@ -52,8 +52,8 @@ class Track:
             object.__setattr__(self, "epoch", utc_of(self.epoch))
         except ValueError as error:
             raise RadarError(f"track: epoch: {error}") from None
-        n = self.time.shape[0]
-        if n < 1 or self.position.shape != (n, 3) or self.velocity.shape != (n, 3):
+        n = self.time.size
+        if n < 1 or self.time.ndim != 1 or self.position.shape != (n, 3) or self.velocity.shape != (n, 3):
             raise RadarError(
                 f"track: time {self.time.shape}, position {self.position.shape} and velocity "
                 f"{self.velocity.shape} must be (n,), (n, 3), (n, 3) with n >= 1"

@@ -4,14 +4,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from sarmitsuba.errors import DataError
-from sarmitsuba.parameters import knows_its_fields
+import numpy as np
+
+from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.parameters import knows_its_fields, one_line
 
 Method = Literal["raw", "hybrid", "image", "raster"]
 Switch = Literal["auto", "on", "off"]
 METHODS: tuple[Method, ...] = ("raw", "hybrid", "image", "raster")
 # an effect that changes the image by less than this is left out, dB relative to the image's clutter or peak
 TOLERANCE_DB = -40.0
+_LARGEST_SEED = 2**31 - 1
 
 
 @knows_its_fields
@@ -38,6 +41,8 @@ class TraceSettings:
     target_error_db : sampling error up to which passes are added, dB relative to the image's clutter or peak; 0 = off
     time_limit : for which passes are added, s; 0 = off
     default_rms_height : m, of Sionna's materials without a roughness; 0: none has a typical one; used while loading
+    smooth : whether meshes are taken for their smooth surfaces, see :mod:`sarmitsuba.mesh.smooth_surface`; used while
+        loading
     endless_ground : whether level ground goes on beyond its rim, see :mod:`sarmitsuba.scene.endless_ground`
     effects : name of an effect to ``auto``, ``on`` or ``off``; others are ``auto``
     """
@@ -58,8 +63,16 @@ class TraceSettings:
     target_error_db: float = 0.0
     time_limit: float = 0.0
     default_rms_height: float = 1e-3
+    smooth: bool = False
     endless_ground: Switch = "auto"
     effects: Mapping[str, Switch] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        whole = isinstance(self.seed, int | np.integer) and not isinstance(self.seed, bool)
+        if not whole or not 0 <= self.seed <= _LARGEST_SEED:
+            raise SceneError(
+                f"seed = {one_line(self.seed, 40)} is not a whole number between 0 and {_LARGEST_SEED}; choose one"
+            )
 
     @property
     def one_look(self) -> bool:

@@ -13,8 +13,18 @@ import numpy as np
 from sarmitsuba.arrays import C64
 from sarmitsuba.backend import mi
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.io.journal import Journal, Label
-from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.io.journal import Journal, Label, fits, is_echo
+from sarmitsuba.simulation.statistics import STATISTICS_FORM, TraceStatistics
+
+_LONGEST_BLOCK = 1 << 30  # pulses
+_FORMS = {
+    "run": {"kind": str, "mark": str, "effects": str, "variant": str, "part": str},
+    "interval": {"kind": str, "pulses": int, "settled": bool, "growth": {str: float}, "grid_bytes": int},
+    "block": {
+        **{"kind": str, "subset": int, "start": int, "stop": int, "grid_bytes": int},
+        "statistics": STATISTICS_FORM,
+    },
+}
 
 
 class FinishedBlocks:
@@ -26,6 +36,7 @@ class FinishedBlocks:
     run_hash : hash of scene, settings and program (:func:`sarmitsuba.simulation.fingerprint.fingerprint`)
     plan : decided effects
     part : text that identifies the pass of rays to which the blocks belong
+    shape : layers of one ray subset, pulses and samples of the run's data
 
     Attributes
     ----------
@@ -43,8 +54,11 @@ class FinishedBlocks:
         The file cannot be written, or is not a file of finished blocks.
     """
 
-    def __init__(self, path: Path | str, run_hash: str, plan: EffectsPlan, part: str = "") -> None:
-        self._journal = Journal(path)
+    def __init__(
+        self, path: Path | str, run_hash: str, plan: EffectsPlan, part: str, shape: tuple[int, int, int]
+    ) -> None:
+        self._shape = shape
+        self._journal = Journal(path, self._is_record)
         self.path = self._journal.path
         self.interval: int | None = None
         self.settled = False
@@ -71,6 +85,17 @@ class FinishedBlocks:
                 self.growth = {str(c): float(x) for c, x in label["growth"].items()}
         self.found = len(self._rows)
         self.grid_bytes = max((label.get("grid_bytes", 0) for label in self._journal.labels), default=0)
+
+    def _is_record(self, label: Label, payload: bytes) -> bool:
+        """Whether a record is one that such a run writes."""
+        kind = label.get("kind")
+        if not isinstance(kind, str) or not fits(label, _FORMS.get(kind, None)):
+            return False
+        if kind != "block":
+            return not payload and 1 <= label.get("pulses", 1) <= _LONGEST_BLOCK
+        layers, pulses, samples = self._shape
+        start, stop = label["start"], label["stop"]
+        return start < stop <= pulses and is_echo(payload, layers * (stop - start) * samples)
 
     def begin_again(self, part: str) -> None:
         """Discard all blocks and hold those of other rays, identified by ``part``."""

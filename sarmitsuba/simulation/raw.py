@@ -24,6 +24,14 @@ from sarmitsuba.simulation.sampling.checks import check_sampling, check_small_pa
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
+from sarmitsuba.simulation.witnesses import (
+    Allowance,
+    block_witness,
+    bounce_witness,
+    contradictions,
+    effect_witness,
+)
+from sarmitsuba.timing import StageTimer
 from sarmitsuba.witness import Witness
 
 # error of blocks of pulses from which on a note says so, dB of the energy
@@ -38,7 +46,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     radar, settings = scene.radar, scene.settings
     layers = run.layers.layers
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    run.statistics, run.report, run.witness = TraceStatistics(), None, None
+    run.statistics, run.report, run.witness, run.witnesses = TraceStatistics(), None, None, {}
     notes = list(run.notes)
     if run.sampling is not None:
         blocks = _trace(run, run.sampling, data, pass_index, progress or silent)
@@ -52,6 +60,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
             blocks = _trace(run, replace(run.sampling, halvings=1), data, pass_index, progress or silent)
         run.report = _report(run, blocks)
         notes += [said] if run.witness is not None and (said := say_rays(scene.name, run.witness)) else []
+        notes += contradictions(scene.name, run.witnesses, settings.tolerance_db)
     if scene.points:
         n = add_points(scene, plan.flags, run.trace_scene, data, layers, plan.sub_bands)
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
@@ -117,13 +126,29 @@ def _tell(run: Run, done: float, progress: Progress) -> None:
     progress("trace", done, 1.0, {"rays/s": rate, **counted})
 
 
+def _witnesses(run: Run, blocks: Blocks, shared: Witness | None, allowance: Allowance) -> dict[str, Witness]:
+    """Errors measured on drawn pulses, by stage; see :mod:`sarmitsuba.simulation.witnesses`."""
+    found = {
+        "blocks": shared,
+        "bounces": bounce_witness(run, blocks.tracer, blocks.data, allowance),
+        "effects": effect_witness(run, blocks.tracer, blocks.data, allowance),
+    }
+    return {stage: witness for stage, witness in found.items() if witness is not None}
+
+
 def _report(run: Run, blocks: Blocks) -> SamplingReport:
-    """Report on traced blocks, whose data are weighted by the shares of the ray subsets."""
+    """Report on traced blocks, whose data are weighted by the shares of the ray subsets; finds the run's witnesses."""
     error_db = blocks.error_db
+    allowance, timer = Allowance.of(run, run.statistics), run.timer
+    blocks.tracer.timed(StageTimer(timer.clock))  # the seconds of tracing are those of the data
+    shared = block_witness(run, blocks, allowance)
     for plane, layer in zip(
         blocks.data, run.layers.layers, strict=True
     ):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
+    run.witnesses = _witnesses(run, blocks, shared, allowance)
+    blocks.tracer.timed(timer)
+    timer.lap("witnesses")
     pulse = run.scene.radar.track.center_index
     middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in blocks.rays.at(pulse)]
     return SamplingReport(

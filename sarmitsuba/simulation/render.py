@@ -161,7 +161,7 @@ def execute(
     run = Run(scene, plan=options.plan, clock=clock, workers=workers)
     if state is not None and not scene.settings.one_look:
         run.finished = FinishedBlocks(
-            state, run_hash or fingerprint(scene), run.plan, f"pass {options.pass_index}"
+            state, run_hash or fingerprint(scene), run.plan, f"pass {options.pass_index}", run.batch_shape
         )
     try:
         traced = trace_run(run, options, progress=progress, ready=ready)

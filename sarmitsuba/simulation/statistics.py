@@ -1,7 +1,7 @@
 """Statistics of a run: counts of the trace kernel, and the ray sampling."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class TraceStatistics:
         """Statistics times a factor, counts rounded."""
         whole = {n: round(v * factor) if isinstance(v, int) else v * factor for n, v in vars(self).items()}
         return TraceStatistics(**whole)
+
+
+# of a journal's label (:func:`sarmitsuba.io.journal.fits`)
+STATISTICS_FORM = {f.name: type(f.default) for f in fields(TraceStatistics)}
 
 
 @dataclass(frozen=True)

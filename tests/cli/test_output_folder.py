@@ -392,9 +392,9 @@ def test_a_journal_follows_no_link(tmp_path: Path) -> None:
     for target in ("mine", "nowhere"):
         (tmp_path / "raw.blocks").symlink_to(tmp_path / target)
         with pytest.raises(OutputError, match="cannot write"):
-            Journal(tmp_path / "raw.blocks")
+            Journal(tmp_path / "raw.blocks", lambda label, payload: True)
         (tmp_path / "raw.blocks").unlink()
     assert (tmp_path / "mine").read_text() == "" and not (tmp_path / "nowhere").exists()
     os.mkfifo(tmp_path / "raw.blocks")
     with pytest.raises(OutputError, match="is not a regular file"):
-        Journal(tmp_path / "raw.blocks")
+        Journal(tmp_path / "raw.blocks", lambda label, payload: True)

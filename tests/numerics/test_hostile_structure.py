@@ -10,13 +10,17 @@ from contextlib import closing
 from pathlib import Path
 from types import ModuleType
 
+import h5py
 import numpy as np
 import pytest
 
+from sarmitsuba import cli
 from sarmitsuba.echo.raw_data import Layer
-from sarmitsuba.errors import DataError, OutputError
+from sarmitsuba.errors import DataError, OutputError, SarmitsubaError
+from sarmitsuba.io import read_image, read_raw, write_image
+from sarmitsuba.io.atomic import make_folder
 from sarmitsuba.io.journal import Journal
-from sarmitsuba.io.output import OutputFolder
+from sarmitsuba.io.output import OutputFile, OutputFolder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.page.run_folder import read_run
 from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout
@@ -131,7 +135,7 @@ def test_passes_that_are_a_pipe_hold_nobody_up(tmp_path: Path) -> None:
 def test_a_journal_ends_where_a_label_is_none(tmp_path: Path) -> None:
     from sarmitsuba.io import journal
 
-    with closing(Journal(tmp_path / "raw.blocks")) as written:
+    with closing(Journal(tmp_path / "raw.blocks", lambda label, payload: True)) as written:
         written.append({"x": 1}, np.arange(3.0))
     with (tmp_path / "raw.blocks").open("ab") as file:
         for label in (DEEP.encode(), b"[1]", b"{"):
@@ -139,7 +143,7 @@ def test_a_journal_ends_where_a_label_is_none(tmp_path: Path) -> None:
                 journal._HEADER.pack(journal._RECORD, len(label), 0, zlib.crc32(b"", zlib.crc32(label)))
                 + label
             )
-    with closing(Journal(tmp_path / "raw.blocks")) as read:
+    with closing(Journal(tmp_path / "raw.blocks", lambda label, payload: True)) as read:
         assert read.labels == [{"x": 1}]
 
 
@@ -233,3 +237,70 @@ def test_everything_works_without_network_interfaces(samples: Path, tmp_path: Pa
     )  # fmt: skip
     assert "no network" in ended.stderr and "[0, 0, 0]" in ended.stderr, ended.stderr
     assert (tmp_path / "view.html").is_file() and (tmp_path / "city.xml").is_file()
+
+
+@pytest.mark.parametrize("turn", [(-1, 1), (1, -1)], ids=["column", "row"])
+@pytest.mark.parametrize("name", ["raw.h5", "image.h5"])
+def test_vectors_as_matlab_writes_them_are_vectors(
+    samples: Path, tmp_path: Path, name: str, turn: tuple[int, int]
+) -> None:
+    """(n, 1) and (1, n): of the time of a track it was a traceback."""
+    read = read_raw if name == "raw.h5" else read_image
+    whole, count = read(samples / name), 0
+    axes = ("grid/azimuth", "grid/range", "grid/origin", "calibration/incidence_angle")
+    for place in ("track/time", "radar/window/start_range", "radar/aim_point", *axes):
+        shutil.copy(samples / name, tmp_path / name)
+        with h5py.File(tmp_path / name, "r+") as file:
+            if place not in file:
+                continue
+            values = file[place][()]
+            del file[place]
+            file[place] = values.reshape(turn)
+            count += 1
+        np.testing.assert_array_equal(read(tmp_path / name).data, whole.data)
+    assert count >= 3
+
+
+@pytest.mark.parametrize("place", ["track/position", "track/time", "radar/window/start_range"])
+def test_vectors_of_other_shapes_are_refused_in_one_line(samples: Path, tmp_path: Path, place: str) -> None:
+    for shape in ((1, 3, -1), (-1, 1, 2)):
+        shutil.copy(samples / "raw.h5", tmp_path / "raw.h5")
+        with h5py.File(tmp_path / "raw.h5", "r+") as file:
+            values = np.resize(file[place][()], 24)
+            del file[place]
+            file[place] = values.reshape(shape)
+        with pytest.raises(DataError, match=r"shape|must be"):
+            read_raw(tmp_path / "raw.h5")
+
+
+@pytest.mark.parametrize(
+    "name", ["sar_antenna.n_pulses", "sar_path.seed", "sar_antenna.slant_range", "sar_path.ray_spacing"]
+)
+def test_numbers_of_400_digits_are_refused_in_one_line(name: str) -> None:
+    with pytest.raises(SarmitsubaError, match=r"is not a finite number|must be|not a number"):
+        load_scene("point", parameters={name: "9" * 400})
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names of bytes")
+def test_names_that_are_no_text_are_refused_before_the_work(tmp_path: Path, samples: Path) -> None:
+    strange = tmp_path / os.fsdecode(b"b\xff")
+    strange.mkdir()
+    shutil.copy(samples / "scene.xml", strange)
+    image = read_image(samples / "image.h5")
+    for act in (
+        lambda: load_scene(strange / "scene.xml"),
+        lambda: write_image(image, strange / "a.exr"),
+        lambda: image.plot(strange / "a.png"),
+        lambda: OutputFile(strange / "a.png"),
+        lambda: make_folder(strange / "out"),
+    ):
+        with pytest.raises(SarmitsubaError, match="the name is not UTF-8 text"):
+            act()
+    assert cli.main(["render", str(strange / "scene.xml"), "-o", str(tmp_path / "o")]) == 2
+
+
+@pytest.mark.skipif(os.name != "posix", reason="closes standard streams")
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
+def test_a_closed_output_is_none(closed: str) -> None:
+    command = f"{sys.executable} -m sarmitsuba scenes {closed}"
+    assert subprocess.run(["sh", "-c", command], check=False).returncode == 0

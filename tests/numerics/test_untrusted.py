@@ -348,3 +348,15 @@ def test_signals_end_a_run_with_one_line_whatever_it_is_at(
     for share in (0.0, 0.4):
         ended = interrupt.interrupted(tmp_path, number, delay=share)
         assert ended.status == status and ended.wrong == "", ended
+
+
+@needs_posix
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_a_run_inside_c_code_that_answers_none(
+    tmp_path: Path, benchmark_script: Callable[[str], ModuleType], number: int
+) -> None:
+    """No thread of Python runs meanwhile: a process outside ends this one, and removes its unfinished file."""
+    interrupt = benchmark_script("interrupt")
+    ended = interrupt.interrupted(tmp_path, number, 0.0, "python")
+    assert ended.status == interrupt.KILLED and ended.wrong == "", ended
+    assert [path.name for path in tmp_path.rglob("*part*")] == []

@@ -1,15 +1,19 @@
 """The back end is found, kept and, where there is none, explained."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from sarmitsuba import backend
 from sarmitsuba.backend import LlvmChoice, find_llvm
+from sarmitsuba.errors import ResourceError
+from sarmitsuba.memory import check_limits
 
 
 def folder_with(root: Path, *names: str) -> None:
@@ -146,3 +150,59 @@ def test_the_packages_libcxx_is_loaded_without_its_links(tmp_path: Path) -> None
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == str(place / "libc++.so.1.0"), done.stderr
+
+
+LIMITED = """
+import resource, sys
+resource.setrlimit(resource.{limit}, ({soft}, {soft}))
+from sarmitsuba import cli
+sys.exit(cli.main(["link", "point"]))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of Unix")
+@pytest.mark.parametrize("megabytes", [300, 700, 900])
+def test_an_address_space_that_is_too_small_is_refused_in_one_line(megabytes: int) -> None:
+    """With 700 MB a run ended by SIGSEGV."""
+    code = LIMITED.format(limit="RLIMIT_AS", soft=megabytes * 1_000_000)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 2
+    assert re.fullmatch(
+        rf"error: the address space is limited to {megabytes} MB, of \d+ MB needed; .*\n", run.stderr
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of Unix")
+def test_too_few_threads_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenBLAS interrupts a process that cannot start its threads. Root has no such limit: it is made here."""
+    import resource
+
+    started: list[threading.Thread] = []
+
+    def start(thread: threading.Thread) -> None:
+        if len(started) == 2:
+            raise RuntimeError("can't start new thread")
+        started.append(thread)
+
+    monkeypatch.setattr(
+        resource, "getrlimit", lambda which: (3, 3) if which == resource.RLIMIT_NPROC else (-1, -1)
+    )
+    monkeypatch.setattr(threading.Thread, "start", start)
+    monkeypatch.setattr(threading.Thread, "join", lambda thread: None)
+    with pytest.raises(ResourceError, match=r"2 of \d+ threads can be started: the limit of processes is 3"):
+        check_limits()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a folder in use cannot be deleted there")
+def test_a_deleted_working_folder_is_refused_in_one_line(tmp_path: Path) -> None:
+    """Mitsuba aborted the process after its line."""
+    code = "import os, sys; from sarmitsuba import cli; os.rmdir(os.getcwd()); sys.exit(cli.main(['link', 'point']))"
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    (tmp_path / "gone").mkdir()
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path / "gone", env=environment
+    )
+    assert run.returncode == 2, run.stderr
+    assert run.stderr.endswith(
+        "error: the working folder is gone (No such file or directory); change to another folder\n"
+    )

@@ -74,6 +74,7 @@ def test_prediction_takes_every_batch_to_be_like_the_first() -> None:
     """On a clock that counts its readings a batch lasts as many seconds as it has stages, whatever the machine."""
     # one launch a block: edges would take another
     parameters = {"sar_path.key_pulse_interval": "8", "sar_path.edge_diffraction": "off"}
+    parameters["sar_path.keep_subsets"] = "false"
     scene = load_scene(resolve("dihedral"), parameters=parameters)
     readings = itertools.count()
     _, prediction = predict(scene, clock=lambda: float(next(readings)))

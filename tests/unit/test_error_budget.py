@@ -43,7 +43,8 @@ def test_a_point_has_no_error_of_rays_bounces_or_blocks(image: SarImage) -> None
     assert parts["gridding"].error_db == -math.inf and parts["gridding"].why == "nothing is gridded"
     traced = with_metadata(image, statistics={"rays": 7})
     assert traced["gridding"].error_db == pytest.approx(gridding_kernel(4).error_db + 3.01, abs=0.01)
-    assert parts["focuser"].known == LAW and parts["focuser"].error_db < -50.0
+    assert parts["focuser"].known == MEASURED and parts["focuser"].samples >= 16
+    assert parts["focuser"].error_db < -50.0 and not parts["focuser"].contradicts
     assert parts["theory of metal"].known == UNKNOWN
     assert str(parts["bounces left out"]) == "bounces left out none"
 
@@ -242,6 +243,18 @@ def test_a_witness_takes_the_place_of_a_law(image: SarImage) -> None:
     assert found["effects left out"].law_db == pytest.approx(-28.0)
     junk = with_metadata(image, witnesses=[3], focus={**focus, "witness": {"samples": "many"}})
     assert junk["focuser"].known == LAW
+
+
+def test_bounces_that_only_a_witness_measured_have_no_change_of_settings(image: SarImage) -> None:
+    facts = {
+        "effects": {"max_depth": 8, "effects": {"max_depth": {"on": True, "error_is": "at most"}}},
+        "witnesses": {"bounces": {**witness(-10.0), "error_db": None, "upper_db": -40.0}},
+        "statistics": {"rays": 10, "hits": 40},
+    }
+    found = account(replace(image, metadata={**image.metadata, **facts}), {})
+    (part,) = [part for part in found.parts if part.name == "bounces left out"]
+    assert str(part) == "bounces left out none found (95 %: -40.0 dB), measured here (64)"
+    assert not [change for change in found.changes if change.cause == part.name]
 
 
 def test_every_printed_figure_bears_its_kind(image: SarImage) -> None:

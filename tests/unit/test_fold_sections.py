@@ -117,8 +117,8 @@ def test_sections_of_wide_faces_are_scaled_down_and_said_so() -> None:
     looks = targets.from_azimuth(np.radians([-10.0, 0.0, 20.0]))
     assert not fold_grids(folds, 1.0, looks)
     found = MeasuredFold.of(folds, 0, 1.0, np.array([0.1]), tabulated=False, edges=True)
-    assert found.scale == pytest.approx(40.0 / 500.0)
-    assert "0.08 times its width" in found.witness(np.nan).reference
+    assert found.scale == pytest.approx(30.0 / 500.0)
+    assert "0.06 times its width" in found.witness(np.nan).reference
 
 
 def test_lines_beside_a_solved_fold_keep_their_ends_alone() -> None:

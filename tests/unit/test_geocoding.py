@@ -195,7 +195,7 @@ def test_images_without_a_place_say_so(tmp_path: Path) -> None:
     nowhere = replace(image, grid=replace(image.grid, anchor=Anchor(height=300.0)))
     for suffix in (".geojson", ".kml", ".tif"):
         with pytest.warns(
-            SarmitsubaWarning, match=r"no place on the Earth .* latitude_deg and longitude_deg"
+            SarmitsubaWarning, match=r"no place on the Earth: .* latitude_deg and longitude_deg"
         ):
             write_image(nowhere, tmp_path / f"map{suffix}")
 

@@ -379,6 +379,24 @@ def test_towns_on_the_antimeridian_are_as_elsewhere(turn: float, tmp_path: Path)
             assert np.abs(np.sort(vertices, axis=0) - np.sort(others, axis=0)).max() < 0.01, part
 
 
+def test_guesses_of_materials_by_tags_are_said_in_a_line(tmp_path: Path) -> None:
+    tags = ["brick", "Wet_Brick", "plutonium", "plutonium", "Ziegel", ""]
+    boxes = [shapely.box(11.0 + 5e-4 * i, 48.0, 11.0002 + 5e-4 * i, 48.0001) for i in range(len(tags))]
+    features = [
+        feature(box, i, height=9, **({"building:material": tag} if tag else {}))
+        for i, (box, tag) in enumerate(zip(boxes, tags, strict=True))
+    ]
+    source = write_features(tmp_path / "a.geojson", features)
+    model = import_scene(source, tmp_path / "a.xml")
+    said = [note for note in model.notes if "materials of walls" in note]
+    assert said == [
+        "a.geojson: assumed for 2 materials of walls with unknown names, concrete taken (first: plutonium)",
+        "a.geojson: assumed for 1 materials of walls, brick by a word in the name (first: Wet_Brick)",
+    ]
+    chosen = import_scene(source, tmp_path / "b.xml", ImportOptions(materials={"walls": "wood"}))
+    assert not any("materials of walls" in note for note in chosen.notes)
+
+
 def test_openstreetmap_extract(tmp_path: Path) -> None:
     """A way, and a multipolygon of two ways joined with a hole."""
     places = [(0, 0), (0, 2), (2, 2), (2, 0), (5, 0), (9, 0), (9, 4), (5, 4), (6, 1), (7, 1), (7, 2), (6, 2)]
@@ -501,6 +519,12 @@ def one(coordinates: object, kind: str = "Polygon", **properties: object) -> str
     )
 
 
+def far(ring: list[list[float]], code: int) -> str:
+    """One outline in a named system."""
+    crs = {"type": "name", "properties": {"name": f"urn:ogc:def:crs:EPSG::{code}"}}
+    return json.dumps({**json.loads(one([ring])), "crs": crs})
+
+
 HOSTILE = {
     "cut off": ('{"type": "FeatureCollection", "features": [', "malformed JSON"),
     "not text": ("\udcc3(", "is not UTF-8 text"),
@@ -512,6 +536,12 @@ HOSTILE = {
         "1 outlines that intersect themselves",
     ),
     "huge": (one([[[1e300, 0], [1, 0], [1, 1], [1e300, 0]]]), "outlines|no longitude"),
+    "beyond the map": (far([[1e19, 0], [1e19, 10], [1e19 + 1e4, 10], [1e19, 0]], 3857), "no place on a map"),
+    "beyond the degrees": (far([[2e3, 0], [2001, 0], [2001, 1], [2e3, 0]], 4258), "no place on a map"),
+    "400 digits": (
+        one([[[0, 0], [1, 0], [1, 1], [0, 0]]]).replace("[1, 1]", f"[1, {'9' * 400}]"),
+        "no JSON number|corners",
+    ),
     "infinite": (one([[[0, 0], [1, 0], [1, 1], [0, 0]]]).replace("[1, 1]", "[1e999, 1]"), "without numbers"),
     "metres": (
         one([[[691000, 5334000], [691010, 5334000], [691010, 5334010], [691000, 5334000]]]),
@@ -542,6 +572,30 @@ def test_hostile_footprints_end_in_one_line(name: str, tmp_path: Path) -> None:
     assert len(str(caught.value)) < 400
     assert not (tmp_path / "a.xml").exists()
     assert not [p for p in tmp_path.iterdir() if p != path]
+
+
+@pytest.mark.parametrize("step", [1e300, 1e15, float("nan")])
+def test_rasters_beyond_the_map_end_in_one_line(step: float, tmp_path: Path) -> None:
+    """PROJ would take time in proportion to the coordinates, ten minutes and more."""
+    path = write_raster(tmp_path / "a.tif", np.ones((4, 5)), 0.0, 0.0, step, "EPSG:3857")
+    with pytest.raises(
+        SceneError, match=r"no place on a map|has no coordinate system|no readable raster"
+    ) as caught:
+        import_scene(path, tmp_path / "a.xml")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("heights", [np.full((4, 5), np.nan), np.ones((1, 1)), np.ones((4, 1)), None])
+def test_an_empty_raster_under_footprints_ends_in_one_line(heights: F64 | None, tmp_path: Path) -> None:
+    source = write_features(tmp_path / "a.geojson", [feature(shapely.box(11, 48, 11.0001, 48.0001), 1)])
+    path = tmp_path / "dem.tif"
+    if heights is None:
+        path.write_bytes(b"")
+    else:
+        write_raster(path, heights, 10.9999, 48.0002, 1e-4, "EPSG:4326")
+    with pytest.raises(SceneError, match=r"no sample between|does not cover|no readable raster") as caught:
+        import_scene(source, tmp_path / "a.xml", ImportOptions(dem=path))
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from sarmitsuba.loader.from_mesh import MeshOptions
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.names_of_materials import kind_of
 from sarmitsuba.materials.named_materials import MATERIALS
-from sarmitsuba.mesh.model_units import doubtful_size, y_ground
+from sarmitsuba.mesh.model_units import ShapeExtent, doubtful_size, y_ground
 from sarmitsuba.scene.scene import Scene
 
 RADAR = "airborne_x"
@@ -171,7 +171,7 @@ def made_for_light(folder: Path, seed: int, style: str, y_up: bool = True) -> tu
         bodies.append(body)
         places.append(turn)
     axes = trimesh.transformations.rotation_matrix(-0.5 * np.pi if y_up else 0.0, [1, 0, 0])
-    shapes, truth = [], []
+    shapes, truth, grey = [], [], '<float name="reflectance" value="0.{}"/>'
     for i, (body, place) in enumerate(zip(bodies, places, strict=True)):
         truth.append(trimesh.transformations.transform_points(body.vertices, place))
         name, whole = f"Körper_{i} ({i}).ply", axes @ place
@@ -185,7 +185,7 @@ def made_for_light(folder: Path, seed: int, style: str, y_up: bool = True) -> tu
         )
         shapes.append(
             f'<shape type="ply"{identity}><string name="filename" value="{name}"/>{moved}'
-            '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>'
+            f'<bsdf type="twosided"><bsdf type="diffuse">{grey.format(i)}</bsdf></bsdf></shape>'
         )
     order = rng.permutation(len(shapes))
     path = folder / "scene.xml"
@@ -236,6 +236,42 @@ def test_scenes_that_only_look_like_y_up_are_asked_about(tmp_path: Path, seed: i
     turned = [v @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) for v in truth]
     check_shapes(load_scene(path), turned)
     check_shapes(load_scene(path, mesh=MeshOptions(up="y")), truth)
+    # but not where Blender wrote it
+    path, truth = made_for_light(tmp_path, seed, "blender")
+    path.write_text(path.read_text().replace('<sensor type="perspective"/>', '<sensor type="sar_antenna"/>'))
+    with pytest.warns(
+        SarmitsubaWarning, match=r'is y up\? "elm__0" looks like ground below all else; give --up y'
+    ):
+        load_scene(path)
+    check_shapes(load_scene(path, mesh=MeshOptions(up="y")), truth)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1e300])
+def test_broken_meshes_of_scenes_made_for_light_end_in_one_line(tmp_path: Path, number: float) -> None:
+    path, _ = made_for_light(tmp_path, 2, "world")
+    text = f"v 0 0 0\nv {number} {-number} 1\nv 0 1 0\nf 1 2 3\n"
+    (tmp_path / "odd.obj").write_text(text)
+    shape = '<shape type="obj"><string name="filename" value="odd.obj"/><bsdf type="radar_material">'
+    shape += '<string name="material" value="metal"/></bsdf></shape></scene>'
+    path.write_text(path.read_text().replace("</scene>", shape))
+    with pytest.raises(SceneError) as caught, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".*has no radar parameters", SarmitsubaWarning)
+        load_scene(path, radar=RADAR)
+    assert ("\n" not in str(caught.value) and "odd" in str(caught.value)) or "obj" in str(caught.value)
+
+
+@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.errors.SarmitsubaWarning")
+def test_a_loaded_scene_with_y_up_is_asked_about(tmp_path: Path) -> None:
+    from sarmitsuba.backend import mi
+    from sarmitsuba.loader.plugins import register_plugins
+
+    register_plugins()
+    path, _ = made_for_light(tmp_path, 1, "blender")
+    with pytest.warns(SarmitsubaWarning, match=r"is y up\? .* looks like ground below all else"):
+        load_scene(mi.load_file(str(path), parallel=False), radar=RADAR)
+    with pytest.raises(SceneError, match="unit and up axis are given to files and dicts"):
+        load_scene(mi.load_file(str(path), parallel=False), radar=RADAR, mesh=MeshOptions(up="y"))
 
 
 def test_walls_are_no_ground() -> None:
@@ -247,8 +283,8 @@ def test_walls_are_no_ground() -> None:
             size = rng.uniform([1.0, 0.1, 2.0], [30.0, 12.0, 15.0])
             box, place = trimesh.creation.box(size), np.array([*rng.uniform(-40, 40, 2), 0.5 * size[2]])
             boxes.append(box.triangles + place)
-        assert y_ground(boxes) < 0
-        assert y_ground([b[:, :, [1, 0, 2]] for b in boxes]) < 0
+        assert y_ground([ShapeExtent.of(b) for b in boxes]) < 0
+        assert y_ground([ShapeExtent.of(b[:, :, [1, 0, 2]]) for b in boxes]) < 0
 
 
 def test_motion_turns_with_the_shapes_and_level_ground_does_not(tmp_path: Path) -> None:
@@ -298,6 +334,10 @@ def test_a_car_of_445_m_is_asked_about(tmp_path: Path) -> None:
         load_scene(tmp_path / "a.xml", radar=RADAR)
     scene = load_scene(tmp_path / "a.xml", radar=RADAR, mesh=MeshOptions(unit="cm"))
     assert np.ptp(scene.geometry.bounds[:, 0]) == pytest.approx(4.45)
+    trimesh.creation.box((445.0, 180.0, 150.0)).export(tmp_path / "red_car.stl")
+    metal_car = MeshOptions(materials={"*": "metal"})
+    with pytest.warns(SarmitsubaWarning, match=r'red_car.stl: "red_car" is 445 m long; give --unit cm'):
+        load_scene(tmp_path / "red_car.stl", radar=RADAR, mesh=metal_car)
     trimesh.creation.box((900.0, 500.0, 800.0)).export(tmp_path / "Car.ply")
     (tmp_path / "a.xml").write_text(f'<scene version="3.0.0">{body.replace("Car", "B")}</scene>')
     (tmp_path / "Car.ply").rename(tmp_path / "B.ply")
@@ -351,6 +391,7 @@ def test_a_material_alone_is_that_of_all_names(tmp_path: Path) -> None:
     chosen = load_scene(
         tmp_path / "box.stl", radar=RADAR, mesh=MeshOptions(materials=dict([material_choice("Stahl")]))
     )
+    assert [m.name for m in chosen.materials] == ["metal"]
     assert [m.permittivity for m in chosen.materials] == [
         MATERIALS["metal"].permittivity(chosen.radar.waveform.center_frequency)
     ]

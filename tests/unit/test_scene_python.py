@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 from dataclasses import fields
+from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -166,6 +168,78 @@ def test_a_dict_that_is_wrong_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+class _Text(str):
+    """Text of a user's own class."""
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        b"x",
+        1j,
+        object(),
+        {1, 2},
+        10**400,
+        2**63,
+        [None],
+        [[1.0], "a"],
+        int,
+        Path("x"),
+        np.array(["a", None]),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_dict_with_a_foreign_type_is_refused_by_its_key(
+    description: dict[str, object], value: object
+) -> None:
+    """Mitsuba's parser ends the interpreter (SIGSEGV) on None, and on integers of 400 digits."""
+    for change, key in (
+        ({"ball": {"type": "sphere", "radius": value}}, '"ball.radius"'),
+        ({"extra": value}, '"extra"'),
+        ({"ball": {"type": value}}, '"ball.type"'),
+    ):
+        with pytest.raises(SceneError, match=rf"dict: {key} is of type \w+; give") as caught:
+            load_scene({**description, **change})
+        assert "\n" not in str(caught.value)
+
+
+def test_a_dict_that_holds_itself_or_has_other_keys_is_refused_in_one_line(
+    description: dict[str, object],
+) -> None:
+    ring: dict[str, object] = {"type": "scene"}
+    ring["again"] = ring
+    for change, message in (
+        ({"ring": ring}, "more than 200 dicts within each other"),
+        ({5: {"type": "cube"}}, "the key 5 is no text"),
+        ({None: {"type": "cube"}}, "the key None is no text"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            load_scene({**description, **change})  # type: ignore[dict-item]
+
+
+def test_numbers_and_texts_of_other_libraries_are_numbers_and_texts(description: dict[str, object]) -> None:
+    metal = {"type": "radar_material", "material": "pec"}
+    own = MappingProxyType({"type": _Text("sphere"), "radius": np.float32(2.0), "bsdf": metal})
+    plain = {"type": "sphere", "radius": 2.0, "bsdf": metal}
+    one, other = (load_scene({**description, "ball": ball}) for ball in (own, plain))
+    np.testing.assert_array_equal(one.geometry.vertices, other.geometry.vertices)
+
+
+@pytest.mark.parametrize("seed", [1.5, 2**70, -1, "7", None, True, float("nan")])
+def test_a_seed_of_another_type_is_refused_in_one_line(seed: object) -> None:
+    with pytest.raises(SceneError, match="is not a whole number between 0 and 2147483647"):
+        TraceSettings(seed=seed)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "parameters", [{5: "1"}, {None: "1"}, {"sar_path.seed": None}, {"a": [1]}, ["a=1"], 3]
+)
+def test_parameters_of_other_types_are_refused_in_one_line(parameters: object) -> None:
+    with pytest.raises(SceneError, match="parameters"):
+        load_scene("point", parameters=parameters)  # type: ignore[arg-type]
+
+
 def test_something_else_is_no_scene() -> None:
     with pytest.raises(SceneError, match="list: not a scene; give a file, a shipped name, a dict or an mi"):
         load_scene([1, 2])  # type: ignore[arg-type]
@@ -193,6 +267,9 @@ def test_mitsuba_imported_and_its_variant_set_first(variant: str) -> None:
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ.copy())
     assert run.returncode == 0, run.stderr
     assert run.stdout.split()[1:] == ["ground", "12", "10", "1"]
+    kept = variant.startswith("llvm")
+    assert (run.stdout.split()[0] == variant) == kept
+    assert (f"Mitsuba's variant {variant} traces no radar paths and is replaced" in run.stderr) == (not kept)
 
 
 def test_meshes_materials_and_points_as_they_come() -> None:

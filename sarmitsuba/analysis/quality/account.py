@@ -336,7 +336,9 @@ def _bounces(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
             seconds = spent.rays * (other - depth) / depth
             found.append(_change(part, _path("max_depth", other), errors[other], seconds))
             break
-    for other in range(1, int(depth)):
+    for other in range(
+        1, min(int(depth), len(errors))
+    ):  # a run without a pilot does not know what fewer leave out
         if other < bounces:
             seconds = -spent.rays * (1.0 - other / bounces)
             found.append(_change(part, _path("max_depth", other), errors[other], seconds))

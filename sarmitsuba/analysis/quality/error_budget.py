@@ -71,8 +71,12 @@ class ErrorPart:
         if self.known == UNKNOWN or math.isnan(self.error_db):
             return UNKNOWN
         if self.error_db == -math.inf:
-            return "none"
-        likely = ""
+            return (
+                f"none found (95 %: {self.upper_db:.1f} dB), {self.kind}"
+                if self.upper_db > -math.inf
+                else "none"
+            )
+        likely = f" (95 %: {self.upper_db:.1f} dB)" if self.upper_db > self.error_db + 1.0 else ""
         if self.weight_db < self.error_db - 1.0:
             likely = (
                 f" (likely {self.likely_db:.0f} dB)" if math.isfinite(self.likely_db) else " (likely none)"

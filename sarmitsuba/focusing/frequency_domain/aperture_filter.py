@@ -87,7 +87,7 @@ class _ApertureEnd:
         the tail grows as :math:`c^{-7/2}` towards grazing, where no pulse of the aperture looks.
         """
         edge = np.sqrt(1.0 - self.sine**2)
-        near = edge * (1.0 - sine * self.sine + edge * cosine)
+        near = edge * np.maximum(1.0 - sine * self.sine + edge * cosine, edge**2)
         return np.asarray(np.sqrt(2.0 / near) * cosine**3.5 / edge**2)
 
 

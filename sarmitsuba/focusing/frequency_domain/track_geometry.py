@@ -21,7 +21,7 @@ _LIT = 0.02
 # pulses sampled for that
 _PULSES = 256
 # least processed half band over half the pixels' own apertures: margin for the tails of their ends
-_TAILS = 2.0
+_TAILS = 3.0
 # largest sine that an aperture may reach: along the track no pixel has a range of its own
 _STEEPEST = 0.99
 # Fresnel widths beyond the image's last direction over which the matched filter fades out
@@ -130,7 +130,7 @@ def own_apertures(radar: Radar) -> bool:
 
 def lit_in_turn(radar: Radar) -> bool:
     """Whether the beam, or the band of the pixels' own apertures, passes over the pixels one after the other."""
-    return own_apertures(radar) or (radar.antenna.pattern != "isotropic" and radar.mode_law.own_apertures)
+    return own_apertures(radar) or (radar.antenna.directive and radar.mode_law.own_apertures)
 
 
 def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
@@ -285,16 +285,17 @@ def track_period(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> floa
     It contains data, image and the matched filter of the processed band; the filter connects a pixel with the pulses
     that see it within that band, or within its own aperture.
     """
+    return float(np.ptp(geometry.x)) + filter_overhang(radar, grid, geometry) + 32.0 * geometry.spacing
+
+
+def filter_overhang(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> float:
+    """Largest extent of a pixel's matched filter beyond the farther end of the track, m."""
     lowest = wavenumber(radar) * (1.0 - 0.5 * radar.waveform.bandwidth / radar.waveform.center_frequency)
     half = min(geometry.reach(lowest), _TAILS * geometry.half_band)
     edge = np.clip(geometry.sin_squint + np.array([-half, half]), *geometry.faded)
     reach = grid.range[[0, -1], None] * np.tan(np.arcsin(edge))  # pixel minus pulse
-    data = geometry.x[[0, -1]]
-    pixels = grid.azimuth[[0, -1]]
-    # largest extent of a pixel's filter beyond the farther end of the data
-    low = min(pixels[0] - reach.max(), data[0])
-    high = max(pixels[-1] - reach.min(), data[1])
-    return float(max(high - data[0], data[1] - low)) + 32.0 * geometry.spacing
+    data, pixels = geometry.x[[0, -1]], grid.azimuth[[0, -1]]
+    return float(max(pixels[-1] - reach.min() - data[1], data[0] - pixels[0] + reach.max(), 0.0))
 
 
 def boresight_sine(radar: Radar) -> float:

@@ -18,7 +18,7 @@ def write_geojson(path: Path, image: SarImage) -> None:
 
     A polygon, or several where it crosses the antimeridian.
     """
-    warn_unplaced(path, image.anchor)
+    warn_unplaced(image.anchor)
     rings = [[ring.tolist()] for ring in outlines(image.grid)]
     one = len(rings) == 1
     feature = {
@@ -39,7 +39,7 @@ def write_geojson(path: Path, image: SarImage) -> None:
 
 def write_kml(path: Path, image: SarImage) -> None:
     """Write the outline as a KML polygon on the ground, or as several where it crosses the antimeridian."""
-    warn_unplaced(path, image.anchor)
+    warn_unplaced(image.anchor)
     ET.register_namespace("", _KML)
     root = ET.Element(f"{{{_KML}}}kml")
     mark = ET.SubElement(root, f"{{{_KML}}}Placemark")

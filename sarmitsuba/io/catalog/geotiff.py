@@ -29,7 +29,7 @@ def write_image(path: Path, image: SarImage) -> None:
         rasterio is missing.
     """
     formats_package("rasterio", f"{path}: GeoTIFF files need")
-    warn_unplaced(path, image.anchor)
+    warn_unplaced(image.anchor)
     on_map = north_up(image)
     tags = {
         "quantity": "square root of sigma0" + ("" if image.calibrated else ", uncalibrated: up to a factor"),

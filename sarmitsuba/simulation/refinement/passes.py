@@ -161,7 +161,7 @@ def refine(
         run.needs().of_passes.check()
         if file:
             part = f"pass {passes.count}, level {level}"
-            run.finished = FinishedBlocks(blocks_of(file), run_hash, run.plan, part)
+            run.finished = FinishedBlocks(blocks_of(file), run_hash, run.plan, part, run.batch_shape)
         try:
             if ready:
                 ready(run)
