@@ -52,8 +52,6 @@ STRIP_FROM = 1_000_000
 STRIP = 0.05
 # energy of a strip with raised-cosine tapers over half of its width, relative to full weight
 STRIP_ENERGY = 11.0 / 16.0
-# pulses from which a witness takes the difference of two ray sets
-WITNESSED = 256
 # golden section: its multiples modulo one are evenly distributed
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 # margin required of the error on a strip, dB: bright targets elsewhere may hold more of the image than of the error
@@ -363,7 +361,7 @@ class Blocks:
                 self.growth[channel] = float(np.clip(np.log2(whole / half), GROWTH, MOST_GROWTH))
 
     def witness(self) -> Witness | None:
-        """Error of the rays, measured at one pulse in the middle, see :mod:`.ray_witness`; call once all is traced."""
+        """Error of the rays, measured at one pulse in the middle once all is traced; see :mod:`.ray_witness`."""
         pulse = self.blocks[self._middle][1] if len(self.blocks) > 1 else self.data.shape[1] // 2
         channels = tuple(dict.fromkeys(layer.channel for layer in self.layers))
         own = [layer.channel for layer in self.layers[self.layers_of(0)]]
@@ -373,14 +371,8 @@ class Blocks:
             return np.stack([planes[[c == channel for c in own]].sum(axis=0) for channel in channels])
 
         energy = np.array([_energy(self._channel(self.data[:, pulse], channel)) for channel in channels])
-        scatter = np.nan
-        if has_subsets(self.layers):
-            near = slice(max(0, pulse - WITNESSED // 2), pulse + WITNESSED // 2)
-            shares = np.array([SUBSET_SHARES[layer.subset] for layer in self.layers], dtype=np.float32)
-            bars = estimate_error(self.data[:, near] * shares[:, None, None], self.layers, pixels=False)
-            scatter = max(bars.error_db)
         seed = self.tracer.sampling.scene.settings.seed
-        return witness_rays(profiles, self.rays.at(pulse)[0], energy, scatter, seed)
+        return witness_rays(profiles, self.rays.at(pulse)[0], energy, np.nan, seed)
 
     def _channel(self, planes: C64, channel: str) -> C64:
         """Sum of a channel's layers (n_layers, ...), subsets weighted by their shares."""

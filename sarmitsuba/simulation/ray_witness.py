@@ -26,8 +26,9 @@ DRAWN, RUN, GROUPS = 40_000, 64, 4
 FINE_DB = -15.0
 # dB, error from which a contradiction to two sets of rays is said
 SAID_DB = -20.0
-# factor by which more rays are drawn where the draw leaves open whether that is met, and most that are drawn then
-MORE, MOST_DRAWN = 4, 400_000
+# factor by which more rays are drawn where the draw leaves open whether that is met, and most that are drawn then,
+# also of a lattice with few
+MORE, MOST_DRAWN, WHOLE = 4, 100_000, 300_000
 # confidence from which what groups have in common is not the chance of the draw
 SEEN = 0.99
 # dB, energy of a channel relative to the strongest below which it does not count
@@ -68,7 +69,8 @@ def witness_rays(
         common, chance = _differences(profiles, coherent, step, rng)
         error, spread = (float((x[counted] / energy[counted]).max()) for x in (common, chance))
         finer = max(1, step // MORE)
-        if step == 1 or _db(error + 2.0 * spread) <= FINE_DB or n_rays > finer * MOST_DRAWN:
+        most = WHOLE if n_rays <= WHOLE else MOST_DRAWN
+        if step == 1 or _db(error + 2.0 * spread) <= FINE_DB or n_rays > finer * most:
             break
         step = finer
     scatter = 0.0 if math.isnan(two_sets_db) else 10.0 ** (0.1 * two_sets_db)

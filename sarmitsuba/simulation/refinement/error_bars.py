@@ -1,8 +1,9 @@
 """Error bars of ray sampling: from two independent subsets of a run's rays, or from several passes of rays."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.witness import Witness
 
 Source = Literal["ray sampling, from two sets of rays", "ray sampling, from passes"]
 SUBSETS: Source = "ray sampling, from two sets of rays"
@@ -209,8 +211,34 @@ def with_error_bars(image: SarImage) -> SarImage:
     """
     passes = image.metadata.get("refinement", {}).get("sampling_error")
     if passes:
-        return replace(image, metadata={**image.metadata, "sampling_error": passes})
+        return replace(image, metadata=_with_sampling_error(image.metadata, passes))
     if not has_subsets(image.layers):
         return image
     bars = estimate_error(image.data, image.layers, pixels=False)
-    return replace(image, metadata={**image.metadata, "sampling_error": bars.as_dict()})
+    return replace(image, metadata=_with_sampling_error(image.metadata, bars.as_dict()))
+
+
+def _with_sampling_error(
+    metadata: Mapping[str, Any], errors: Mapping[str, Mapping[str, object]]
+) -> dict[str, Any]:
+    """Metadata with the error bars of an image, which a witness of the ray spacing does not contain: it gets both."""
+    out = {**metadata, "sampling_error": errors}
+    witnesses = metadata.get("witnesses")
+    found = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
+    if found is None or not math.isnan(found.law_db) or not isinstance(witnesses, Mapping):
+        return out
+    worst = max(float(error["error_db"]) for error in errors.values())  # type: ignore[arg-type]
+    both = replace(
+        found,
+        error_db=_sum_db(found.error_db, worst),
+        upper_db=_sum_db(found.upper_db, worst),
+        law_db=worst,
+        reference=f"{found.reference}, and {next(iter(errors.values())).get('source', '')}",
+    )
+    return {**out, "witnesses": {**witnesses, "rays": both.as_dict()}}
+
+
+def _sum_db(*levels: float) -> float:
+    """Level of the sum of energies, dB."""
+    total = sum(10.0 ** (0.1 * level) for level in levels)
+    return 10.0 * math.log10(total) if total > 0.0 else -math.inf

@@ -39,7 +39,8 @@ FINEST, ENOUGH = 1.0 / 9.0, 1.001
 SEARCHED = 200_000
 # rays up to which all antenna positions search, and lanes of one launch
 FEW, MAX_LANES = 300_000, 4_000_000
-# bounces that are followed, halvings of a cell at a time and in all
+# bounces that are followed, the same for all depths of runs so that their rays are; halvings of a cell at a time, and
+# in all
 DEPTH, STEP, MOST_STEPS = 4, 2, 12
 
 
@@ -76,7 +77,7 @@ def with_divided_cells(
     need = np.maximum(scene.needs[0], FINEST * wavelength)
     if grid.purpose == "diffuse" or max_depth < 2 or not (need < grid.spacing / ENOUGH).any():
         return grid, None
-    search = _Search(grid, scene, frame, antennas, wavelength, min(max_depth, DEPTH), antenna)
+    search = _Search(grid, scene, frame, antennas, wavelength, antenna)
     roots = _roots(grid)
     lacks = search.of_roots(roots)
     if not any((lack > ENOUGH).any() for lack in lacks):
@@ -252,7 +253,6 @@ class _Search:
     frame: LaunchFrame
     antennas: F64
     wavelength: float
-    max_depth: int
     antenna: Antenna
 
     def of_roots(self, roots: list[_Cells]) -> list[F64]:
@@ -285,7 +285,7 @@ class _Search:
         x, y = np.ascontiguousarray(xy.T.astype(np.float32))
         level = LatticeLevel(0, cells.spacing, cells.needs)
         grid = replace(self.grid, x=x, y=y, spacing=cells.spacing, levels=(level,), pulses=None)
-        settings = KernelSettings(self.wavelength, self.max_depth, 1.0, 0, 1.0, 1.0)
+        settings = KernelSettings(self.wavelength, DEPTH, 1.0, 0, 1.0, 1.0)
         batch = PulseBatch(views, np.zeros_like(views), self.frame)
         kernel = Kernel.of(self.scene, grid, batch, _GEOMETRY, settings)
         finder = _LaterHits(self.scene, FINEST * self.wavelength)
