@@ -17,7 +17,7 @@ FEW, THINNED = 64, 0.5
 # triangles with the nearest middles that are tried before all near ones
 NEAREST = 6
 # points whose neighbours are searched at a time; bounds the memory
-_AT_ONCE = 2000
+_AT_ONCE, _REST = 2000, 8
 
 
 def mirror_planes(vertices: F64, faces: I64, tolerance: float, step: float) -> tuple[F64, F64]:
@@ -103,7 +103,7 @@ def _mirrored(
         for triangle in near.T:
             off = np.minimum(off, distance_to_triangles(there, t[triangle]))
         rest = there[off > tolerance]
-        for few_there in np.array_split(rest, 1 + len(rest) // FEW):
+        for few_there in np.array_split(rest, 1 + len(rest) // _REST):
             row, triangle = balls.near(few_there, np.full(len(few_there), tolerance))
             nearest = np.full(len(few_there), np.inf)
             np.minimum.at(nearest, row, distance_to_triangles(few_there[row], t[triangle]))

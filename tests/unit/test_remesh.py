@@ -183,5 +183,5 @@ def test_mirrors_of_slender_triangles_take_little_memory() -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(normals) == 3
-    # tol: 10 MB measured, 300 MB before
+    # tol: 16 MB measured, and room for other versions of SciPy
     assert peak < 6e7
