@@ -173,7 +173,7 @@ def radar_differences(own: Radar, told: Radar, fitted: Iterable[str] = ()) -> li
     antennas = first.antenna, second.antenna
     if antennas[0].pattern != antennas[1].pattern:
         found.append(f"patterns {antennas[0].pattern} and {antennas[1].pattern}")
-    elif antennas[0].pattern != "isotropic":
+    elif antennas[0].directive:
         found += _apart("beam in azimuth", np.degrees([a.azimuth_beamwidth for a in antennas]), " deg")
         found += _apart("beam in elevation", np.degrees([a.elevation_beamwidth for a in antennas]), " deg")
     if "transmit_power" not in fitted:

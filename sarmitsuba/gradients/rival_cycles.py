@@ -40,6 +40,9 @@ from sarmitsuba.gradients.shape_offsets import MovingPart, echoes, moving_parts,
 ANOTHER = 0.5
 # log of the ratio of likelihoods below which a cycle is out of the question: one in 1e5 is another by chance
 OUT = -12.0
+# share of the log likelihood of the cycle found by which another may be less likely before its values are fitted: what
+# is traced at whole cycles along the lines of sight is off by the values that are not of them
+UNFITTED = 0.3
 # least change of a track that is another cycle, m, and its number in place of a mesh's
 LEAST_STEP, NO_MESH = 1e-3, -1
 # cycles of a shape that are looked at by the offsets of its parts, and beside the one found in one look
@@ -67,7 +70,7 @@ class Rival:
 
 
 def rival_cycles(looks: Sequence[MeasuredLook], values: F64, known: Mapping[int, Prior]) -> list[Rival]:
-    """Other cycles that are not out of the question, the likeliest first; ``known``: priors by number of value."""
+    """Other cycles that values fitted there may make as likely, the likeliest first; ``known``: priors by number."""
     found = [one for look in looks for one in measured_offsets(look, values, ROUNDS[-1])]
     rivals = []
     for mesh in meshes(found):
@@ -80,13 +83,14 @@ def rival_cycles(looks: Sequence[MeasuredLook], values: F64, known: Mapping[int,
         tried = [one for one in tried if looks[0].model.possible(one)]
         if tried:
             shape = _Likelihood.of_shape(looks, values, mesh)
-            rivals += [
+            found_here = [
                 Rival(mesh, moved, one, shape.advantage([look.model.data(one) for look in looks]))
                 for one in tried
             ]
+            rivals += [rival for rival in found_here if rival.advantage > OUT - UNFITTED * shape.best]
     if len(looks) == 1:
-        rivals += _of_track(looks[0], values, known)
-    return sorted((r for r in rivals if r.advantage > OUT), key=lambda r: -r.advantage)
+        rivals += [rival for rival in _of_track(looks[0], values, known) if rival.advantage > OUT]
+    return sorted(rivals, key=lambda r: -r.advantage)
 
 
 def _of_track(look: MeasuredLook, values: F64, known: Mapping[int, Prior]) -> list[Rival]:
