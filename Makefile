@@ -11,7 +11,7 @@ PIP = $(BIN)/pip --disable-pip-version-check --quiet
 # the modules that a process has compiled serve the next one: tests start many
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow test-lowest benchmarks validation docs release clean
+.PHONY: demo test test-slow test-lowest test-highest golden benchmarks validation docs release clean
 
 demo: $(VENV)/.run
 	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --force
@@ -27,8 +27,8 @@ test: $(VENV)/.test
 test-slow: $(VENV)/.test
 	$(BIN)/python -m pytest -m slow $(SHARED)
 
-# files, meshes, pictures and focusing with the lowest versions that pyproject.toml allows
-LOWEST = tests/unit/test_meshes.py tests/unit/test_mesh_scenes.py tests/unit/test_io_files.py \
+# files, meshes, pictures and focusing, with the lowest and the highest versions that pyproject.toml allows
+VERSIONS = tests/unit/test_meshes.py tests/unit/test_mesh_scenes.py tests/unit/test_io_files.py \
 	tests/unit/test_scene_loader.py tests/unit/test_surface_maps.py tests/unit/test_view.py \
 	tests/unit/test_focus_windows.py tests/unit/test_metrics.py tests/unit/test_gridding.py \
 	tests/physics/test_point_target_focus.py
@@ -36,7 +36,19 @@ test-lowest:
 	$(PYTHON) -m venv .venv-lowest
 	.venv-lowest/bin/pip --disable-pip-version-check --quiet install -e . -c tests/lowest.txt \
 		pytest pytest-xdist hypothesis miepython
-	.venv-lowest/bin/python -m pytest -m "not slow" -W default::DeprecationWarning -n $(JOBS) $(LOWEST)
+	.venv-lowest/bin/python -m pytest -m "not slow" -W default::DeprecationWarning -n $(JOBS) $(VERSIONS)
+
+test-highest:
+	$(PYTHON) -m venv .venv-highest
+	.venv-highest/bin/pip --disable-pip-version-check --quiet install --upgrade --upgrade-strategy eager -e . \
+		pytest pytest-xdist hypothesis miepython
+	.venv-highest/bin/pip --disable-pip-version-check list
+	.venv-highest/bin/python -m pytest -m "not slow" -W default::DeprecationWarning -n $(JOBS) $(VERSIONS)
+
+# forty small runs by the commit BASE and by this tree, bit by bit: for every change of structure
+BASE ?= HEAD
+golden: $(VENV)/.test
+	$(BIN)/python benchmarks/studies/golden.py against $(BASE) $(if $(ALLOW),--allow $(ALLOW))
 
 # docs/benchmarks.md; a quarter of an hour on two idle cores
 benchmarks: $(VENV)/.test
@@ -51,13 +63,14 @@ docs: $(VENV)/.test
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs $(OUT)/site
 	@echo "The site is $(OUT)/site/index.html"
 
-# wheel and source package of the last commit in dist/, each installed and tried as a plain user without a network;
+# wheel, source package and lock file (versions and hashes) of the last commit in dist/, each package installed by the
+# lock and tried as a plain user without a network;
 # CUT=1 then writes the release into CHANGELOG.md and CITATION.cff
 release: $(VENV)/.test
 	$(BIN)/python tools/release.py --python $(PYTHON) $(if $(CUT),--cut)
 
 clean:
-	rm -rf $(VENV) .venv-lowest $(OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
+	rm -rf $(VENV) .venv-lowest .venv-highest $(OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.made:

@@ -54,10 +54,9 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.wires import WireTarget
     from sarmitsuba.simulation.path_table import PathTable, trace_paths
     from sarmitsuba.simulation.prediction.explanation import explain
-    from sarmitsuba.simulation.raw import simulate
     from sarmitsuba.simulation.rcs import monostatic_rcs
     from sarmitsuba.simulation.refinement.passes import refine
-    from sarmitsuba.simulation.render import render
+    from sarmitsuba.simulation.render import render, simulate
 
 _HOME = {
     "Anchor": "sarmitsuba.radar.geodesy",
@@ -121,7 +120,7 @@ _HOME = {
     "refine": "sarmitsuba.simulation.refinement.passes",
     "register_plugins": "sarmitsuba.loader.plugins",
     "render": "sarmitsuba.simulation.render",
-    "simulate": "sarmitsuba.simulation.raw",
+    "simulate": "sarmitsuba.simulation.render",
     "spectral_looks": "sarmitsuba.analysis.quality",
     "trace_paths": "sarmitsuba.simulation.path_table",
     "write_image": "sarmitsuba.io",

@@ -56,5 +56,9 @@ class SarmitsubaWarning(UserWarning):
         super().__init__(plain_line(text))
 
 
+class GuessWarning(SarmitsubaWarning):
+    """The physics rests on a guess, such as that of a material by its name: shown even where warnings are hidden."""
+
+
 class ExtensionError(SarmitsubaError):
     """A registered entry or a user's extension module that cannot be found or used."""

@@ -147,6 +147,7 @@ class Param:
             raise error(
                 f'{where}: {self.name} = "{one_line(value)}" is not one of {", ".join(self.allowed)}'
                 f"{did_you_mean(value, self.allowed)}"
+                + ("; an extension's are known with --extension FILE" if callable(self.choices) else "")
             )
         return value
 

@@ -51,8 +51,9 @@ class Witness:
 
         Notes
         -----
-        The upper level is the 95 % quantile of a bootstrap over the sample. It ignores errors in places of which no
-        value was drawn, so draw the strongest values and the edges with certainty.
+        The upper level is the 95 % quantile of a bootstrap over the sample, and once more the largest error drawn:
+        where a few values hold the error, some like it were not drawn. Draw the strongest values and the edges with
+        certainty.
         """
         error, energy = np.asarray(error, dtype=np.float64), np.asarray(energy, dtype=np.float64)
         picks = np.random.default_rng(seed).integers(0, max(error.size, 1), (_DRAWS, error.size))
@@ -62,7 +63,10 @@ class Witness:
         drawn = error[picks].sum(axis=1)
         shares = np.divide(drawn, whole, out=np.full(_DRAWS, np.inf), where=whole > 0.0)
         level = _db(float(error.sum()), float(energy.sum()))
-        upper = _db(float(np.quantile(shares, CONFIDENCE, method="higher")), 1.0) if error.size else math.nan
+        upper = math.nan
+        if error.size:
+            largest = _power(float(error.max()), float(energy.sum()))
+            upper = _db(float(np.quantile(shares, CONFIDENCE, method="higher")) + largest, 1.0)
         return Witness(level, max(upper, level), int(error.size), law_db, reference)
 
     @property
@@ -73,7 +77,7 @@ class Witness:
     @property
     def useless(self) -> bool:
         """Whether the error is so large that the result is of no use."""
-        return self.error_db > USELESS_DB
+        return not self.error_db <= USELESS_DB
 
     def as_dict(self) -> dict[str, object]:
         """Values for JSON; None for no error, or no law."""
@@ -98,6 +102,10 @@ class Witness:
             _number(facts.get("law_db"), math.nan),
             str(facts.get("reference", "")),
         )
+
+
+def _power(part: float, whole: float) -> float:
+    return part / whole if whole > 0.0 else math.inf
 
 
 def _db(part: float, whole: float) -> float:

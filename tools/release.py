@@ -5,12 +5,15 @@
 
 Takes the last commit, not the files of the checkout. In a copy of it the changelog's section of what is unreleased
 becomes that of the version in ``sarmitsuba/version.py``, the only place of the version; wheel and source package are
-built from that copy into ``dist/``. Each is installed into an environment of its own, whose packages are then
-read-only, and tried in an empty folder without a network: ``doctor``, three shipped scenes, the Python block of the
-README. Started by root, the trial runs as the user ``nobody`` where that user can start the interpreter.
+built from that copy into ``dist/``, and a lock file: the version and hash of everything that the wheel needs, for this
+interpreter and machine (``pip install --require-hashes --no-deps -r LOCK``). Each package is installed by such a lock
+into an environment of its own, whose packages are then read-only, and tried in an empty folder without a network:
+``doctor``, three shipped scenes, the Python block of the README. Started by root, the trial runs as the user ``nobody``
+where that user can start the interpreter.
 """
 
 import argparse
+import json
 import os
 import re
 import shutil
@@ -22,6 +25,7 @@ import time
 from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ("tower", "car_park", "farm_yard")
@@ -114,6 +118,32 @@ def cut(root: Path, day: str) -> None:
         path.write_text(change(path.read_text(encoding="utf-8"), version, day), encoding="utf-8")
 
 
+def lock_of(report: dict[str, Any], package: str) -> str:
+    """Requirements with versions and hashes of all that pip would install for a package, without the package itself.
+
+    Parameters
+    ----------
+    report : of ``pip install --dry-run --ignore-installed --report``
+    package : its name
+
+    Raises
+    ------
+    ReleaseError
+        Something has no SHA-256 hash.
+    """
+    lines = []
+    for entry in report["install"]:
+        name, version = entry["metadata"]["name"], entry["metadata"]["version"]
+        if name.lower() == package:
+            continue
+        archive = entry["download_info"].get("archive_info", {})
+        found = archive.get("hashes", {}).get("sha256") or archive.get("hash", "").partition("sha256=")[2]
+        if not re.fullmatch(r"[0-9a-f]{64}", found):
+            raise ReleaseError(f"{name} {version}: pip reports no SHA-256 hash")
+        lines.append(f"{name}=={version} --hash=sha256:{found}\n")
+    return "".join(sorted(lines, key=str.lower))
+
+
 def python_blocks(readme: str) -> list[str]:
     """Python blocks of a page."""
     return re.findall(r"^```python\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)
@@ -155,8 +185,18 @@ class Trial:
         subprocess.run([python, "-m", "venv", str(self.environment)], check=True)
         self.python = str(self.environment / "bin" / "python")
         # elsewhere than in the checkout, whose files must not be found
-        pip = [self.python, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", str(package)]
-        subprocess.run(pip, check=True, cwd=self.home)
+        pip = [self.python, "-m", "pip", "--disable-pip-version-check", "--quiet", "install"]
+        report = folder / "report.json"
+        asked = ["--dry-run", "--ignore-installed", "--report", str(report), str(package)]
+        subprocess.run([*pip, *asked], check=True, cwd=self.home)
+        self.lock = folder / "lock.txt"
+        self.lock.write_text(
+            lock_of(json.loads(report.read_text(encoding="utf-8")), "sarmitsuba"), encoding="utf-8"
+        )
+        by_lock = ["--require-hashes", "--no-deps", "-r", str(self.lock)]
+        subprocess.run([*pip, *by_lock], check=True, cwd=self.home)
+        subprocess.run([*pip, "--no-deps", str(package)], check=True, cwd=self.home)
+        subprocess.run([*pip[:-1], "check"], check=True, cwd=self.home)
         subprocess.run(["chmod", "-R", "a+rX,a-w", str(self.environment)], check=True)
         self.variables = {
             **{"PATH": "/usr/bin:/bin", "HOME": str(self.home), "TMPDIR": str(self.home)},
@@ -176,6 +216,12 @@ class Trial:
             (block / "sitecustomize.py").write_text(BLOCKED, encoding="utf-8")
             self.variables["PYTHONPATH"] = str(block)
             self.how.append("with Python's sockets blocked")
+
+    def tag(self) -> str:
+        """Name of the interpreter and the machine, such as ``cp311-linux_x86_64``."""
+        words = "import sys, sysconfig; print('cp%d%d' % sys.version_info[:2], sysconfig.get_platform())"
+        run = subprocess.run([self.python, "-c", words], check=True, capture_output=True, text=True)
+        return run.stdout.strip().replace("-", "_").replace(" ", "-")
 
     def run(self, *arguments: str) -> str:
         """Output of the environment's interpreter with arguments; raises a ReleaseError where it fails."""
@@ -249,7 +295,12 @@ def release(python: str, target: Path, day: str) -> None:
             trial = folder / package.name
             trial.mkdir()
             try:
-                Trial(package, trial, python).all(version, blocks)
+                tried = Trial(package, trial, python)
+                tried.all(version, blocks)
+                if package.suffix == ".whl":
+                    lock = target / f"sarmitsuba-{version}-{tried.tag()}.lock"
+                    shutil.copy(tried.lock, lock)
+                    print(f"  {lock.name}: {len(lock.read_text().splitlines())} packages with their hashes")
             finally:
                 subprocess.run(["chmod", "-R", "u+w", str(trial)], check=True)
 

@@ -64,8 +64,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import METHODS
-from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.render import render, simulate
 
 T = TypeVar("T")
 

@@ -41,7 +41,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.prediction import predict
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer

@@ -1,6 +1,6 @@
 """Fits drawn at random: whether each ends right, or says that it does not.
 
-Usage: python benchmarks/studies/fit_combinations.py [--draw combinations|scenes|forms|places] [--count N]
+Usage: python benchmarks/studies/fit_combinations.py [--draw combinations|scenes|forms|places|outside] [--count N]
        [--first SEED] [--json FILE]
 
 A building of 5 to 12 m on rough ground, X band, 200 MHz, 10 or 20 dB of signal over noise; drawn by seed.
@@ -8,7 +8,9 @@ A building of 5 to 12 m on rough ground, X band, 200 MHz, 10 or 20 dB of signal 
 clock; one or two looks at any heading, HH, VV or all channels, spotlight or stripmap, complex or by amplitude, with or
 without a prior, data of the model's scatterers or (one in five) of others. ``scenes``: a shape alone, with the gain or
 with all levels, to data of the model's own scatterers, of others, or of another building. ``forms``: a rotation or
-scale of up to 0.09, perhaps with a shift. ``places``: height and place off by up to a metre, two looks.
+scale of up to 0.09, perhaps with a shift. ``places``: height and place off by up to a metre, two looks. ``outside``:
+from VHF to Ka band, orbit, aircraft, drone and separate receiver, 0 to 30 dB, data of another look than the scene's
+radar has, and of a building more or less.
 
 Of each: whether it is ``right`` (within four stated standard deviations, and confirmed), ``not confirmed``, ``doubted``
 (right, and not confirmed: a false refusal), ``refused`` or ``WRONG`` (a false confirmation); the largest error over its
@@ -23,10 +25,16 @@ from collections import Counter
 
 import _support
 
-from tests.support.fit_draws import combination, form, other_scene, place
+from tests.support.fit_draws import combination, form, other_scene, outside, place
 
 _ = _support
-DRAWS = {"combinations": combination, "scenes": other_scene, "forms": form, "places": place}
+DRAWS = {
+    "combinations": combination,
+    "scenes": other_scene,
+    "forms": form,
+    "places": place,
+    "outside": outside,
+}
 
 
 def main() -> None:

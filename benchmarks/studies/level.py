@@ -81,7 +81,7 @@ class Setup:
 def images(setup: Setup, seed: int, makers: tuple[str, ...] = MAKERS):  # type: ignore[no-untyped-def]
     """Images of one seed by maker."""
     from sarmitsuba.simulation.image import Imager
-    from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.render import simulate
     from sarmitsuba.simulation.run import Run
     from tests.support.unweighted import focus
 
@@ -126,7 +126,7 @@ def against_raw(setup: Setup) -> float:
     from dataclasses import replace
 
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.render import simulate
     from tests.support.unweighted import focus
 
     hybrid = setup.scene(3)

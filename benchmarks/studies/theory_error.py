@@ -5,6 +5,8 @@ error in HH and VV, true and stated, then for each family and for all bodies how
 stated one by 2 dB, and the stated error over the true one. Bodies are those to which the laws were fitted, and those
 drawn anew afterwards (held out). ``--set bodies`` takes single bodies, ``--set assemblies`` those of several parts and
 bent sheets, of which the fitted ones are solved again; ``--only held_out`` and ``--family plate`` take some.
+``--set folds`` draws plates of 1 to 20 wavelengths that meet at 40 to 140 degrees, held out always, against moments in
+two dimensions: share of statements too small by 3 dB or more, 20 lg of true over stated, and median looseness.
 ``benchmarks/support/drawn_bodies.py`` and ``drawn_assemblies.py`` draw and solve others.
 """
 
@@ -21,6 +23,7 @@ import drawn_assemblies
 import drawn_bodies
 import numpy as np
 
+from sarmitsuba import theory
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.build import SceneMesh, build_scene
@@ -31,6 +34,10 @@ SETS = {"bodies": drawn_bodies, "assemblies": drawn_assemblies}
 CHANNELS = ("HH", "VV")
 # dB below the peak of the exact pattern that is compared, and margin of a statement
 STRONG, MARGIN = 20.0, 2.0
+
+
+# degrees and wavelengths of drawn folds, and their length, wavelengths
+FOLD_ANGLES, FOLD_WIDTHS, FOLD_LENGTH = (40.0, 140.0), (1.0, 20.0), 10.0
 
 
 @dataclass(frozen=True)
@@ -94,6 +101,53 @@ def errors(
         )
 
 
+def fold_errors(seed: int, count: int, widest: float = FOLD_WIDTHS[1]) -> Iterator[BodyError]:
+    """Errors of drawn folds, seen squarely to their length within 60 degrees of the bisector or of the faces' rims."""
+    rng = np.random.default_rng([seed, 0xF01D])
+    for _ in range(count):
+        angle = rng.uniform(*FOLD_ANGLES)
+        width = np.exp(rng.uniform(np.log(FOLD_WIDTHS[0]), np.log(widest), 2))
+        turns = 0.5 * np.radians(angle) * np.array([-1.0, 1.0])
+        ends = width[:, None] * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        azimuth = np.radians(np.arange(-60.0, 60.1, 3.0) + rng.uniform(0.0, 1.0))
+        exact = theory.strips_by_moments([[ends[0], [0.0, 0.0], ends[1]]], 1.0, azimuth, step=1.0 / 15.0)
+        low, high = -0.5 * FOLD_LENGTH, 0.5 * FOLD_LENGTH
+        vertices = np.array([[*place, z] for place in ([0.0, 0.0], *ends) for z in (low, high)])
+        faces = np.array([[0, 1, 2], [2, 1, 3], [0, 4, 1], [1, 4, 5]], dtype=np.int32)
+        scene = build_scene(
+            [SceneMesh(vertices, faces, "pec", "fold")],
+            radar=RadarDescription(center_frequency=SPEED_OF_LIGHT),
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)
+            sweep = rcs_sweep(
+                scene.replace(full_wave="off", edge_diffraction="on"),
+                Aspects(azimuth, np.zeros_like(azimuth)),
+                channels=CHANNELS,
+            )
+        true = []
+        for channel, field in zip(CHANNELS, exact[::-1], strict=True):  # HH is across the fold
+            level = 20.0 * np.log10(np.abs(field)) + 10.0 * np.log10(2.0 * FOLD_LENGTH**2)
+            strong = level >= level.max() - STRONG
+            true.append(float(np.sqrt(np.mean(np.square(sweep.dbsm(channel) - level)[strong]))))
+        stated = sweep.statement.total_db
+        text = (
+            f"{angle:.0f} deg, {width[0]:.1f} and {width[1]:.1f} wavelengths: {sweep.statement.theory.text}"
+        )
+        yield BodyError("fold", (true[0], true[1]), (float(stated[0]), float(stated[1])), text)
+
+
+def fold_summary(found: list[BodyError]) -> str:
+    """One line on drawn folds: true errors, statements too small, and looseness."""
+    true, stated = (np.array([getattr(f, n) for f in found]).ravel() for n in ("true", "stated"))
+    loose = 20.0 * np.log10(stated / true)
+    return (
+        f"folds: {true.size} rows; true rms error median {np.median(true):.2f} dB, worst {true.max():.2f} dB, above "
+        f"2 dB in {(true > 2.0).sum()}; stated too small by more than 3 dB in {(loose < -3.0).sum()}, at most by "
+        f"{max(-loose.min(), 0.0):.1f} dB; median looseness {np.median(loose):.1f} dB"
+    )
+
+
 def summary(name: str, found: list[BodyError]) -> str:
     """One line on the distribution over bodies and channels."""
     true, stated = (np.array([getattr(f, n) for f in found]).ravel() for n in ("true", "stated"))
@@ -113,7 +167,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--set", choices=SETS, action="append", default=[])
+    parser.add_argument("--set", choices=(*SETS, "folds"), action="append", default=[])
+    parser.add_argument("--count", type=int, default=30, help="drawn folds")
+    parser.add_argument("--seed", type=int, default=48, help="of drawn folds")
     parser.add_argument("--only", choices=("fitted", "held_out"))
     parser.add_argument("--family", action="append", default=[])
     parser.add_argument(
@@ -123,7 +179,15 @@ def main() -> int:
         help="auto: with solved currents, as users run it",
     )
     args = parser.parse_args()
-    for of in args.set or SETS:
+    if not args.set or "folds" in args.set:
+        folds = []
+        for one in fold_errors(args.seed, args.count):
+            folds.append(one)
+            print(
+                f"fold true {np.round(one.true, 2)} stated {np.round(one.stated, 2)} {one.text}", flush=True
+            )
+        print(fold_summary(folds))
+    for of in [name for name in args.set or SETS if name in SETS]:
         for which in (args.only,) if args.only else ("fitted", "held_out"):
             found = []
             for one in errors(which, tuple(args.family), of, args.full_wave):

@@ -14,7 +14,8 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.raw import echoes, simulate
+from sarmitsuba.simulation.raw import echoes
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.piece import crop

@@ -26,7 +26,7 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.loader.library import list_scenes, resolve
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 
 # what `render` writes about a run that it announces, and what it has taken when it has ended
 CHILD = """

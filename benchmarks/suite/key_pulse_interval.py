@@ -68,7 +68,7 @@ def _boxes(report: harness.Report, count: int) -> None:
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.render import simulate
     from tests.support.unweighted import focus
 
     rows = []

@@ -103,7 +103,7 @@ STAGES = ("build", "plan", "launch grid", "trace", "synthesise")
 
 def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, harness.Timing]]:
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.render import simulate
 
     plan = plan_scene(scene)
     # hybrid and raw must use the same scatterers and launch window, which follow from the whole aperture
@@ -133,7 +133,7 @@ def _cell(scene: Any) -> float:
 def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None:
     """Errors of raw and of hybrid with several block lengths against converged raw, and their times."""
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.render import simulate
 
     few = harness.with_settings(thinned(scene, CONVERGED_EVERY), method="raw")
     converged = simulate(harness.with_settings(few, **_denser(scene, 0.5)), pass_index=5).data

@@ -32,7 +32,7 @@ from sarmitsuba.simulation.prediction.both_ways import (
     switched,
 )
 from sarmitsuba.simulation.prediction.explanation import explain
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from tests.support.unweighted import focus
 

@@ -18,18 +18,23 @@ from pathlib import Path
 import _support
 import harness
 import numpy as np
-from stated_echoes import focusers
+from stated_echoes import focusers, focusers_outside
 from stated_row import BELOW, FLOOR, Row
 from stated_traces import block_model, blocks, gridding, passes, rays, rcs
+from stated_wide import wide, wide_effects, wide_rays
 
 TOPICS: dict[str, Callable[[int], Iterator[Row]]] = {
     "focusers": focusers,
+    "focusers_outside": focusers_outside,
     "rays": rays,
     "passes": passes,
     "blocks": blocks,
     "block_model": block_model,
     "gridding": gridding,
     "rcs": rcs,
+    "wide": wide,
+    "wide_effects": wide_effects,
+    "wide_rays": wide_rays,
 }
 # cases of a topic: quick, and of the page
 QUICK, COUNT = 1, 30

@@ -12,7 +12,7 @@ import harness
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.errors import SarmitsubaWarning
     from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.render import simulate
 
     report = harness.Report(
         "water",

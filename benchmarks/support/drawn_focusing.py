@@ -1,5 +1,6 @@
 """Echoes of drawn radars and points, and their image by a direct sum that shares no code with the focusers."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,14 +11,17 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.ideal import ideal_echoes
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.loader.build import build_scene
+from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.mode import MODES, AimGeometry
+from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 
@@ -26,7 +30,7 @@ MARGIN = 12  # pixels from the image's ends to the outermost points
 # pixels times pulses of a case: a second for a reference of its best kernel
 MOST_WORK = 2e7
 # modes, and how many of ten draws have them
-MODES = ("spotlight",) * 4 + ("stripmap",) * 3 + ("sliding_spotlight",) * 2 + ("circular",)
+DRAWN_MODES = ("spotlight",) * 4 + ("stripmap",) * 3 + ("sliding_spotlight",) * 2 + ("circular",)
 WINDOWS = ("rectangular",) * 5 + ("hamming", "taylor:4:-35", "kaiser:2.5")
 
 
@@ -59,7 +63,7 @@ def _chance(rng: np.random.Generator, probability: float) -> bool:
 
 
 def _draw(rng: np.random.Generator) -> DrawnEchoes | None:
-    mode = MODES[rng.integers(len(MODES))]
+    mode = DRAWN_MODES[rng.integers(len(DRAWN_MODES))]
     band = str(rng.choice(list(CARRIERS)))
     far = _chance(rng, 0.15)
     slant_range = 700e3 if far else float(np.exp(rng.uniform(np.log(2e3), np.log(30e3))))
@@ -123,6 +127,124 @@ def _draw(rng: np.random.Generator) -> DrawnEchoes | None:
         WINDOWS[rng.integers(len(WINDOWS))],
         text + " uneven" * (radar.prf_jitter > 0.0),
     )
+
+
+# ---------------------------------------------------------------- outside of what laws were fitted on
+
+# Hz, m, pulses a wavelength, and the product of aperture and Doppler bandwidth: ranges of their logarithms
+FREQUENCY, DISTANCE, DENSITY, PRODUCT = (30e6, 240e9), (0.3, 900e3), (1.0, 10.0), (5.0, 2000.0)
+WIDE_MODES = ("spotlight",) * 4 + ("beam",) * 2 + ("own",) * 4
+MOST_PULSES, MOST_SAMPLES = 3000, 1500
+
+
+def draw_wide(seed: int) -> DrawnEchoes:
+    """A straight track of 1 to 10 pulses a wavelength, 30 MHz to 240 GHz, 0.3 m to 900 km, by seed.
+
+    Apertures to 70 deg, beams to 40 deg, squints to 40 deg, bandwidths to that of the carrier.
+    """
+    for attempt in range(1000):
+        made = None
+        with suppress(SarmitsubaError):
+            made = _draw_wide(np.random.default_rng([seed, attempt, 0xA7]))
+        if made is not None:
+            return made
+    raise AssertionError(f"seed {seed}: no draw makes an image")
+
+
+def _between(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _draw_wide(rng: np.random.Generator) -> DrawnEchoes | None:
+    mode = WIDE_MODES[rng.integers(len(WIDE_MODES))]
+    frequency = _between(rng, *FREQUENCY)
+    wavelength = SPEED_OF_LIGHT / frequency
+    slant_range = _between(rng, max(DISTANCE[0], 3.0 * wavelength), DISTANCE[1])
+    squint = np.radians(rng.uniform(-40.0, 40.0)) if _chance(rng, 0.4) else 0.0
+    angle = float(np.sqrt(0.5 * _between(rng, *PRODUCT) * wavelength / slant_range))
+    if angle > 1.2 or abs(np.sin(squint)) + 0.5 * angle > 0.95:
+        return None
+    most = MOST_PULSES * wavelength / (angle * slant_range)
+    density = min(max(_between(rng, *DENSITY), 2.4 * angle), most)
+    if density < 2.3 * angle:
+        return None
+    bandwidth = frequency * _between(rng, 0.003, 0.9)
+    cells = 0.5 * wavelength / angle, 0.5 * SPEED_OF_LIGHT / bandwidth
+    sides = [float(rng.uniform(20.0, 40.0)) * cell for cell in cells]
+    if max(sides) > 0.6 * slant_range:
+        return None
+    width = min(angle * float(rng.uniform(0.7, 2.0)), np.radians(40.0))
+    antenna = Antenna()
+    if mode == "beam" or _chance(rng, 0.4):
+        pattern = ("gaussian", "rectangular")[rng.integers(2)]
+        antenna = Antenna(pattern, 1.0, width, np.radians(rng.uniform(10.0, 40.0)))
+    radar = ideal_radar(
+        slant_range=slant_range,
+        resolution=cells[0],
+        bandwidth=bandwidth,
+        center_frequency=frequency,
+        look_angle=np.radians(rng.uniform(25.0, 60.0)),
+        squint_angle=squint,
+        prf_factor=0.5 * density / angle,
+        sampling_factor=float(rng.uniform(1.02, 1.6)),
+        antenna=antenna,
+        mode="spotlight" if mode == "spotlight" else "stripmap",
+    )
+    if mode != "spotlight":
+        half = 0.5 * angle if mode == "own" else np.inf
+        radar = _along_strip(
+            radar, sides[0] + 1.2 * slant_range * (angle if mode == "own" else 2.5 * width), half
+        )
+    sample, position = radar.window.sample_spacing, radar.track.position
+    corners = np.array([[0.5 * a * sides[1], 0.5 * b * sides[0], 0.0] for a in (-1.3, 1.3) for b in (-1, 1)])
+    distance = np.linalg.norm(position, axis=1)
+    if mode == "spotlight":
+        span = max(
+            float(np.abs(np.linalg.norm(corner - position, axis=1) - distance).max()) for corner in corners
+        )
+        start, n_samples = np.floor((distance - span) / sample - 20) * sample, int(2.0 * span / sample) + 40
+    else:
+        nearest = (
+            np.floor((np.linalg.norm(corners[:, None] - position, axis=-1).min()) / sample - 20) * sample
+        )
+        farthest = slant_range * (1.0 + 0.5 * angle**2 + 2.0 * angle * abs(np.tan(squint))) + sides[1]
+        start = np.full(distance.size, nearest)
+        n_samples = int((farthest - nearest) / sample) + 40
+    if n_samples > MOST_SAMPLES or distance.size > 2 * MOST_PULSES or distance.size < 20 or start.min() < 0.0:
+        return None
+    radar = replace(radar, window=ReceiveWindow(start, sample, n_samples))
+    kind = ("slant", "ground")[rng.integers(2)]
+    request = ImageRequest(kind, 0.0, 0.0, 0.0, sides[0], sides[1], 0.0, 0.0)
+    grid = default_grid(radar, request)
+    if np.prod(grid.shape) * distance.size > MOST_WORK or min(grid.shape) < 16:
+        return None
+    wander = (
+        float(wavelength * _between(rng, 0.01, 3.0)) if mode == "spotlight" and _chance(rng, 0.2) else 0.0
+    )
+    flown = _wandering(radar, wander, rng) if wander else radar
+    points, strengths = _points(grid, cells[0], rng)
+    keep = slice(0, 24)
+    raw = ideal_echoes(flown, points[keep], strengths[keep], rng.uniform(0.0, 2.0 * np.pi, len(points[keep])))
+    text = (
+        f"{mode} {antenna.pattern} {frequency / 1e9:.3g} GHz {slant_range:.3g} m aperture {np.degrees(angle):.2g} deg "
+        f"squint {np.degrees(squint):.0f} band {100.0 * bandwidth / frequency:.2g} % {density:.2g} pulses/wavelength "
+        f"{distance.size} pulses {kind} wander {wander:.2g} m"
+    )
+    return DrawnEchoes(
+        raw, grid, WINDOWS[rng.integers(len(WINDOWS))], WINDOWS[rng.integers(len(WINDOWS))], text
+    )
+
+
+def _along_strip(radar: Radar, length: float, half_aperture: float) -> Radar:
+    """The radar in stripmap over a track of a length, m, each pixel with its own aperture."""
+    track = radar.track
+    spacing = float(np.linalg.norm(track.position[1] - track.position[0]))
+    center, n = track.center_position, max(20, round(length / spacing))
+    longer = Track.straight(center, track.velocity[0], track.prf, n)
+    geometry = AimGeometry(np.zeros(3), center, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    pointing = MODES["stripmap"].pointing(longer, geometry)
+    window = ReceiveWindow(np.zeros(n), radar.window.sample_spacing, 1)
+    return replace(radar, track=longer, pointing=pointing, window=window, half_aperture=half_aperture)
 
 
 def _beam(rng: np.random.Generator, resolution: float, wavelength: float) -> dict[str, Any]:
@@ -243,4 +365,4 @@ def _gain(radar: Radar, pulse: int, direction: F64) -> F64:
     return np.asarray(np.where(direction @ pointing.boresight[pulse] > 0.0, gain, 0.0))
 
 
-__all__ = ["CARRIERS", "DrawnEchoes", "direct_sum", "draw_echoes"]
+__all__ = ["CARRIERS", "DrawnEchoes", "direct_sum", "draw_echoes", "draw_wide"]

@@ -15,7 +15,7 @@ from sarmitsuba.loader.library import list_scenes, resolve, resolve_radar
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 
 # scenes that show an effect under another radar, in a later pass, or alone: without slabs nothing is seen through them
 OTHERWISE: dict[str, tuple[str, str | None, dict[str, str]]] = {

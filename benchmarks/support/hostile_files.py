@@ -184,8 +184,8 @@ def make_samples(folder: Path) -> None:
     from sarmitsuba.echo.raw_data import Layer
     from sarmitsuba.io import write_image, write_raw
     from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.raw import simulate
     from sarmitsuba.simulation.refinement.running_mean import Passes
+    from sarmitsuba.simulation.render import simulate
     from tests.support.unweighted import focus
 
     folder.mkdir(parents=True, exist_ok=True)

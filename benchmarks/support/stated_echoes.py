@@ -1,15 +1,18 @@
 """Focusers: what each states against exact backprojection of the same drawn echoes, and that against a direct sum."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from drawn_focusing import DrawnEchoes, direct_sum, draw_echoes
+from drawn_focusing import DrawnEchoes, direct_sum, draw_echoes, draw_wide
 from focuser_breaks import FORMS
 from stated_row import Row
 
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.witness import Witness
 from tests.support.unweighted import focus
 
 BACKPROJECTIONS = (
@@ -27,35 +30,54 @@ OTHERS = (
     "auto,error=-50",
     "auto,error=-35",
 )
+# kind of the rows of what an image measured of itself
+MEASURED = "witness"
 # pulses times points of the direct sum: two seconds; and pixels among them that hold what a few points leave
 DIRECT, BRIGHT = 6e4, 100
 
 
-def focusers(seed: int, names: tuple[str, ...] = OTHERS) -> Iterator[Row]:
-    """All focusers, or some and backprojection, on one drawn recording."""
-    drawn = draw_echoes(seed)
+def focusers_outside(seed: int, names: tuple[str, ...] = OTHERS) -> Iterator[Row]:
+    """The same on a recording drawn outside of what the laws were fitted on."""
+    return focusers(seed, names, draw_wide(seed))
+
+
+def focusers(seed: int, names: tuple[str, ...] = OTHERS, drawn: DrawnEchoes | None = None) -> Iterator[Row]:
+    """All focusers, or some and backprojection, on one drawn recording: their laws, and what they measured of it."""
+    topic = "focusers" if drawn is None else "focusers_outside"
+    drawn = drawn or draw_echoes(seed)
     raw, grid = drawn.raw, drawn.grid
     windows = {"range_window": drawn.range_window, "azimuth_window": drawn.azimuth_window}
     exact = backproject(raw, grid, **windows, interpolation="kernel:8", oversampling=4)
     case = f"{drawn.label} {drawn.range_window}/{drawn.azimuth_window}"
     for name in names:
-        yield _against(name, seed, case, drawn, exact, windows)
-    yield from _backprojections(seed, drawn, exact if _plain(windows) else None)
+        for row in _against(name, seed, case, drawn, exact, windows):
+            yield replace(row, topic=topic)
+    for row in _backprojections(seed, drawn, exact if _plain(windows) else None):
+        yield replace(row, topic=topic)
 
 
 def _against(
     name: str, seed: int, case: str, drawn: DrawnEchoes, exact: np.ndarray, windows: dict[str, str]
-) -> Row:
+) -> Iterator[Row]:
     try:
         image = focus(drawn.raw, drawn.grid, focuser=name, **windows)
     except DataError as error:
-        return Row("focusers", name, seed, case, refused=True, note=str(error)[:80])
+        yield Row("focusers", name, seed, case, refused=True, note=str(error)[:80])
+        return
     facts = image.metadata["focus"]
     stated = facts["stated_error_db"]
     true = image_error_db(image.data, exact)
     note = "compensated" if "motion_compensation" in facts else ""
     note += f" by {facts['method']}" if name.startswith("auto") else ""
-    return Row("focusers", name, seed, case, np.nan if stated is None else stated, true, note=note)
+    yield Row("focusers", name, seed, case, np.nan if stated is None else stated, true, note=note)
+    if "motion_compensation" not in facts:  # there the witness is of the compensated data
+        yield Row("focusers", MEASURED, seed, f"{name} {case}", _measured(facts), true, note=note)
+
+
+def _measured(facts: Mapping[str, Any]) -> float:
+    """Level below which the error lies with 95 % probability, dB, by the image's own witness; NaN where none."""
+    found = Witness.read(facts.get("witness"))
+    return np.nan if found is None else found.upper_db
 
 
 def _plain(windows: dict[str, str]) -> bool:
@@ -81,4 +103,8 @@ def _backprojections(seed: int, drawn: DrawnEchoes, best: np.ndarray | None) -> 
         image = focus(raw, grid, focuser=name)
         error = np.sum(weight * np.abs(image.data[0].ravel()[pick] - exact) ** 2) / power.sum()
         stated = image.metadata["focus"]["stated_error_db"]
-        yield Row("focusers", name, seed, drawn.label, stated, 10.0 * float(np.log10(max(error, 1e-30))))
+        true = 10.0 * float(np.log10(max(error, 1e-30)))
+        yield Row("focusers", name, seed, drawn.label, stated, true)
+        yield Row(
+            "focusers", MEASURED, seed, f"{name} {drawn.label}", _measured(image.metadata["focus"]), true
+        )

@@ -26,8 +26,9 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blocks import partition
 from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.path_table import PathTracer
-from sarmitsuba.simulation.raw import echoes, simulate
+from sarmitsuba.simulation.raw import echoes
 from sarmitsuba.simulation.refinement.error_bars import with_error_bars
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from tests.support.unweighted import focus, refine, render

@@ -9,6 +9,7 @@ from sarmitsuba.commands.console import Console
 
 if TYPE_CHECKING:
     from sarmitsuba.cluster.dask_workers import DaskWorkers
+    from sarmitsuba.scene.settings import TraceSettings
 
 
 def add_cluster_argument(parser: argparse.ArgumentParser) -> None:
@@ -30,15 +31,17 @@ def check_cluster_argument(args: argparse.Namespace) -> None:
 
 
 @contextmanager
-def open_workers(args: argparse.Namespace, console: Console, method: str) -> "Iterator[DaskWorkers | None]":
+def open_workers(
+    args: argparse.Namespace, console: Console, settings: "TraceSettings"
+) -> "Iterator[DaskWorkers | None]":
     """Workers of the cluster in the arguments; None where none is named or the method cannot be distributed."""
     if not args.cluster:
         yield None
         return
-    if method in ("image", "raster"):
+    if settings.one_look:
         console.note(
-            f"--cluster {args.cluster}: method {method} takes one look, which this process makes alone; hybrid and raw "
-            "are shared"
+            f"--cluster {args.cluster}: method {settings.method} takes one look, which this process makes alone; "
+            "hybrid and raw are shared"
         )
         yield None
         return

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TextIO
 
-from sarmitsuba.errors import SarmitsubaWarning, plain_line
+from sarmitsuba.errors import GuessWarning, SarmitsubaWarning, plain_line
 from sarmitsuba.progress import Journey, Standing
 from sarmitsuba.timing import Clock
 
@@ -32,7 +32,7 @@ class Console:
 
     Parameters
     ----------
-    quiet : hide results, progress and warnings; errors are still shown
+    quiet : hide results, progress and warnings; errors and guesses of the physics are still shown
     verbose : show log messages of the libraries
     clock : time source of the progress, s
     """
@@ -59,12 +59,12 @@ class Console:
         self.end_progress()
         self._line(f"error: {plain_line(text)}", sys.stderr)
 
-    def warn(self, text: str) -> None:
-        """Print a warning on one line and remember it; the same text is printed only once."""
+    def warn(self, text: str, *, always: bool = False) -> None:
+        """Print a warning on one line, ``always`` even when quiet, and remember it; the same text only once."""
         line = plain_line(text)
         if line not in self.warnings:
             self.warnings.append(line)
-            if not self.quiet:
+            if always or not self.quiet:
                 self._line(f"warning: {line}", sys.stderr)
 
     def busy(self, work: str) -> None:
@@ -164,7 +164,7 @@ class Console:
             line: str | None = None,
         ) -> None:
             if issubclass(category, SarmitsubaWarning):
-                self.warn(str(message))
+                self.warn(str(message), always=issubclass(category, GuessWarning))
             elif self.verbose:
                 text = warnings.formatwarning(message, category, filename, lineno, line)
                 self._line(plain_line(text), sys.stderr)

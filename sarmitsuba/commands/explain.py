@@ -56,8 +56,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     settings = scene.settings
     if args.method:
         settings = dataclasses.replace(settings, method=args.method)
-    if not args.no_error_bars:
-        settings = dataclasses.replace(settings, keep_subsets=True)
+    if args.no_error_bars:
+        settings = dataclasses.replace(settings, keep_subsets=False)
     scene = dataclasses.replace(scene, settings=settings)
     if not args.plan_only:
         console.busy(

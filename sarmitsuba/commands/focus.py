@@ -290,7 +290,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "simulation": raw.metadata,
         }
         if request is not None:
-            record["image_request"] = request.moved(raw.radar.offset)
+            record["image_request"] = request.as_dict()
         picture = focus_into(folder, raw, args, console, watch, record, style, request)
         record["warnings"] = console.warnings
         record["seconds"] = {**watch.seconds, "total": watch.total}

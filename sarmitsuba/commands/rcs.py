@@ -32,6 +32,8 @@ TABLE, PLOT = "rcs.csv", "rcs.png"
 # radar of a mesh without one: only its frequency is used
 _RADAR = "airborne_x"
 MOST_DIRECTIONS = 100_000
+# Hz, and share of the carrier: bandwidth of the radar where --frequency is given
+_BANDWIDTH, _BAND_SHARE = 300e6, 0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -222,7 +224,12 @@ def _scene(args: argparse.Namespace, console: Console) -> "Scene":
                 f"{args.scene}: a mesh file has no frequency; that of {_RADAR} is used, see --frequency"
             )
     if frequency:
-        args.define = [*args.define, ("sar_antenna.center_frequency", f"{frequency!r}")]
+        args.define = [
+            *args.define,
+            ("sar_antenna.center_frequency", f"{frequency!r}"),
+            # no part of a cross section; the scene's own may be more than the carrier has room for
+            ("sar_antenna.bandwidth", f"{min(_BANDWIDTH, _BAND_SHARE * frequency)!r}"),
+        ]
     scene = scene_of(args)
     changes = {"max_depth": args.max_depth, "seed": args.seed}
     settings = dataclasses.replace(scene.settings, **{k: v for k, v in changes.items() if v is not None})
@@ -255,6 +262,7 @@ def _record(
         "ray_spacing_m": sweep.result.ray_spacing,
         "sampling_error_db": dict(zip(sweep.result.channels, sweep.error_db, strict=True)),
         "error": sweep.statement.as_dict(sweep.result.channels),
+        "witnesses": {} if sweep.currents is None else {"currents": sweep.currents.witness.as_dict()},
     }
 
 
@@ -357,6 +365,7 @@ def _image(
             table,
             range_window=args.window,
             azimuth_window=_azimuth_window(aspects, args.window),
+            error_bars=False,  # the sweep has a statement of its own
             progress=console.progress,
             ready=ready,
         )
@@ -370,7 +379,7 @@ def _image(
         results.draw_into(folder, results.picture_name(channels, channel), shown, console)
     record["image"] = {
         "radar": results.radar_record(table.radar),
-        "image_request": table.image.moved(table.offset),
+        "image_request": table.image.as_dict(),
         "plan": image.metadata.get("plan"),
     }
     wave = table.radar.waveform

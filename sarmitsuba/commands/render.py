@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,6 @@ NAME = "render"
 HELP = "simulate a scene and focus it"
 
 _METHODS = ("raw", "hybrid", "image", "raster")
-_WITHOUT_RAW = ("image", "raster")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -115,13 +115,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "versions": results.versions(),
             "backend": backend,
             "settings": settings,
-            "image_request": scene.image.moved(scene.offset),
+            "image_request": scene.image.as_dict(),
             "radar": results.radar_record(scene.radar),
         }
-        with open_workers(args, console, settings.method) as workers:
+        with open_workers(args, console, settings) as workers:
             if workers is not None:
                 record["cluster"] = workers.name
-            if settings.method in _WITHOUT_RAW:
+            if settings.one_look:
                 done = _image_only(folder, scene, args, console, watch, record, run_hash)
             else:
                 done = _raw_and_image(folder, scene, args, console, watch, record, run_hash, workers)
@@ -161,17 +161,12 @@ def _scene_with_settings(args: argparse.Namespace) -> "Scene":
         "seed": args.seed,
         "target_error_db": args.target_error,
         "time_limit": args.time_limit,
-        "keep_subsets": None if args.no_error_bars else True,
+        "keep_subsets": False if args.no_error_bars else None,
     }
     settings = dataclasses.replace(
         scene.settings, **{key: value for key, value in changes.items() if value is not None}
     )
     return dataclasses.replace(scene, settings=settings)
-
-
-def _many_passes(scene: "Scene") -> bool:
-    """Whether passes are added until an error or a time is reached."""
-    return scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0
 
 
 def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Namespace) -> str:
@@ -180,17 +175,8 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
     from sarmitsuba.simulation.fingerprint import fingerprint
 
     settings = scene.settings
-    with_raw = settings.method not in _WITHOUT_RAW
-    if not with_raw and (args.no_focus or args.raw != "compressed"):
-        raise DataError(
-            f"method {settings.method} makes an image without raw data; leave out --no-focus and --raw, "
-            "or use --method hybrid"
-        )
-    if not with_raw and _many_passes(scene):
-        raise DataError(
-            f"method {settings.method} makes one pass only; leave out target_error_db and time_limit (--target-error, "
-            "--time-limit), or use --method hybrid"
-        )
+    settings.check(scene.name, raw=args.no_focus or args.raw != "compressed")
+    with_raw = not settings.one_look
     if args.page and args.no_focus:
         raise DataError("--page shows the image, and --no-focus makes none; leave one of them out")
     if args.no_focus and (args.axes or args.outlines or args.with_view or args.labels or args.classes):
@@ -203,7 +189,7 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
         class_argument(args, scene)
     formats = results.Formats.parse(args.format)
     run_hash = fingerprint(scene, getattr(args, "extension", ()))
-    if _many_passes(scene):  # several passes are not replaced by one without --force
+    if scene.settings.adds_passes:  # several passes are not replaced by one without --force
         run_hash += " passes"
     names = results.expected_names(
         formats,
@@ -216,7 +202,7 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
     )
     if args.page:
         names += (PAGE,)
-    if with_raw and _many_passes(scene):
+    if with_raw and scene.settings.adds_passes:
         names += (results.PASSES,)
     folder.check(run_hash, names, force=args.force)
     folder.check_space(
@@ -244,7 +230,7 @@ def _raw_and_image(
 
     formats = results.Formats.parse(args.format)
     found = None
-    if not (args.force or _many_passes(scene)):
+    if not (args.force or scene.settings.adds_passes):
         with watch.stage("read raw"):
             found = results.saved_raw(folder, formats, run_hash, console)
     if found is not None and found[1].domain in ("compressed", args.raw):
@@ -274,7 +260,9 @@ def _raw_and_image(
     return focus_into(folder, raw, args, console, watch, record, style, workers=workers)
 
 
-def _announcing(console: Console, args: argparse.Namespace, limit: float | None = None) -> "Ready":
+def _announcing(
+    console: Console, args: argparse.Namespace, watch: StageTimer, limit: float | None = None
+) -> "Ready":
     """Print the predicted time and the effects of a run before tracing; ``limit``: time limit of several passes, s."""
     from sarmitsuba.commands import results
     from sarmitsuba.echo.chirp import n_fast_chirped
@@ -287,6 +275,9 @@ def _announcing(console: Console, args: argparse.Namespace, limit: float | None 
             needs = needs.recorded(radar.window.n_samples, n_fast_chirped(radar))
         formats, channels = results.Formats.parse(args.format), run.scene.radar.channels
         needs = results.with_files(needs, formats, channels, image=not args.no_focus, chart=not args.no_chart)
+        if args.labels:
+            needs = needs.labelled(run.label_needs())
+        needs = dataclasses.replace(needs, spent=(watch.total, time.process_time()))
         needs.check()
         console.say(str(needs))
         console.say(f"plan: {run.plan.summary()}")
@@ -313,49 +304,45 @@ def _simulate(
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
     from sarmitsuba.io.journal import remove_journal
-    from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.render import RenderOptions, execute
 
     settings = scene.settings
-    if not _many_passes(scene):
-        blocks = folder.path / results.BLOCKS
-        with watch.stage("simulate"):
-            try:
-                return simulate(
-                    scene,
-                    progress=console.progress,
-                    ready=_announcing(console, args),
-                    state=blocks,
-                    run_hash=run_hash,
-                    workers=workers,
-                )
-            except RadarError:  # no echoes: another run would give the same
-                remove_journal(blocks)
-                raise
-    from sarmitsuba.simulation.refinement.passes import refine
-
-    if args.force:  # the saved passes of an interrupted run belong to the new results, not to the old ones
-        folder.clear(run_hash)
-    folder.announce(results.PASSES)
+    state, limit = folder.path / results.BLOCKS, None
+    if settings.adds_passes:
+        state, limit = folder.path / results.PASSES, settings.time_limit
+        if (
+            args.force
+        ):  # the saved passes of an interrupted run belong to the new results, not to the old ones
+            folder.clear(run_hash)
+        folder.announce(results.PASSES)
     with watch.stage("simulate"):
         try:
-            refined = refine(
+            done = execute(
                 scene,
-                state=folder.path / results.PASSES,
-                range_window=args.window,
-                azimuth_window=args.window,
+                RenderOptions(range_window=args.window, azimuth_window=args.window),
+                focused=False,
                 progress=console.progress,
-                ready=_announcing(console, args, settings.time_limit),
+                ready=_announcing(console, args, watch, limit),
+                state=state,
+                run_hash=run_hash,
                 workers=workers,
             )
+        except RadarError:  # no echoes: another run would give the same
+            if not settings.adds_passes:
+                remove_journal(state)
+            raise
         finally:
-            folder.enter(results.PASSES)
-    if settings.target_error_db < 0.0 and not refined.met:
+            if settings.adds_passes:
+                folder.enter(results.PASSES)
+    refined = done.refinement
+    if refined is not None and settings.target_error_db < 0.0 and not refined.met:
         console.warn(
             f"{scene.name}: the sampling error is {refined.error_db:.1f} dB after {refined.passes} passes. The time "
             f"limit of {settings.time_limit:g} s ended before {settings.target_error_db:g} dB was reached; run the "
             "command again to add passes"
         )
-    return refined.raw
+    assert done.raw is not None
+    return done.raw
 
 
 def _image_only(
@@ -377,7 +364,7 @@ def _image_only(
             range_window=args.window,
             azimuth_window=args.window,
             progress=console.progress,
-            ready=_announcing(console, args),
+            ready=_announcing(console, args, watch),
         )
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})

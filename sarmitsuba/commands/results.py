@@ -239,13 +239,12 @@ def store_image(
     if errors:
         record["sampling_error"] = errors
         text = ", ".join(f"{channel} {_stated(bar)}" for channel, bar in errors.items())
-        console.say(f"sampling error of the image: {text} ({next(iter(errors.values()))['source']})")
+        source = next(iter(errors.values()))["source"]
+        console.say(f"sampling error of the image, measured here: {text} ({source})")
     found = _account(image, watch, others)
     parts = found.parts
     record["errors"] = {part.name: part.as_dict() for part in parts}
-    console.say(
-        f"not in it: {', '.join(map(str, parts[1:]))}" if errors else f"errors: {', '.join(map(str, parts))}"
-    )
+    console.say(f"errors: {'; '.join(map(str, parts))}")
     for text in found.advice:
         console.say(text)
     failed: list[SarmitsubaError] = []

@@ -45,11 +45,13 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="let the scene include files, and name meshes, from outside its own folder",
     )
-    mesh = parser.add_argument_group("mesh", "properties that a mesh file does not contain")
+    mesh = parser.add_argument_group(
+        "mesh", "properties that a mesh file, or a scene made for light, does not contain"
+    )
     mesh.add_argument(
         "--up",
         choices=("auto", "y", "z"),
-        help="axis that points up (default: y in glTF, else by the mesh's shape)",
+        help="axis that points up (default: y in glTF, else by the shapes; z in a scene with a radar)",
     )
     mesh.add_argument(
         "--unit",
@@ -62,8 +64,14 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=material_choice,
         metavar="[NAME=]MATERIAL",
-        help="radar material of the file's material NAME, or of all that are not named so: concrete, brick, glass, "
+        help="radar material of a mesh file's material NAME, or of all that are not named so: concrete, brick, glass, "
         "metal, pec, ... (default: by its name)",
+    )
+    mesh.add_argument(
+        "--smooth",
+        action="store_true",
+        help="take meshes for the smooth surface through their corners, and fit finer facets to it; edges that bend by "
+        "more than 40 deg stay sharp",
     )
 
 
@@ -81,6 +89,8 @@ def scene_of(args: argparse.Namespace) -> "Scene":
     from sarmitsuba.loader.load import load_scene
 
     radar = resolve_radar(args.radar) if args.radar else None
+    if args.smooth:
+        args.define = [*args.define, ("sar_path.smooth", "true")]
     mesh, told = None, mesh_record(args)
     if told is not None:
         from sarmitsuba.loader.from_mesh import MeshOptions

@@ -14,14 +14,13 @@ from sarmitsuba.backend import dr
 from sarmitsuba.cost.clock import MeasuredClock, StudyClock
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.prediction.speed import Work
-from sarmitsuba.simulation.raw import echoes
+from sarmitsuba.simulation.render import RenderOptions, focus_echoes, trace_run
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import Clock, StageTimer
@@ -159,8 +158,14 @@ def run_trial(
     echoes_of : earlier trial with the same settings but the focuser, whose echoes are focused and whose seconds count
     """
     changed = setting.apply(scene)
-    method = changed.settings.method
     grid = grid or default_grid(scene.radar, scene.image)
+    options = RenderOptions(
+        grid=grid,
+        focuser=setting.focuser,
+        range_window="rectangular",
+        azimuth_window="rectangular",
+        pass_index=pass_index,
+    )
     compiled, raw = 0.0, None
     with memory() as peak:
         if echoes_of is not None and echoes_of.raw is not None:
@@ -169,25 +174,18 @@ def run_trial(
         else:
             with compiling() as spent:
                 run = Run(changed, clock=clock.source) if prepared is None else prepared.trial(changed)
-                if method in ("image", "raster"):
-                    imager = Imager(run, grid)
-                    image = imager.image(pass_index) if method == "image" else imager.raster()
-                    stages = dict(image.metadata["seconds"])
+                traced = trace_run(run, options)
+                stages = dict(traced.metadata["seconds"])
+                if isinstance(traced, SarImage):
+                    image = traced
                 else:
-                    raw = echoes(run, pass_index=pass_index)
-                    stages = dict(raw.metadata["seconds"])
+                    raw = traced
             compiled += _take(stages, spent[0], ("trace", "raster", "plan", "points"))
             statistics, interval = run.statistics, run.report.key_pulse_interval if run.report else 1
         if raw is not None:
             timer = StageTimer(clock.source)
             with compiling() as spent:
-                image = focus(
-                    raw,
-                    grid,
-                    focuser=setting.focuser,
-                    range_window="rectangular",
-                    azimuth_window="rectangular",
-                )
+                image = focus_echoes(raw, options)
             timer.lap("focus")
             stages |= timer.seconds
             compiled += _take(stages, spent[0], ("focus",))

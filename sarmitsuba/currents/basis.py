@@ -2,12 +2,16 @@
 
 import itertools
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64, I64
 from sarmitsuba.currents.quadrature import triangle_rule
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 # directions at a time for the integrals of plane waves
 _BLOCK = 2_000_000
@@ -111,6 +115,28 @@ class CurrentBasis:
             Symmetry.of(self, np.array(odd, dtype=bool))
             for odd in itertools.product((False, True), repeat=self.crosses.shape[1])
         ]
+
+    def products(self, weight: F64) -> "csr_matrix":
+        """Sparse matrix (n, n) of integrals of products of two functions; ``weight``: (m,) of each triangle."""
+        from scipy.sparse import csr_matrix, diags
+
+        points, share = triangle_rule(2)
+        place = np.einsum("pk,nkc->npc", points, self.corners)
+        t = self.corners
+        area = 0.5 * np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
+        row, edge = np.nonzero(self.function >= 0)
+        flow = (self.weight[row, edge] / area[row])[:, None, None] * (place[row] - t[row, edge][:, None])
+        # rows of one triangle add up
+        m, q = len(weight), len(share)
+        where = (self.triangle[row][:, None] * q + np.arange(q)).ravel()
+        of_triangle = np.zeros(m)
+        of_triangle[self.triangle] = area
+        power = diags((weight[:, None] * of_triangle[:, None] * share).ravel())
+        columns = np.repeat(self.function[row, edge], q)
+        parts = [
+            csr_matrix((flow[..., c].ravel(), (where, columns)), shape=(m * q, self.n)) for c in range(3)
+        ]
+        return sum(part.T @ power @ part for part in parts).tocsr()
 
     def plane_waves(self, directions: F64, fields: F64) -> C128:
         r"""Integrals (n, n_directions, n_fields) complex128 of functions times plane waves from the directions.

@@ -25,12 +25,10 @@ from sarmitsuba.errors import (
     SarmitsubaWarning,
 )
 from sarmitsuba.exclusive import single_threaded
-from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.parameters import Value
-from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.refinement.error_bars import estimate_pass_error
-from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.render import RenderOptions, execute
 
 # errors of the machine or the recipe, which another draw would not cure
 _FATAL = (RecipeError, BackendError, ExtensionError, OutputError)
@@ -188,20 +186,20 @@ def _attempted(drawer: Drawer, number: int, attempt: int) -> Sample:
 def _image(drawn: DrawnSample, pass_index: int) -> tuple[SarImage, RawData | None]:
     """Image of a drawn scene, and the echoes that it was focused from."""
     scene, how = drawn.scene, drawn.focusing
-    window = how["window"]
-    if scene.settings.method in ("image", "raster"):
-        if how["autofocus"] != "none":
-            raise RecipeError(
-                f"[focusing]: autofocus = {how['autofocus']} needs echoes, and method "
-                f"{scene.settings.method} makes none"
-            )
-        image = render(scene, range_window=window, azimuth_window=window, pass_index=pass_index)
-        return image, None
-    raw = simulate(scene, pass_index=pass_index)
-    image = focus(
-        raw, focuser=how["focuser"], range_window=window, azimuth_window=window, autofocus=how["autofocus"]
+    if scene.settings.one_look and how["autofocus"] != "none":
+        raise RecipeError(
+            f"[focusing]: autofocus = {how['autofocus']} needs echoes, and method {scene.settings.method} makes none"
+        )
+    options = RenderOptions(
+        focuser=how["focuser"],
+        range_window=how["window"],
+        azimuth_window=how["window"],
+        autofocus=how["autofocus"],
+        pass_index=pass_index,
     )
-    return image, raw
+    done = execute(scene, options)
+    assert done.image is not None
+    return done.image, done.raw
 
 
 def _sampling_error(every: int, drawn: DrawnSample, image: SarImage) -> dict[str, float]:

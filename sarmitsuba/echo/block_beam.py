@@ -22,7 +22,7 @@ def step_within_beam(radar: Radar, start: int, stop: int, kernel: GriddingKernel
 
     with the largest derivatives of the pattern. Both are kept at ``_BEAM_DB``.
     """
-    if radar.antenna.pattern == "isotropic":
+    if not radar.antenna.directive:
         return float(np.inf)
     taps = np.asarray(kernel.taps(np.array(0.5)))
     distance = np.arange(kernel.width) - kernel.lead - 0.5

@@ -82,7 +82,7 @@ class RawData:
         ``n_fast = n_samples + ceil(pulse_width * sampling_rate)``.
     radar : the radar that recorded it, with the track as recorded
     metadata : JSON-able facts: parameters, versions, seed, timings, warnings
-    request : default image to focus, in the frame of ``radar``
+    request : default image to focus
     flown : the true track, in the frame of ``radar``, where it is not the recorded one; not used by focusers
     autofocus_records : by channel, a provider's autofocus corrections that came with the data and are not applied to
         them, see :func:`sarmitsuba.focusing.apply_autofocus_records`; empty: none

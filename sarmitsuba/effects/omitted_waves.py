@@ -22,8 +22,8 @@ MOST_LINES = 3000
 GRAZING = 4.0
 # products of lines and directions at a time
 _BLOCK = 400_000
-# triangles of a piece of surface from which its extent is taken
-_PIECE = 1000
+# triangles of a piece of surface beyond which its extent is taken from those that reach farthest in so many directions
+_PIECE, _OUTERMOST = 1000, 64
 # k times a radius, below which it acts as an edge
 AS_EDGE = 1.26
 # rad, bend up to which two triangles are one plane
@@ -85,11 +85,13 @@ class SimulatedWaves:
     edges : fringe waves of sharp metal edges; those of other surfaces are never simulated
     between_rims : waves diffracted twice, between the rims of a sheet
     one_rim : the two edges of a thin plate act as one rim
+    folds : waves off folds between two faces, as far as they are tabulated
     """
 
     edges: bool = True
     between_rims: bool = False
     one_rim: bool = False
+    folds: bool = False
 
 
 LAWS = WaveLaws()
@@ -252,8 +254,8 @@ def _widths(edges: SharpEdges, corners: F64, piece: I64) -> tuple[I64, F64]:
         off = np.linalg.norm(sides[near] - edges.middle[:, None], axis=2)
         cost = off + 1e3 * ((inside <= 0.0) | (level < 0.99)) * (1.0 + np.ptp(corners))
         found[:, i] = piece[near[np.arange(edges.n), cost.argmin(axis=1)] // 3]
-    order = np.argsort(piece, kind="stable")
-    count = np.bincount(piece)
+    order = _outermost(corners, piece)
+    count = np.bincount(piece[order], minlength=len(area))
     start = np.cumsum(count) - count
     width = np.empty((edges.n, 2))
     step = _BLOCK // _PIECE
@@ -261,11 +263,10 @@ def _widths(edges: SharpEdges, corners: F64, piece: I64) -> tuple[I64, F64]:
         for first in range(0, edges.n, step):
             rows = slice(first, first + step)
             of, across, along = found[rows, i], edges.inward[rows, i], edges.along[rows]
-            taken = np.minimum(count[of], _PIECE)
+            taken = count[of]
             row = np.repeat(np.arange(of.size), taken)
             begin = np.cumsum(taken) - taken
-            number = np.arange(row.size) - begin[row]
-            triangle = order[start[of][row] + number * count[of][row] // taken[row]]
+            triangle = order[start[of][row] + np.arange(row.size) - begin[row]]
             points = corners[triangle]
             depth = np.maximum.reduceat(np.einsum("tci,ti->tc", points, across[row]).max(axis=1), begin)
             depth = depth - np.einsum("ei,ei->e", edges.middle[rows], across)
@@ -276,6 +277,28 @@ def _widths(edges: SharpEdges, corners: F64, piece: I64) -> tuple[I64, F64]:
             mean = area[of] / np.maximum(run, 1e-300)
             width[rows, i] = np.clip(mean, 1e-12, np.maximum(depth, 1e-12))
     return found, width
+
+
+def _outermost(corners: F64, piece: I64) -> I64:
+    """Triangles piece by piece; of large pieces those that reach farthest, in ``_OUTERMOST`` directions all round."""
+    order = np.argsort(piece, kind="stable")
+    count = np.bincount(piece)
+    if (count <= _PIECE).all():
+        return order
+    place = np.arange(_OUTERMOST) + 0.5
+    height, turn = 1.0 - 2.0 * place / _OUTERMOST, np.pi * (1.0 + np.sqrt(5.0)) * place
+    level = np.sqrt(1.0 - height * height)
+    directions = np.stack([level * np.cos(turn), level * np.sin(turn), height])
+    start = np.cumsum(count) - count
+    kept = []
+    for first, n in zip(start, count, strict=True):
+        rows = order[first : first + n]
+        if n > _PIECE:
+            points = corners[rows].reshape(-1, 3)
+            far = [int((points @ directions[:, i]).argmax()) // 3 for i in range(_OUTERMOST)]
+            rows = rows[np.unique(far)]
+        kept.append(rows)
+    return np.concatenate(kept)
 
 
 def _of_curvature(corners: F64, vertex: I64, piece: I64, reflection: F64, wavelength: float) -> MetalLines:

@@ -335,7 +335,8 @@ def _depth_note(context: SceneContext, depth: int) -> str:
     left, cell = pilot.left_out_db(order - 1), pilot.cell_db(3, order)
     return (
         f"{context.scene.name}: max_depth = {depth} leaves out returns: those of bounce {order} and later hold "
-        f"at most {left:.0f} dB of the image's energy, strongest cell {cell:.0f} dB over the {over}; {remedy}"
+        f"about {left:.0f} dB of the image's energy by a pilot's patches, strongest cell {cell:.0f} dB over the "
+        f"{over}; {remedy}"
     )
 
 

@@ -2,13 +2,20 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
+from sarmitsuba.effects.fold_sections import (
+    Folds,
+    coplanar_parts,
+    find_folds,
+    fold_error,
+    fold_grids,
+)
 from sarmitsuba.effects.omitted_waves import (
     AS_EDGE,
     BENT,
@@ -30,11 +37,12 @@ from sarmitsuba.mesh.double_faces import double_faces
 from sarmitsuba.mesh.thin_rims import ONE_EDGE
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.visible_faces import VisibleFaces
+from sarmitsuba.witness import Witness
 
 # dB below the peak down to which the error is stated
 STRONG_DB = 20.0
-# most triangles that are examined, and most directions
-MOST_FACES, MOST_DIRECTIONS = 60_000, 360
+# most flat facets that are examined, triangles before those of a plane are joined, and directions
+MOST_FACES, MOST_TRIANGLES, MOST_DIRECTIONS = 60_000, 1_000_000, 360
 # wavelengths: largest extent of a body in the Rayleigh region, and second largest of one that resonates as a wire does
 LEAST_SIZE, LEAST_WIDTH = 0.5, 0.2
 # a cause is named where its part of the mean square error is above this
@@ -42,7 +50,7 @@ _NAMED = 0.15
 _LOG = 20.0 / math.log(10.0)
 # ratio of energies beyond which a level counts as absent
 _ABSENT = 1e4
-REPEATED, BODIES = "repeated bounces", "between bodies"
+REPEATED, BODIES, FOLDED = "repeated bounces", "between bodies", "folds"
 CROSS = ("HV", "VH")
 
 
@@ -111,6 +119,7 @@ class TheoryError:
     counted : (n_channels,) bool, channels that the text is of: not cross-polar ones beside others, which metal returns
         weakly, in physical optics often not at all
     doubtful : whether the reason calls for a warning: a body outside the theory, rather than one it says nothing of
+    witness : error of a drawn pair of faces, measured; None without one
     """
 
     missing: F64
@@ -119,6 +128,7 @@ class TheoryError:
     counted: NDArray[np.bool_]
     unknown: str = ""
     doubtful: bool = False
+    witness: Witness | None = None
 
     @property
     def worst_db(self) -> float:
@@ -185,21 +195,16 @@ def theory_error(
     once = ~double_faces(corners, seen.shape)
     corners, face = corners[once], seen.face[once]
     by_material = np.array([reflection_of(m, wavelength) for m in materials])
-    lines = metal_lines(corners, by_material[geometry.face_material[face]], wavelength)
     power = np.square(np.abs(amplitude.sum(axis=1)))
     some = _some(power)
-    missing = omitted_energy(lines, directions[some], channels, wavelength, waves)
-    extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    faces = metal_faces(corners)
-    share = repeated_share(faces, min(lines.face_width, extent) / wavelength, wavelength, amplitude.shape[1])
+    reflection = by_material[geometry.face_material[face]]
+    left = waves_left(corners, reflection, directions, some, channels, wavelength, waves)
+    missing = dict(left.energy)
+    share = left.repeated_share(wavelength, amplitude.shape[1])
     missing[REPEATED] = np.einsum("noc,o->nc", np.square(np.abs(amplitude[some])), share)
-    between = waves_between(lines, faces, directions[some], channels, wavelength)
-    missing[BODIES] = between.energy
     total = np.sum(list(missing.values()), axis=0)
     causes = [
-        TheoryCause(
-            cause_text(name, lines, wavelength, between.gap), float(rms_db(part, power[some])[counted].max())
-        )
+        TheoryCause(left.text(name, wavelength), float(rms_db(part, power[some])[counted].max()))
         for name, part in missing.items()
         if part.any()
     ]
@@ -207,9 +212,103 @@ def theory_error(
     order = np.argsort(some)
     for i in range(shape[1]):
         whole[:, i] = np.interp(np.arange(shape[0]), some[order], total[order, i])
-    return TheoryError(
-        whole, rms_db(total, power[some]), tuple(sorted(causes, key=lambda c: -c.rms_db)), counted
-    )
+    ordered = tuple(sorted(causes, key=lambda c: -c.rms_db))
+    return TheoryError(whole, rms_db(total, power[some]), ordered, counted, witness=left.witness)
+
+
+@dataclass(frozen=True, eq=False)
+class WavesLeft:
+    """Waves that the theory leaves out.
+
+    Parameters
+    ----------
+    energy : (n, n_channels) float64 each, m^2, as an RCS, by cause
+    lines, faces, folds : of the surface
+    gap : m, mean way between bodies
+    fold : row of the fold with most; -1 without one
+    extent : m, largest of the surface
+    witness : measured error of a fold's section; None without one
+    """
+
+    energy: dict[str, F64]
+    lines: MetalLines
+    faces: MetalFaces
+    folds: Folds
+    gap: float
+    fold: int
+    extent: float
+    witness: Witness | None
+
+    @property
+    def sectioned(self) -> bool:
+        """Whether all bounces are those of sections by moments: of folds with two faces each, and no others."""
+        return bool(
+            self.folds.n
+            and self.folds.plain.all()
+            and not self.folds.square.any()
+            and np.isinf(gaps(self.faces)).all()
+        )
+
+    def repeated_share(self, wavelength: float, n_orders: int) -> F64:
+        """Share of the energy of 1, 2, ... bounces by which ray optics is wrong, beyond that of sections."""
+        if self.sectioned:
+            return np.zeros(n_orders)
+        width = min(self.lines.face_width, self.extent) / wavelength
+        return repeated_share(self.faces, width, wavelength, n_orders)
+
+    def text(self, name: str, wavelength: float) -> str:
+        """Text of a cause with the sizes that matter."""
+        if name != FOLDED or self.fold < 0:
+            return cause_text(name, self.lines, wavelength, self.gap)
+        first, second = np.sort(self.folds.width[self.fold]) / wavelength
+        angle = np.degrees(self.folds.angle[self.fold])
+        return f"the fold of {angle:.0f} deg between faces {first:.2g} and {second:.2g} wavelengths wide"
+
+
+def waves_left(
+    corners: F64,
+    reflection: F64,
+    directions: F64,
+    some: NDArray[np.intp],
+    channels: Sequence[str],
+    wavelength: float,
+    waves: SimulatedWaves,
+) -> WavesLeft:
+    """Waves of a surface that are left out in some of the directions.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float64, m
+    reflection : (n,) float64, amplitude at normal incidence, 1 for metal
+    directions : (n_directions, 3) float64, unit vectors to the radar, all that are simulated
+    some : numbers of those that are examined
+    channels, wavelength, waves : see :func:`theory_error`
+    """
+    lines, faces = metal_lines(corners, reflection, wavelength), metal_faces(corners)
+    folds = find_folds(corners[reflection > 1.0 - 1e-9], wavelength)
+    grids = fold_grids(folds, wavelength, directions) if waves.folds else []
+    folded = fold_error(folds, grids, directions[some], channels, wavelength, edges=waves.edges)
+    between = waves_between(lines, faces, directions[some], channels, wavelength)
+    energy = omitted_energy(beside_folds(lines, folds), directions[some], channels, wavelength, waves)
+    energy |= {BODIES: between.energy, FOLDED: folded.energy}
+    extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    return WavesLeft(energy, lines, faces, folds, between.gap, folded.row, extent, folded.witness)
+
+
+def beside_folds(lines: MetalLines, folds: Folds) -> MetalLines:
+    """Lines without the waves that a fold's section has: those across its faces, of edges parallel to it."""
+    chosen = folds.of(folds.plain & ~folds.square)
+    width, onward = lines.width.copy(), lines.onward.copy()
+    for i in range(chosen.n):
+        off = lines.middle - chosen.middle[i]
+        parallel = np.abs(lines.along @ chosen.along[i]) > 1.0 - 1e-6
+        beside = np.abs(off @ chosen.along[i]) < 0.5 * chosen.length[i]
+        for arm, reach in zip(chosen.arms[i], chosen.width[i], strict=True):
+            across = off @ arm
+            level = np.abs(off @ np.cross(arm, chosen.along[i])) < 1e-3 * reach
+            on = parallel & beside & level & (across > -1e-3 * reach) & (across < 1.001 * reach)
+            width[on], onward[on] = np.inf, 0.0
+    return replace(lines, width=width, onward=onward)
 
 
 def _outside(corners: F64, materials: Sequence[Material], wavelength: float) -> tuple[str, bool]:
@@ -217,7 +316,7 @@ def _outside(corners: F64, materials: Sequence[Material], wavelength: float) -> 
     bodies = [m for m in materials if not m.metallic and m.thickness <= 0.0]
     if bodies:
         return f"surfaces of {bodies[0].name}: only metal and thin sheets are judged", False
-    if len(corners) > MOST_FACES:
+    if too_many(corners, MOST_FACES):
         return f"{len(corners)} faces are too many to examine", False
     points = corners.reshape(-1, 3)
     points = points - points.mean(axis=0)
@@ -231,6 +330,13 @@ def _outside(corners: F64, materials: Sequence[Material], wavelength: float) -> 
     if extent[1] < LEAST_WIDTH:
         return f"the body is a rod {extent[1]:.2g} wavelengths thick; it resonates as a wire, see wires", True
     return "", False
+
+
+def too_many(corners: F64, most: int) -> bool:
+    """Whether triangles (n, 3, 3) have more flat facets than ``most``, however these are cut."""
+    if len(corners) <= most:
+        return False
+    return len(corners) > MOST_TRIANGLES or int(coplanar_parts(corners).max()) >= most
 
 
 def _some(power: F64) -> NDArray[np.intp]:

@@ -40,7 +40,7 @@ def direction_gain(radar: Radar, pulse: int | slice, direction: F64, pointing: P
     -------
     (...) float64, 1 at boresight
     """
-    if radar.antenna.pattern == "isotropic":
+    if not radar.antenna.directive:
         return np.ones(direction.shape[:-1])
     p = pointing or radar.pointing
     gain = radar.antenna.two_way_amplitude(
@@ -102,7 +102,7 @@ def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: W
 
 def bistatic_refusal(radar: Radar) -> str:
     """Reason why bistatic data cannot be backprojected; empty when they can, or are monostatic."""
-    if radar.receiver is None or (radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)):
+    if radar.receiver is None or (not radar.antenna.directive and np.isinf(radar.half_aperture)):
         return ""
     if radar.receives_itself:
         return ""
@@ -157,7 +157,7 @@ def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Windo
         return _whole_aperture(radar.track.n_pulses, window, WINDOWS[window.name].function).copy()
     weights = np.zeros((*place.shape[:-1], radar.track.n_pulses))
     pulses = _serving(radar, place)
-    weights[..., pulses] = _own_weights(radar, place, pulses, window)
+    weights[..., pulses] = own_aperture_weights(radar, place, pulses, window)
     return weights
 
 
@@ -176,8 +176,8 @@ def _serving(radar: Radar, place: F64) -> slice:
     return slice(int(held[0]), int(held[-1]) + 1) if held.size else slice(0, 0)
 
 
-def _own_weights(radar: Radar, place: F64, pulses: slice, window: Window) -> F64:
-    """Azimuth weight of some pulses in own apertures of places (..., 3), (..., n)."""
+def own_aperture_weights(radar: Radar, place: F64, pulses: slice, window: Window) -> F64:
+    """Azimuth weight of some pulses in the own apertures of places (..., 3), m: (..., n) float64."""
     forward, center, gap = (part[pulses] for part in flight(radar))
     line = place[..., None, :] - radar.track.position[pulses]
     distance = np.linalg.norm(line, axis=-1)
@@ -201,7 +201,7 @@ def matched_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window
     pulses = _serving(radar, place)
     gain = direction_gain(radar, pulses, look_directions(radar, place, pulses))
     weights = np.zeros((*place.shape[:-1], radar.track.n_pulses))
-    weights[..., pulses] = _own_weights(radar, place, pulses, parse_window(azimuth_window)) * gain**2
+    weights[..., pulses] = own_aperture_weights(radar, place, pulses, parse_window(azimuth_window)) * gain**2
     return weights
 
 
@@ -248,7 +248,7 @@ def dimness(radar: Radar, point: F64) -> float:
     Power gain of errors of single pulses in an image whose pixels are divided by that sum. Places that are not
     illuminated are left out.
     """
-    if radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture):
+    if not radar.antenna.directive and np.isinf(radar.half_aperture):
         return 1.0
     total = np.array([matched_weights(radar, one).sum() for one in point])
     lit = total > _UNLIT * total.max()
@@ -271,6 +271,17 @@ def ends_rounding(radar: Radar) -> float:
     step = np.abs(gap * (1.0 - ahead**2) / distance + beam_turn(radar))
     # an antenna at rest has no steps
     return _SINE_ROUNDING**2 / max(float(np.median(step)) * radar.half_aperture, _SINE_ROUNDING)
+
+
+def beam_rounding(radar: Radar) -> float:
+    r"""Relative error power because of float32 sines in a narrow beam.
+
+    A gain :math:`2^{-s^2 / w^2}` changes by :math:`2 \ln 2 \, \epsilon / w` at its half-power angle w, for an error
+    :math:`\epsilon` of the sine: that of a direction and that of the beam's axis, which all pulses may share.
+    """
+    if radar.antenna.pattern == "isotropic":
+        return 0.0
+    return float(np.sum((4.0 * np.log(2.0) * _SINE_ROUNDING * np.array(radar.antenna.per_width)) ** 2))
 
 
 def leaves_beam(radar: Radar, point: ArrayLike) -> bool:

@@ -58,7 +58,7 @@ def false_level(radar: Radar, grid: ImageGrid, window: Window, cell: float) -> F
 
 def beam_edge_warning(radar: Radar, grid: ImageGrid, window: Window, cell: float) -> str:
     """Warning about rows so far off the centre of a steered beam that their level is wrong; empty when none are."""
-    if radar.antenna.pattern == "isotropic" or radar.mode_law.own_apertures or radar.track.n_pulses < 2:
+    if not radar.antenna.directive or radar.mode_law.own_apertures or radar.track.n_pulses < 2:
         return ""
     level = 10.0 * np.log10(false_level(radar, grid, window, cell))
     wrong = level > _FALSE_LEVEL_DB

@@ -122,7 +122,10 @@ def fit_columns(grid: ImageGrid, columns: I64, cell: F64) -> tuple[float, CellPo
     center = float(grid.range[grid.range.size // 2])
     scale = max(float(np.abs(grid.range - center).max()), 1.0)
     x = (grid.range[columns] - center) / scale
-    fit = np.polynomial.polynomial.polyfit(x, cell, min(3, columns.size - 1))
+    for degree in range(min(3, columns.size - 1), -1, -1):
+        fit = np.polynomial.polynomial.polyfit(x, cell, degree)
+        if (np.polynomial.polynomial.polyval(x, fit) > 0.0).all():  # not where columns leave the beam
+            break
     middle = float(fit[0])
     return middle, {"center": center, "scale": scale, "coefficients": [float(c / middle) for c in fit]}
 

@@ -22,6 +22,7 @@ from sarmitsuba.focusing.motion_compensation import compensate_motion
 from sarmitsuba.focusing.preparation import prepare, raw_data
 from sarmitsuba.focusing.shown import shown_share
 from sarmitsuba.focusing.windows import Window
+from sarmitsuba.focusing.witness import conjugation_warning, witness_focusing, witness_warning
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.collection import signal_facts
@@ -103,6 +104,12 @@ def focus(
         task = AutofocusTask(one, grid, focuser, range_window, azimuth_window, progress)
         raw, corrections["autofocus"] = remove_error(raw, chain.autofocus, task)
     focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
+    law_db = focuser.error_db(raw.radar, grid)
+    witness = witness_focusing(raw, focused.pixels, grid, focuser, chain.windows, law_db)
+    if witness is not None and corrections:
+        witness = replace(
+            witness, reference=f"{witness.reference} of the data after {' and '.join(corrections)}"
+        )
     if chain.halfway != 0.0:
         focused.pixels[...] *= np.complex64(np.exp(1j * chain.halfway))
 
@@ -110,13 +117,19 @@ def focus(
     incidence = incidence_angle(raw.radar, middle)
     range_cell = raw.radar.waveform.range_cell * range_window.broadening
     cells = azimuth_cells(raw.radar, grid, focused.pulse_weights, range_window)
-    for text in (cells.warning, beam_edge_warning(raw.radar, grid, azimuth_window, cells.center)):
+    for text in (
+        cells.warning,
+        beam_edge_warning(raw.radar, grid, azimuth_window, cells.center),
+        "" if witness is None else witness_warning(witness, focuser),
+        conjugation_warning(raw, focused.pixels, grid, chain.windows),
+    ):
         if text:
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
-    stated = float(db_from_power(power_from_db(focuser.error_db(raw.radar, grid)) + power_from_db(left_db)))
+    stated = float(db_from_power(power_from_db(law_db) + power_from_db(left_db)))
     facts = {
         "method": focuser.name,
         "stated_error_db": round(stated, 1) if np.isfinite(stated) else None,
+        **({} if witness is None else {"witness": witness.as_dict()}),
         **({"chosen": chain.chosen} if chain.chosen else {}),
         "range_window": str(range_window),
         "azimuth_window": str(azimuth_window),
@@ -151,9 +164,7 @@ def _of_the_radar(
     """Reference figures for quality measures: squint of pixels with their own apertures, and NESZ at the centre."""
     facts: dict[str, float | bool] = {}
     middle = radar.track.center_index
-    if radar.mode_law.own_apertures and (
-        np.isfinite(radar.half_aperture) or radar.antenna.pattern != "isotropic"
-    ):
+    if radar.mode_law.own_apertures and (np.isfinite(radar.half_aperture) or radar.antenna.directive):
         forward, sine, _ = flight(radar)
         facts["squint_sine"] = float(sine[middle])
         speed = radar.footprint_speed

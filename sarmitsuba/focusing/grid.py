@@ -37,21 +37,23 @@ def image_request(
     ----------
     raw : data, or only their radar
     request : a whole image request, or a mapping with the fields to change, such as ``{"grid": "ground"}``; an extent
-        replaces a number of pixels
+        replaces a number of pixels. Centre and height are in the frame of the user's file, whatever the frame of the
+        data
 
     Returns
     -------
-    the request; by default a square about the aim point inside the receive window
+    the request, in the frame of the radar; by default a square about the aim point inside the receive window
 
     Raises
     ------
     DataError
         The mapping has fields that no image request has.
     """
+    radar = raw if isinstance(raw, Radar) else raw.radar
     if isinstance(request, ImageRequest):
-        return request
+        return request.in_frame(radar.offset)
     changes: dict[str, Any] = dict(request or {})
-    known = {field.name for field in dataclasses.fields(ImageRequest)}
+    known = {field.name for field in dataclasses.fields(ImageRequest)} - {"offset"}
     unknown = sorted(set(changes) - known)
     if unknown:
         raise DataError(f"image request: {', '.join(unknown)} unknown; it has {', '.join(sorted(known))}")
@@ -60,8 +62,10 @@ def image_request(
             changes.setdefault(f"pixels_{axis}", 0)
     own = raw.request if isinstance(raw, RawData) else None
     if own is None:
-        own = _request_from_window(raw if isinstance(raw, Radar) else raw.radar)
-    return dataclasses.replace(own, **changes)
+        own = _request_from_window(radar)
+    if not changes:
+        return own.in_frame(radar.offset)
+    return dataclasses.replace(own.in_frame(), **changes).in_frame(radar.offset)
 
 
 def default_grid(
@@ -260,4 +264,5 @@ def _request_from_window(radar: Radar) -> ImageRequest:
         extent_range=min(ground, 2 * _MAX_CELLS * spacing[1]),
         spacing_azimuth=0.0,
         spacing_range=0.0,
+        offset=(float(radar.offset[0]), float(radar.offset[1]), float(radar.offset[2])),
     )

@@ -99,7 +99,7 @@ class LookGeometry:
 
 def sweeps(radar: Radar) -> bool:
     """Whether a beam passes over the pixels one after the other."""
-    return radar.mode_law.own_apertures and radar.antenna.pattern != "isotropic"
+    return radar.mode_law.own_apertures and radar.antenna.directive
 
 
 def geometries(radar: Radar, image: ImageGrid, azimuth_window: str) -> LookGeometry:

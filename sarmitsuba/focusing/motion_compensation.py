@@ -244,7 +244,7 @@ def _cut_echoes(radar: Radar, grid: ImageGrid) -> float:
 
 def _beam_change(plan: Straightening, point: F64, direction: F64) -> float:
     """Relative power of the change of a pixel's weights: data keep the gain of the recorded track."""
-    if plan.radar.antenna.pattern == "isotropic":
+    if not plan.radar.antenna.directive:
         return 0.0
     recorded = direction_gain(plan.radar, slice(None), direction)
     line = point - plan.straight.track.position

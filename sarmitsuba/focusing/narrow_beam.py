@@ -34,7 +34,7 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
     Ignores range walk of the clutter within its few cells, the pattern's change in elevation over a range cell, and the
     separate beam of a bistatic receiver.
     """
-    if radar.antenna.pattern == "isotropic" or not (weights > 0.0).any():
+    if not radar.antenna.directive or not (weights > 0.0).any():
         return 1.0
     place = np.asarray(point, dtype=np.float64)
     lit = np.flatnonzero(weights > 1e-9 * weights.max())

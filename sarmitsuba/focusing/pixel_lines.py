@@ -75,7 +75,7 @@ def expansion_error(radar: Radar, near: float, half: float, cubic: float) -> tup
     loss = cubic * half**3 / (2.0 * near**2) + 1.5 * half**4 / (8.0 * near**3)
     phase = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT * loss
     scales = [] if np.isinf(radar.half_aperture) else [1.0 / (2.0 * radar.half_aperture)]
-    if radar.antenna.pattern != "isotropic":
+    if radar.antenna.directive:
         scales += list(radar.antenna.per_width)
     weight = (np.pi * half / near * max(scales, default=0.0)) ** 3 / (9.0 * np.sqrt(3.0))
     return float(phase), float(weight)

@@ -182,7 +182,7 @@ class Tiles:
     def _launch(self, lines: PixelLines) -> _TileLanes:
         types, radar = arrays(), self.raw.radar
         weighting = Weighting(
-            beam=None if radar.antenna.pattern == "isotropic" else Beam.of(types, radar.antenna),
+            beam=None if not radar.antenna.directive else Beam.of(types, radar.antenna),
             band=_band(types, radar, self.azimuth_window) if np.isfinite(radar.half_aperture) else None,
         )
         return _TileLanes(types, self, lines, weighting)

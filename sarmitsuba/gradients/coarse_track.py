@@ -71,10 +71,10 @@ def farther_track(model: ForwardModel, start: F64, farther: F64, lit: NDArray[np
     number = next(k for k, p in enumerate(model.parameters) if isinstance(p, AntennaTrack))
     track = model.parameters[number]
     assert isinstance(track, AntennaTrack)
-    radar, time = model.scene.radar, model.scene.radar.track.time
+    radar = model.scene.radar
     away = radar.track.position - model.sampling.window.center
     away /= np.linalg.norm(away, axis=1, keepdims=True)
-    weights = knot_weights(time, track.knots)
+    weights = np.mean([knot_weights(radar.track.time, track.knots, at) for at in radar.times], axis=0)
     rows = np.concatenate([weights * away[:, "xyz".index(axis), None] for axis in track.axes], axis=1)
     rows, farther = rows[lit], farther[lit]
     small = ACROSS * np.eye(rows.shape[1])

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.arrays import C128, F64
+from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.material_parameters import Level
@@ -203,8 +203,8 @@ def _coherence(
     noise : mean power of a cell, in the units of the data, W
     samples : of a range cell, which are alike
     """
-    modelled = _focused(model, center, own)
-    measured = modelled + _focused(model, center, left)
+    modelled = focused(model, center, own)
+    measured = modelled + focused(model, center, left)
     power = np.abs(modelled) ** 2
     chosen = _own_cells(power)
     count = int(chosen.sum())
@@ -235,17 +235,26 @@ def _own_cells(power: F64) -> NDArray[np.bool_]:
     return out.reshape(power.shape)
 
 
-def _focused(model: ForwardModel, center: F64, spectrum: C128) -> C128:
+def focused(model: ForwardModel, center: F64, spectrum: C128) -> C128:
     """Spectra (channels, pulses, frequencies) as an image about a point (channels, azimuths, ranges), energies kept."""
     radar = model.scene.radar
     frequency = frequencies(radar.window.n_samples, radar.window.sample_spacing)
-    away = np.linalg.norm(radar.track.position - center, axis=1)
+    away = radar.slant_range(center)
     turn = (
         radar.waveform.center_frequency * away[:, None]
         + frequency * (away - radar.window.start_range)[:, None]
     )
     deramped = spectrum * np.exp(4j * np.pi / SPEED_OF_LIGHT * turn)
     return np.asarray(np.fft.fft(np.fft.ifft(deramped, axis=-1), axis=-2, norm="ortho"))
+
+
+def weakest_cells(model: ForwardModel, center: F64, measured: C64) -> float:
+    """Intensity that ``WEAKEST`` of the cells of data about a point, averaged, are below, a bound of the noise, W."""
+    from scipy.ndimage import uniform_filter
+
+    image = focused(model, center, np.fft.fft(measured.astype(np.complex128), axis=-1))
+    smooth = uniform_filter(np.abs(image) ** 2, (1, SMOOTHED, SMOOTHED), mode="wrap")
+    return float(np.quantile(smooth, WEAKEST))
 
 
 def _noise(look: MeasuredLook, center: F64, left: C128) -> float:
@@ -255,11 +264,6 @@ def _noise(look: MeasuredLook, center: F64, left: C128) -> float:
     """
     if look.noise.stated > 0.0:
         return look.noise.stated
-    from scipy.ndimage import uniform_filter
-
-    data = _focused(look.model, center, np.fft.fft(look.measured.astype(np.complex128), axis=-1))
-    weakest = float(
-        np.quantile(uniform_filter(np.abs(data) ** 2, (1, SMOOTHED, SMOOTHED), mode="wrap"), WEAKEST)
-    )
+    weakest = weakest_cells(look.model, center, look.measured)
     residual = float(np.mean(np.abs(np.fft.ifft(left, axis=-1)) ** 2))
     return max(min(weakest, residual), ROUNDING * look.noise.least)

@@ -16,6 +16,7 @@ from sarmitsuba.gradients.coarse_shapes import checked_offsets, coarse_shapes, o
 from sarmitsuba.gradients.coarse_track import coarse_track
 from sarmitsuba.gradients.confirmation import CONFIRMED, confirmed
 from sarmitsuba.gradients.cost_profiles import profiled, scales
+from sarmitsuba.gradients.derivative_witness import derivative_witnesses, is_refuted, warn_of
 from sarmitsuba.gradients.form_search import searched_forms
 from sarmitsuba.gradients.jacobian import Parameters
 from sarmitsuba.gradients.least_squares import (
@@ -31,12 +32,16 @@ from sarmitsuba.gradients.least_squares import (
     minimised,
 )
 from sarmitsuba.gradients.measured_looks import MeasuredLook, looks_of
+from sarmitsuba.gradients.model_error import EXCESS, error_of_model, misfit
 from sarmitsuba.gradients.multilooked import stepped, window_of
 from sarmitsuba.gradients.rival_cycles import OUT, Rival, likely, rival_cycles
 from sarmitsuba.scene.scene import Scene, SceneLike
+from sarmitsuba.witness import Witness
 
 # how often the steps are taken, each time from the cycles of phase that the data confirm more
 RETRIES = 3
+# power of residuals over that of the noise from which the table says that the model lacks echoes
+MISFIT = 1.5
 # other cycles of phase from which the steps are taken to see whether they are as likely
 RIVALS = 6
 
@@ -52,7 +57,9 @@ class Fit:
     steps : (n_steps, n) values on the way: the start, after every round of the coarse start, after every accepted step
     covariance : (n, n) of the values, with the noise power that the residuals show; its diagonal from the profile of
         the cost where that is no parabola (:mod:`sarmitsuba.gradients.cost_profiles`): infinite where the data bound a
-        value on one side only, such as the rms height of a surface whose mirror has vanished
+        value on one side only, such as the rms height of a surface whose mirror has vanished; and from the residuals
+        of parts of the image where these say more, as echoes that the model lacks are no noise
+        (:mod:`sarmitsuba.gradients.model_error`)
     bound : (n,) Cramer-Rao bound of the standard deviations with the radars' noise power; NaN for a noise temperature
         of 0
     confirmed : (n,) coherence of data and model over the echoes of the shape that a value moves (of a level: over the
@@ -69,6 +76,10 @@ class Fit:
     unexplained : share of the energy of all measured raw data that the residuals hold: that of noise and of what the
         model lacks; near 1 for data of another scene, whatever the other numbers say
     scene : with the fitted values, as the first look sees it
+    chi_squared : of each look, power of the residuals over that of the noise: as the radar states it, else of the two
+        ray sets of the data, else of their weakest cells; 1 where the model explains all but noise. NaN by amplitude
+    witnesses : by kind of parameter, error of the derivatives at these values in a central difference of plain runs,
+        see :mod:`sarmitsuba.gradients.derivative_witness`; values whose derivatives it refutes are not confirmed
     """
 
     names: tuple[str, ...]
@@ -84,6 +95,8 @@ class Fit:
     unexplained: float
     scene: Scene = field(repr=False)
     windows: tuple[float, ...] = ()
+    chi_squared: F64 = field(default_factory=lambda: np.zeros(0))
+    witnesses: Mapping[str, Witness] = field(default_factory=dict)
 
     @property
     def residual(self) -> RawData:
@@ -110,6 +123,8 @@ class Fit:
             "windows": list(self.windows),
             "converged": self.converged,
             "unexplained": self.unexplained,
+            "chi_squared": _known(self.chi_squared),
+            "witnesses": {kind: one.as_dict() for kind, one in self.witnesses.items()},
         }
 
     def table(self) -> str:
@@ -132,6 +147,18 @@ class Fit:
         else:
             residual = f"{len(self.costs) - 1} steps, residual {self.costs[-1]:.3g} W"
         lines.append(f"{said} after {residual}, {100.0 * self.unexplained:.3g} % of the data's energy")
+        for number, ratio in enumerate(self.chi_squared, 1):
+            if ratio > MISFIT:
+                which = f" of look {number}" if len(self.chi_squared) > 1 else ""
+                lines.append(
+                    f"residual{which} is {ratio:.3g} times the noise: the model lacks echoes, and sigma holds what "
+                    "their places show of it"
+                )
+        if self.witnesses:
+            lines.append(
+                "derivatives, measured here: "
+                + ", ".join(f"{kind} {one.error_db:.0f} dB" for kind, one in self.witnesses.items())
+            )
         doubtful = [name for name, share in zip(self.names, self.confirmed, strict=True) if share < CONFIRMED]
         if doubtful:
             lines.append(f"not confirmed by the phases of the data: {', '.join(doubtful)}")
@@ -182,6 +209,7 @@ def fit(
     by: str = "complex",
     priors: Mapping[str, Prior] | None = None,
     iterations: int = 20,
+    witness: bool = True,
     progress: Callable[[int, float], None] | None = None,
 ) -> Fit:
     r"""Fit parameters of a scene to raw data of one or several looks.
@@ -202,13 +230,17 @@ def fit(
 
     Parameters
     ----------
-    scene : with start values of the parameters; one for every raw data, or one that all radars of the data see
+    scene : with start values of the parameters; one for every raw data, or one that all radars of the data see. The
+        radar is that of the data, and so are ray sets and seed, see
+        :func:`sarmitsuba.gradients.measured_looks.looks_of`
     data : range compressed, of the scene's radar; or several looks
     parameters : as for :func:`sarmitsuba.jacobian`; of several looks none of a radar
     by : ``complex`` samples, or ``amplitude``: multilooked intensities of the images, for scatterers of unknown phase,
         see :mod:`sarmitsuba.gradients.multilooked`
     priors : by name of the value, with or without its unit
     iterations : most steps, at least 1
+    witness : whether the derivatives by each kind of parameter are measured against a central difference at the end:
+        two plain runs each
     progress : called with the number of each accepted step and its sum of squares, see ``costs``
 
     Returns
@@ -274,17 +306,63 @@ def fit(
         passed += found.steps[1:]
         best = replace(found, costs=(*best.costs, *found.costs[1:]))
         share = confirmed(looks, best.values)
+    share = share * likely(rivals, len(best.values))
+    return _concluded(looks, problem, best, known, share, spread, passed, witness=witness)
+
+
+def _concluded(
+    looks: Sequence[MeasuredLook],
+    problem: _Complex,
+    best: Solution,
+    known: Mapping[int, Prior],
+    share: F64,
+    spread: F64,
+    passed: Sequence[F64],
+    *,
+    witness: bool,
+) -> Fit:
+    """The fit with what it is worth: covariance, bound, misfit and witnesses of its derivatives."""
+    model = looks[0].model
     variances = np.array([look.noise.shown(d) for look, d in zip(looks, best.differences, strict=True)])
     stated = np.array([look.noise.of_power(look.noise.stated) for look in looks])
-    share = share * likely(rivals, len(best.values))
     covariance = best.covariance(variances, known)
     # off by cycles of phase, perhaps: as exact as the envelopes are
-    doubtful = (share < CONFIRMED) & looks[0].model.moving
+    doubtful = (share < CONFIRMED) & model.moving
     scale = scales(model.scene, model.parameters, best.values)
     deviation = profiled(problem, best, covariance, scale, variances, known)
-    covariance[np.diag_indices(len(deviation))] = deviation**2
+    differences, jacobians = problem.linearised(best.values)
+    shown = error_of_model(looks, differences, jacobians, variances, known)
+    covariance[np.diag_indices(len(deviation))] = np.where(shown > EXCESS * deviation, shown, deviation) ** 2
     covariance[doubtful, doubtful] += np.where(np.isnan(spread), np.inf, spread)[doubtful] ** 2
-    return _result(looks, best, covariance, best.bound(stated, known), share, passed)
+    found: dict[str, Witness] = {}
+    if witness:
+        found = _witnesses(looks, best.values, differences, jacobians, edges=problem.edges)
+        refuted = {kind for kind, one in found.items() if is_refuted(one)}
+        share = np.where(
+            [name.partition(":")[0].split(" ")[0] in refuted for name in model.names], 0.0, share
+        )
+    chi_squared = np.array([misfit(look, d) for look, d in zip(looks, differences, strict=True)])
+    result = _result(looks, best, covariance, best.bound(stated, known), share, passed)
+    return replace(result, chi_squared=chi_squared, witnesses=found)
+
+
+def _witnesses(
+    looks: Sequence[MeasuredLook],
+    values: F64,
+    differences: Sequence[Samples],
+    jacobians: Sequence[Rows],
+    *,
+    edges: bool,
+) -> dict[str, Witness]:
+    """Witnesses of the derivatives in a drawn look."""
+    seed = looks[0].model.scene.settings.seed
+    number = int(np.random.default_rng([seed, 0xF17]).integers(len(looks)))
+    look = looks[number]
+    data = np.asarray(look.measured - differences[number], dtype=np.complex128)
+    rows = np.asarray(jacobians[number], dtype=np.complex64)
+    found = derivative_witnesses(look.model, values, data, rows, seed, edges=edges)
+    warn_of(look.model.scene.name, found)
+    return found
 
 
 def _begun(

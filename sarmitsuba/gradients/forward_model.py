@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C64, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
-from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.composed_moves import ComposedMoves
 from sarmitsuba.gradients.material_parameters import with_material
@@ -76,7 +76,7 @@ class ForwardModel:
 
     def __init__(self, scene: Scene, parameters: Sequence[Parameter], *, leave_out: bool = False) -> None:
         refuse(scene)
-        scene = replace(scene, settings=replace(scene.settings, keep_orders=False, keep_subsets=False))
+        scene = replace(scene, settings=replace(scene.settings, keep_orders=False))
         self.parameters = tuple(parameters)
         self.run = Run(scene)
         self.left_out: tuple[str, ...] = ()
@@ -95,7 +95,7 @@ class ForwardModel:
                     f"{scene.name}: {what} cannot be differentiated; switch off the effect {name} (-D "
                     f"sar_path.{name}=off), or leave them out"
                 )
-        patterned = scene.radar.antenna.pattern != "isotropic"
+        patterned = scene.radar.antenna.directive
         if (
             any(isinstance(p, BeamPointing) for p in self.parameters)
             and patterned
@@ -122,12 +122,17 @@ class ForwardModel:
         radar = self.scene.radar
         return len(radar.channels), radar.track.n_pulses, radar.window.n_samples
 
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """Labels of the data: the channels, as ray sets are summed."""
+        return tuple(Layer(channel) for channel in self.scene.radar.channels)
+
     def _batches(self) -> list[Batch]:
         """Batches of the whole track, in blocks as long as the error of the raw data allows."""
-        data = np.zeros(self.shape, dtype=np.complex64)
         tracer = self.run.tracer(self.sampling)
         check_sources(self.scene, tracer.sources[1:], self.parameters)
         layers = self.run.layers
+        data = np.zeros((len(layers.layers), *self.shape[1:]), dtype=np.complex64)
         blocks = Blocks(tracer, self.rays, layers.layers, data, layers.max_order)
         blocks.settle()
         return blocks.every_batch()
@@ -225,9 +230,7 @@ class ForwardModel:
     def _points(self, here: At) -> PointChanges:
         """Ideal points of the scene."""
         run = self.run
-        return PointChanges(
-            here.scene, run.plan.flags, here.trace_scene, run.layers.layers, run.plan.sub_bands
-        )
+        return PointChanges(here.scene, run.plan.flags, here.trace_scene, self.layers, run.plan.sub_bands)
 
     @property
     def carried(self) -> int:
@@ -332,10 +335,10 @@ class ForwardModel:
         def rows() -> Iterator[C64]:
             for parameter, counts in zip(parameters, wanted.counts, strict=True):
                 displaced, levelled, changed, mapped = found.take(counts)
-                frequency, time = radar.waveform.center_frequency, radar.track.time
+                frequency, times = radar.waveform.center_frequency, radar.times
                 yield from parameter.derivative(
                     Derivatives(
-                        data, farther, displaced, levelled, changed, mapped, pointed, aside, frequency, time
+                        data, farther, displaced, levelled, changed, mapped, pointed, aside, frequency, times
                     )
                 )
 
@@ -375,9 +378,8 @@ class ForwardModel:
         radar, run = self.scene.radar, self.run
         metadata = raw_metadata(run, run.plan, run.notes)
         flown = radar.track if radar.recorded is not None else None
-        layers = run.layers.layers
         return RawData(
-            data, layers, "compressed", radar.as_recorded(), metadata, self.scene.image, flown=flown
+            data, self.layers, "compressed", radar.as_recorded(), metadata, self.scene.image, flown=flown
         )
 
     def _traced(self, batches: BatchTracer, progress: Callable[[float], None] | None = None) -> C64:
@@ -443,9 +445,9 @@ def refuse(scene: Scene) -> None:
     SceneError, RadarError : one line: the reason and the remedy
     """
     method, name = scene.settings.method, scene.name
-    if method in ("image", "raster"):
+    if scene.settings.one_look:
         raise RadarError(f"{name}: method {method} makes no raw data to differentiate; take hybrid or raw")
-    if scene.radar.receiver is not None:
+    if scene.radar.receiver is not None and not scene.radar.receives_itself:
         raise RadarError(f"{name}: two antennas cannot be differentiated; take one that sends and receives")
     if scene.moves:
         raise SceneError(f"{name}: moving objects cannot be differentiated; stop them")

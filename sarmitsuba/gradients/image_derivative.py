@@ -12,13 +12,13 @@ from sarmitsuba.constants import DEFAULT_WINDOW
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import focus
+from sarmitsuba.gradients.derivative_witness import corner_velocities
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
 from sarmitsuba.gradients.material_parameters import MaterialProperty, material_of
 from sarmitsuba.gradients.shape_parameters import DEFORMATIONS
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.scene.scene import Scene, SceneLike
-from sarmitsuba.trace.tangents import Displacement
 
 # phase, rad, up to which first order is of use: an eighth of a wavelength of path
 LARGEST_PHASE = 0.25 * np.pi
@@ -196,7 +196,9 @@ def rate_of(model: ForwardModel, image: SarImage, derivative: SarImage) -> float
         pulses = track.position[[0, track.center_index, -1]] - scene.radar.aim_point
         sight = pulses / np.linalg.norm(pulses, axis=1, keepdims=True)
         wavenumber = 4.0 * np.pi / scene.radar.waveform.wavelength
-        return wavenumber * max(float(np.abs(_velocities(scene, move) @ sight.T).max()) for move in moves)
+        return wavenumber * max(
+            float(np.abs(corner_velocities(scene, move) @ sight.T).max()) for move in moves
+        )
     if model.names[0].endswith("[dB]"):
         return float(np.log(10.0) / 20.0)
     change, pixel = (np.abs(one.data.ravel()).astype(np.float64) for one in (derivative, image))
@@ -207,12 +209,3 @@ def rate_of(model: ForwardModel, image: SarImage, derivative: SarImage) -> float
     order = np.argsort(ratio)
     weight = np.cumsum(change[order] ** 2)
     return float(ratio[order[np.searchsorted(weight, 0.5 * weight[-1])]])
-
-
-def _velocities(scene: Scene, move: Displacement) -> F64:
-    """Velocities (n, 3) of the antenna and of the corners of the faces that move, m per unit."""
-    if move.faces is None or move.offset is None:
-        return move.antenna[None]
-    corners = scene.geometry.vertices[np.unique(scene.geometry.faces[move.faces])]
-    moved = corners @ move.gradient.T if move.gradient is not None else np.zeros_like(corners)
-    return np.asarray(np.concatenate([moved + move.offset, move.antenna[None]]))

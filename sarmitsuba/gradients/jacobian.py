@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -12,11 +12,13 @@ from sarmitsuba.arrays import C64, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
+from sarmitsuba.gradients.derivative_witness import derivative_witnesses, warn_of
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parameter import Parameter
 from sarmitsuba.gradients.parsing import parse
 from sarmitsuba.parameters import one_line
 from sarmitsuba.scene.scene import Scene, SceneLike
+from sarmitsuba.witness import Witness
 
 if TYPE_CHECKING:
     from sarmitsuba.image.sar_image import SarImage
@@ -34,12 +36,15 @@ class Jacobian:
     values : (n,) float64, those of the scene
     derivative : (n, channels, pulses, samples) complex64, sqrt(W) per unit
     raw : the raw data themselves, without receiver noise
+    witnesses : by kind of parameter, error of the derivatives in a central difference of plain runs, see
+        :mod:`sarmitsuba.gradients.derivative_witness`
     """
 
     names: tuple[str, ...]
     values: F64
     derivative: C64
     raw: RawData
+    witnesses: Mapping[str, Witness] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Number of values."""
@@ -111,6 +116,7 @@ def jacobian(
     parameters: Parameters,
     *,
     edges: bool = True,
+    witness: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> Jacobian:
     r"""Raw data of a scene and their derivatives by parameters.
@@ -127,6 +133,8 @@ def jacobian(
     scene : as loaded, a scene file, or the name of a shipped scene
     parameters : text such as ``"levels,track:5"``, or texts and objects, see :func:`sarmitsuba.gradients.parsing.parse`
     edges : with what the edges of moving shapes hide and show; without, the derivatives of a town take a few runs less
+    witness : whether the derivatives by each kind of parameter are measured against a central difference: two plain
+        runs each, and for moving shapes their derivatives without edges
     progress : called with the share that is done
 
     Returns
@@ -152,4 +160,8 @@ def jacobian(
     scene = Scene.of(scene)
     model = ForwardModel(scene, parameters_of(parameters, scene))
     data, derivative = model.derivative(progress=progress, edges=edges)
-    return Jacobian(model.names, model.start, derivative, model.raw(data))
+    found: dict[str, Witness] = {}
+    if witness:
+        found = derivative_witnesses(model, model.start, data, derivative, scene.settings.seed, edges=edges)
+        warn_of(scene.name, found)
+    return Jacobian(model.names, model.start, derivative, model.raw(data), found)

@@ -250,7 +250,9 @@ class EdgeBatches(BatchTracer):
         """See the base class."""
         return pulses.profiles(grid[len(self.tracer.sampling.scene.radar.channels) :], share)
 
-    def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
+    def trace(
+        self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None, *, only_rays: bool = True
+    ) -> Traced:
         """See the base class; ``lattices``: none, the rays are those beside edges."""
         assert lattices is None
         return super().trace(batch, self.edges.of(batch))

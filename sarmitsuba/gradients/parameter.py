@@ -39,7 +39,7 @@ class Derivatives:
     aside : (2, n_pulses, 3) 1/m, aperture axes in azimuth and elevation over the slant range: angle by which the beam
         would have to turn to see the scene as a displaced antenna does
     center_frequency : Hz
-    time : (n_pulses,) s
+    times : (n_pulses,) s each, of transmission, and where the antenna moves on meanwhile, of reception
     """
 
     data: C64
@@ -51,7 +51,7 @@ class Derivatives:
     pointed: Sequence[C64]
     aside: F64
     center_frequency: float
-    time: F64
+    times: tuple[F64, ...]
 
 
 @dataclass(frozen=True)
@@ -79,11 +79,13 @@ class Parameter(ABC):
     label : as in :func:`parse`
     direct : whether its displacements, levels or texels are those of its values, one for each value
     pointing : whether derivatives by the angles of the beam are used, where the antenna has one
+    of_radar : fields of the radar that it changes
     """
 
     label: str
     direct: ClassVar[bool] = False
     pointing: ClassVar[bool] = False
+    of_radar: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def names(self, scene: Scene) -> tuple[str, ...]:

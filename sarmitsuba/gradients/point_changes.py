@@ -67,11 +67,11 @@ class PointChanges:
         ``aside`` : angle per m, see :class:`sarmitsuba.gradients.parameter.Derivatives`
         """
         radar = self.scene.radar
-        track, angles = radar.track, -(aside @ direction).T
+        angles, n = -(aside @ direction).T, len(radar.tracks)
 
         def changed(x: float) -> Radar:
-            moved = replace(track, position=track.position + x * direction)
-            return replace(radar, track=moved, pointing=turned(radar.pointing, x * angles))
+            moved = radar.displaced(*[x * direction] * n)
+            return replace(moved, pointing=turned(radar.pointing, x * angles))
 
         step = PHASE_STEP * radar.waveform.wavelength / (4.0 * np.pi) / float(np.linalg.norm(direction))
         return self._difference(changed, step)

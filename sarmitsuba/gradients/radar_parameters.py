@@ -28,6 +28,7 @@ MOST_GAIN = 300.0
 class Gain(Parameter):
     """Gain of the whole radar, dB of power, relative to the scene's."""
 
+    of_radar: ClassVar[tuple[str, ...]] = ("transmit_power",)
     label: str = "gain"
 
     def names(self, scene: Scene) -> tuple[str, ...]:
@@ -57,6 +58,7 @@ class Gain(Parameter):
 class ClockOffset(Parameter):
     """Delay of the echoes against the clock that starts the receive window, s; the carrier's phase does not change."""
 
+    of_radar: ClassVar[tuple[str, ...]] = ("window",)
     label: str = "clock_offset"
 
     def names(self, scene: Scene) -> tuple[str, ...]:
@@ -84,6 +86,8 @@ class ClockOffset(Parameter):
 class AntennaTrack(Parameter):
     """Displacement of the antenna's positions, m, linear between knots that divide the time of the track equally.
 
+    An antenna that moves on until reception is displaced there as at that time.
+
     Parameters
     ----------
     knots : number of them; 1: the same displacement at all pulses
@@ -91,6 +95,7 @@ class AntennaTrack(Parameter):
     """
 
     pointing: ClassVar[bool] = True
+    of_radar: ClassVar[tuple[str, ...]] = ("track", "receiver", "recorded", "delay")
     knots: int = 1
     axes: str = AXES
 
@@ -108,19 +113,19 @@ class AntennaTrack(Parameter):
         """See the base class."""
         return np.zeros(self.knots * len(self.axes))
 
-    def offsets(self, time: F64, values: F64) -> F64:
-        """(n_pulses, 3) displacement at the pulse times, m."""
+    def offsets(self, time: F64, values: F64, at: F64 | None = None) -> F64:
+        """(n_pulses, 3) displacement at the pulse times, m; or at other times ``at``, of knots over the pulse times."""
         offsets = np.zeros((len(time), 3))
-        weights = knot_weights(time, self.knots)
+        weights = knot_weights(time, self.knots, at)
         for axis, knots in zip(self.axes, values.reshape(len(self.axes), self.knots), strict=True):
             offsets[:, AXES.index(axis)] = weights @ knots
         return offsets
 
     def changed(self, scene: Scene, values: F64) -> Scene:
         """See the base class."""
-        track = scene.radar.track
-        track = replace(track, position=track.position + self.offsets(track.time, values))
-        return replace(scene, radar=replace(scene.radar, track=track))
+        radar = scene.radar
+        offsets = (self.offsets(radar.track.time, values, at) for at in radar.times)
+        return replace(scene, radar=radar.displaced(*offsets))
 
     def displacements(self, scene: Scene, face_mesh: I64) -> Sequence[Displacement]:
         """See the base class."""
@@ -134,7 +139,7 @@ class AntennaTrack(Parameter):
             for angle, turned_beam in zip(found.aside[..., AXES.index(axis)], found.pointed, strict=False):
                 total = total + angle.astype(np.float32)[:, None] * turned_beam
             planes.append(total)
-        return at_knots(planes, found.time, self.knots)
+        return at_knots(planes, found.times, self.knots)
 
 
 @dataclass(frozen=True)
@@ -147,6 +152,7 @@ class BeamPointing(Parameter):
     """
 
     pointing: ClassVar[bool] = True
+    of_radar: ClassVar[tuple[str, ...]] = ("pointing", "receiver_pointing", "recorded_pointing")
     knots: int = 1
 
     @property
@@ -162,7 +168,7 @@ class BeamPointing(Parameter):
 
     def values(self, scene: Scene) -> F64:
         """See the base class."""
-        if scene.radar.antenna.pattern == "isotropic":
+        if not scene.radar.antenna.directive:
             raise RadarError(
                 "parameter pointing: the antenna is isotropic and has no beam to turn; give it a pattern"
             )
@@ -177,7 +183,8 @@ class BeamPointing(Parameter):
 
     def derivative(self, found: Derivatives) -> Iterator[C64]:
         """See the base class."""
-        return at_knots(found.pointed, found.time, self.knots)
+        # both legs have the beam of the transmission
+        return at_knots(found.pointed, found.times[:1], self.knots)
 
 
 def check_knots(parameter: AntennaTrack | BeamPointing, scene: Scene) -> None:
@@ -195,17 +202,27 @@ def check_knots(parameter: AntennaTrack | BeamPointing, scene: Scene) -> None:
         )
 
 
-def knot_weights(time: F64, knots: int) -> F64:
-    """(n_pulses, knots) weight of each knot, equally spaced over the track, at the pulse times, s."""
+def knot_weights(time: F64, knots: int, at: F64 | None = None) -> F64:
+    """(n_pulses, knots) weight of each knot, equally spaced over the track.
+
+    Parameters
+    ----------
+    time : (n_pulses,) s, of the pulses
+    knots : number of them
+    at : (n_pulses,) s, at which; None: at the pulses. Before the first knot and after the last one these hold.
+    """
     if knots == 1 or len(time) == 1:
         weights = np.zeros((len(time), knots))
         weights[:, 0] = 1.0
         return weights
-    at = np.linspace(time[0], time[-1], knots)
-    return np.stack([np.interp(time, at, one) for one in np.eye(knots)], axis=1)
+    places = np.linspace(time[0], time[-1], knots)
+    return np.stack([np.interp(time if at is None else at, places, one) for one in np.eye(knots)], axis=1)
 
 
-def at_knots(planes: Sequence[C64], time: F64, knots: int) -> Iterator[C64]:
-    """Derivatives by values at knots, from those by a value common to all pulses; plane by plane."""
-    weights = knot_weights(time, knots).astype(np.float32)
+def at_knots(planes: Sequence[C64], times: Sequence[F64], knots: int) -> Iterator[C64]:
+    """Derivatives by values at knots, from those by a value common to all pulses; plane by plane.
+
+    ``times``: of transmission, and where the antenna moves on, of reception. Each leg is half of the derivative.
+    """
+    weights = np.mean([knot_weights(times[0], knots, at) for at in times], axis=0).astype(np.float32)
     return (plane * one[:, None] for plane in planes for one in weights.T)

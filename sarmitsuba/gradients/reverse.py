@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.exclusive import backend_lock, exclusive, threads
+from sarmitsuba.gradients.derivative_witness import gradient_witnesses, warn_of
 from sarmitsuba.gradients.edge_points import OfShapes
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import Parameters, parameters_of
@@ -29,6 +30,7 @@ from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
 from sarmitsuba.trace.adjoint_grids import AdjointGrids, GradientSum
 from sarmitsuba.trace.tangent_slots import MovingShapes, SlotTangents
+from sarmitsuba.witness import Witness
 
 if TYPE_CHECKING:
     from sarmitsuba.echo.sub_bands import RangeFilter
@@ -57,6 +59,8 @@ class Gradient:
     raw : the raw data, without receiver noise
     memory : bytes of the adjoint grids of a batch of pulses and of the gradient's numbers, also where the loss is 0 and
         none are made; 0 where all parameters take forward runs
+    witnesses : by kind of parameter, error of the gradient in a central difference of plain runs, see
+        :mod:`sarmitsuba.gradients.derivative_witness`; none of an :class:`Objective`
     """
 
     names: tuple[str, ...]
@@ -65,6 +69,7 @@ class Gradient:
     loss: float
     raw: RawData = field(repr=False)
     memory: int
+    witnesses: Mapping[str, Witness] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Number of values."""
@@ -73,7 +78,13 @@ class Gradient:
 
 @exclusive
 def gradient(
-    scene: SceneLike, parameters: Parameters, loss: Loss, *, values: F64 | None = None, edges: bool = True
+    scene: SceneLike,
+    parameters: Parameters,
+    loss: Loss,
+    *,
+    values: F64 | None = None,
+    edges: bool = True,
+    witness: bool = True,
 ) -> Gradient:
     r"""Derivatives of a loss of a scene's raw data by any number of parameters.
 
@@ -93,6 +104,8 @@ def gradient(
         of the same shape; such as :class:`sarmitsuba.gradients.losses.SquaredDifference`
     values : (n,) of the parameters at which it is taken; None: those of the scene
     edges : with what the edges of moving shapes hide and show, as for :func:`sarmitsuba.jacobian`
+    witness : whether the gradient of each kind of parameter is measured against a central difference: two plain runs
+        each, and for moving shapes a run back without edges
 
     Returns
     -------
@@ -114,7 +127,7 @@ def gradient(
     traced. Ignores the same as :func:`sarmitsuba.jacobian`. For many steps of an optimiser,
     :class:`Objective` keeps what is planned once. The last bits of a gradient depend on the order in which threads end.
     """
-    return Objective(scene, parameters, loss, edges=edges).at(values)
+    return Objective(scene, parameters, loss, edges=edges).at(values, witness=witness)
 
 
 class Objective:
@@ -159,8 +172,8 @@ class Objective:
         return found.loss, found.gradient
 
     @exclusive
-    def at(self, values: F64 | None = None) -> Gradient:
-        """The same with the raw data; None: of the scene as it is."""
+    def at(self, values: F64 | None = None, *, witness: bool = False) -> Gradient:
+        """The same with the raw data; None: of the scene as it is; ``witness``: as for :func:`gradient`."""
         model = self.model
         values = model.start if values is None else _numbers(values)
         if values.shape != model.start.shape:
@@ -174,7 +187,18 @@ class Objective:
         data = model.data(values)
         value, adjoint = checked(self.loss, data)
         found, memory = transposed(model, adjoint, values, edges=self.edges)
-        return Gradient(model.names, values, found, value, model.raw(data), memory)
+        seen: dict[str, Witness] = {}
+        if witness:
+
+            @cache
+            def product(with_edges: bool) -> F64:
+                if with_edges or not (self.edges and model.moving.any()):
+                    return found
+                return transposed(model, adjoint, values, edges=False)[0]
+
+            seen = gradient_witnesses(model, values, data, adjoint, product, model.scene.settings.seed)
+            warn_of(model.scene.name, seen)
+        return Gradient(model.names, values, found, value, model.raw(data), memory, seen)
 
 
 def _numbers(values: object) -> F64:
@@ -307,11 +331,13 @@ class AdjointBatches(BatchTracer):
         for one in {tracer, *tracer.by_frequency}:
             one.tangents = tangents
 
-    def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
+    def trace(
+        self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None, *, only_rays: bool = True
+    ) -> Traced:
         """See the base class."""
         if self.edges is not None:
             lattices = self.edges.of(batch)
-        return super().trace(batch, lattices)
+        return super().trace(batch, lattices, only_rays=only_rays)
 
     def accumulator(self, pulses: Pulses, share: RangeFilter | None) -> GridAccumulator:
         """See the base class."""

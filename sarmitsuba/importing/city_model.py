@@ -17,6 +17,7 @@ from sarmitsuba.importing.places import (
     LOCAL,
     WIDEST,
     Places,
+    beside,
     check_width,
     local_of_geodetic,
     middle,
@@ -27,8 +28,8 @@ from sarmitsuba.importing.polygons import triangulate_in_space, why_unusable
 from sarmitsuba.importing.roofs import GABLED, PYRAMIDS, rise
 from sarmitsuba.importing.source_format import BuildingFootprint, CitySource, Solid
 from sarmitsuba.importing.terrain import HeightRaster, read_raster, terrain_mesh
-from sarmitsuba.loader.from_mesh import UNITS
-from sarmitsuba.loader.names_of_materials import DEFAULT, check_chosen, kind_of
+from sarmitsuba.loader.names_of_materials import DEFAULT, check_chosen, is_doubtful, kind_of
+from sarmitsuba.mesh.model_units import UNITS
 from sarmitsuba.radar.geodesy import Anchor
 
 if TYPE_CHECKING:
@@ -131,6 +132,10 @@ def _materials(source: CitySource, options: ImportOptions) -> dict[str, str]:
             source.assume(
                 f'materials with unknown names, {DEFAULT} taken (--material "{name}=..." changes it)',
                 name,
+            )
+        elif is_doubtful(name, options.materials):
+            source.assume(
+                f'materials, {kind} by a word in the name (--material "{name}=..." changes it)', name
             )
     return {**MATERIALS, **{n: k or DEFAULT for n, k in kinds.items()}, **options.materials}
 
@@ -237,7 +242,7 @@ class _Place:
         return _Place(crs, places, points, anchor, anchor, level)
 
     def around(self, options: ImportOptions) -> F64 | None:
-        """Bounds of longitude and latitude of the required terrain, (2, 2); None: the whole raster."""
+        """Bounds of continuous longitude and of latitude of the required terrain, (2, 2); None: the whole raster."""
         if self.points.size and self.known is not None:
             points = self.geodetic(self.points)
             margin = _MARGIN
@@ -245,6 +250,7 @@ class _Place:
             points, margin = np.degrees([[self.known.longitude, self.known.latitude]]), options.radius
         else:
             return None
+        points[:, 0] = beside(points[:, 0], points[0, 0])
         step = np.degrees(margin / 6.37e6) / np.array(
             [max(np.cos(np.radians(points[:, 1]).max()), 0.01), 1.0]
         )
@@ -334,7 +340,9 @@ def _add_footprints(
         if why_unusable(polygon):
             source.skip(why_unusable(polygon), one.name)
             continue
-        buildings.append(_building(one, polygon, corners[:, 2], options, materials, raster is not None))
+        tags = {"walls": one.wall_material, "roofs": one.roof_material}
+        own = {part: _tagged(source, part, tag, options, materials[part]) for part, tag in tags.items()}
+        buildings.append(_building(one, polygon, corners[:, 2], options, own, raster is not None))
         names.append(one.name)
     away = [float(np.hypot(*b.polygon.centroid.coords[0])) for b in buildings]
     # the nearest to the origin, about which the image lies, have their relief first
@@ -360,6 +368,18 @@ def _add_footprints(
     return buildings
 
 
+def _tagged(source: CitySource, part: str, tag: str, options: ImportOptions, default: str) -> str:
+    """Material of a building's walls or roofs: as chosen, else by its tag; guesses and unknown tags are counted."""
+    if part in options.materials or not tag:
+        return default
+    kind = kind_of(tag, {})
+    if not kind:
+        source.assume(f"materials of {part} with unknown names, {default} taken", tag)
+    elif is_doubtful(tag, {}):
+        source.assume(f"materials of {part}, {kind} by a word in the name", tag)
+    return kind or default
+
+
 def _building(
     one: BuildingFootprint,
     polygon: "shapely.Polygon",
@@ -373,8 +393,6 @@ def _building(
     height = one.height - one.above
     roof = min(one.roof if one.roof > 0.0 else rise(polygon, height), height) if pitched else 0.0
     sunk = FOOT + (options.tolerance if sloped else 0.0)
-    wall = kind_of(one.wall_material, {}) if "walls" not in options.materials else ""
-    cover = kind_of(one.roof_material, {}) if "roofs" not in options.materials else ""
     return Building(
         polygon,
         foot=low + one.above if one.above else low - sunk,
@@ -383,8 +401,8 @@ def _building(
         ridge=low + one.height,
         roof_shape=one.roof_shape,
         across=one.across,
-        wall=wall or materials["walls"],
-        roof=cover or materials["roofs"],
+        wall=materials["walls"],
+        roof=materials["roofs"],
         storey=one.storey,
     )
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.importing.facades import FacadeOptions
-from sarmitsuba.loader.from_mesh import UNITS, UPS, Up
+from sarmitsuba.loader.from_mesh import UPS, Up
+from sarmitsuba.mesh.model_units import UNITS
 from sarmitsuba.radar.geodesy import Anchor
 
 # height of buildings that state neither a height nor a number of storeys: two storeys and a roof, m

@@ -153,11 +153,16 @@ def on_plane(anchor: Anchor, longitude_latitude: F64) -> F64:
     return np.asarray(foot[:, :2] - foot[:, 2:] / up[:, 2:] * up[:, :2])
 
 
+def beside(longitude: ArrayLike, reference: float) -> F64:
+    """Longitudes, deg, within 180 deg of a reference: continuous across the antimeridian."""
+    return np.asarray(reference + (np.asarray(longitude) - reference + 180.0) % 360.0 - 180.0)
+
+
 def middle(longitude_latitude: F64, height: float = 0.0) -> Anchor:
     """Anchor in the middle of the bounds of points (deg), rounded as in scene files."""
-    low, high = longitude_latitude.min(axis=0), longitude_latitude.max(axis=0)
-    lon, lat = np.round(0.5 * (low + high), 8)
-    return Anchor.of_degrees(float(lat), float(lon), round(height, 3))
+    continuous = beside(longitude_latitude[:, 0], longitude_latitude[0, 0])
+    lon, lat = (round(0.5 * float(v.min() + v.max()), 8) for v in (continuous, longitude_latitude[:, 1]))
+    return Anchor.of_degrees(lat, float(beside(lon, 0.0)), round(height, 3))
 
 
 def check_width(points: F64, where: str) -> None:

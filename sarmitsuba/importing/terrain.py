@@ -10,7 +10,7 @@ import numpy as np
 
 from sarmitsuba.arrays import F64, I32, I64
 from sarmitsuba.errors import DataError, SceneError
-from sarmitsuba.importing.places import WGS84, Places, check_map, local_of_geodetic, projected
+from sarmitsuba.importing.places import WGS84, Places, beside, check_map, local_of_geodetic, projected
 from sarmitsuba.importing.triangulated import Network, network
 from sarmitsuba.isolated import survive
 from sarmitsuba.parameters import one_line
@@ -59,12 +59,14 @@ class HeightRaster:
 
     def at(self, longitude_latitude: F64) -> F64:
         """Heights interpolated bilinearly, (n,) float64, m; nan outside and next to missing samples."""
-        xy = longitude_latitude
+        n_rows, n_columns = self.heights.shape
         if self.crs != WGS84:
             xy = projected(longitude_latitude, WGS84, self.crs, self.name)
+        else:
+            center = self.affine @ [0.5 * n_columns, 0.5 * n_rows, 1.0]
+            xy = np.column_stack([beside(longitude_latitude[:, 0], center[0]), longitude_latitude[:, 1]])
         column, row = np.linalg.solve(self.affine[:, :2], (xy - self.affine[:, 2]).T)
         # positions on the last sample are inside, despite rounding
-        n_rows, n_columns = self.heights.shape
         inside = (
             (column >= -1e-6) & (row >= -1e-6) & (column <= n_columns - 1 + 1e-6) & (row <= n_rows - 1 + 1e-6)
         )
@@ -141,7 +143,13 @@ def _read(path: Path, where: str, geoid: float, around: F64 | None) -> HeightRas
         check_map(edges, crs, where)
         window = Window(0, 0, file.width, file.height)
         if around is not None:
-            edge = projected(_frame(around), WGS84, crs, where) if crs != WGS84 else _frame(around)
+            edge = _frame(around)
+            if crs != WGS84:
+                edge = projected(edge, WGS84, crs, where)
+            else:
+                west, east = file.bounds.left, file.bounds.right
+                middle = float(edge[:, 0].mean())
+                edge[:, 0] += beside(middle, 0.5 * (west + east)) - middle
             wanted = from_bounds(*edge.min(axis=0), *edge.max(axis=0), file.transform)
             window = _whole(wanted, file.width, file.height, where)
         n = int(window.height) * int(window.width)

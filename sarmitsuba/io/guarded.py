@@ -25,7 +25,9 @@ class GuardedFile(io.RawIOBase):
     def __init__(self, path: Path) -> None:
         super().__init__()
         self.error: OSError | None = None
+        self._opened = False  # also where opening fails, after which Python closes the object
         self._file = open_own(path)
+        self._opened = True
         self._file.truncate(0)
 
     def write(self, data: "ReadableBuffer") -> int:
@@ -80,6 +82,6 @@ class GuardedFile(io.RawIOBase):
 
     def close(self) -> None:
         """Close the file."""
-        if not self.closed:
+        if self._opened and not self.closed:
             self._file.close()
         super().close()

@@ -3,6 +3,7 @@
 import importlib
 from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 
 from sarmitsuba.errors import DataError
 from sarmitsuba.io.encoding import json_value
@@ -33,13 +34,7 @@ def read_table(path: Path, what: str, most: int) -> Mapping[str, object]:
         raise DataError(f"{path}: cannot read the {noun}: {error.strerror}") from error
     try:
         if path.suffix.lower() == ".toml":
-            try:
-                reader = importlib.import_module("tomllib")
-            except ModuleNotFoundError:
-                raise DataError(
-                    f"{path}: TOML needs Python 3.11 or later; write the {noun} as JSON"
-                ) from None
-            content = reader.loads(text)
+            content = _toml_reader(path).loads(text)
         else:
             content = json_value(text)
     except (ValueError, RecursionError) as error:  # tomllib's and json's
@@ -47,3 +42,13 @@ def read_table(path: Path, what: str, most: int) -> Mapping[str, object]:
     if not isinstance(content, dict):
         raise DataError(f"{path}: {what} is a table of names and values, this is a {type(content).__name__}")
     return content
+
+
+def _toml_reader(path: Path) -> ModuleType:
+    """Reader of TOML: Python's own, before 3.11 the package that it came from."""
+    for name in ("tomllib", "tomli"):
+        try:
+            return importlib.import_module(name)
+        except ModuleNotFoundError:
+            continue
+    raise DataError(f"{path}: before Python 3.11 TOML needs the package tomli; pip install tomli")

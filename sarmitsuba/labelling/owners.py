@@ -21,6 +21,7 @@ from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.scene.wires import WireTarget
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.trace.edges import FringeCurrents
+from sarmitsuba.trace.fold_waves import FoldWaves
 from sarmitsuba.trace.path_groups import IS_GROUND, MECHANISMS, MOST_OWNERS, PathOwners
 from sarmitsuba.trace.reflectors import Reflectors
 from sarmitsuba.trace.source import Launch
@@ -146,7 +147,7 @@ class SceneOwners:
         found = None if find is None else find(part)
         name = getattr(found, "mechanism", "scatterer")
         count = slice(part.first, part.first + part.count)
-        if isinstance(found, FringeCurrents):
+        if isinstance(found, FringeCurrents | FoldWaves):
             owner = self._of_meshes(self._mesh[self._sides(found.middle[count])])
         elif name == "diffuse pair" and found is not None:
             owner = self._of_pairs(found.face[count])

@@ -184,7 +184,7 @@ def link_budget(
         wavelength=radar.waveform.wavelength,
         speed=float(np.linalg.norm(radar.track.velocity[radar.track.center_index])),
         gain=radar.antenna.gain,
-        antenna_area=math.inf if radar.antenna.pattern == "isotropic" else antenna_area(radar),
+        antenna_area=math.inf if not radar.antenna.directive else antenna_area(radar),
         losses=radar.losses,
         noise_temperature=radar.noise_temperature,
         range_window=str(windows[0]),

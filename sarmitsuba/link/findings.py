@@ -9,8 +9,8 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing.aperture_weights import flight
 from sarmitsuba.link.place import PlaceBudget
 from sarmitsuba.link.prf_bounds import PulseTiming
-from sarmitsuba.radar.antenna import SINC_HALF_POWER
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.units import db_from_power
 
@@ -136,17 +136,18 @@ def _of_the_pulses(where: str, t: PulseTiming, remedy: str) -> list[Finding]:
 
 
 def antenna_area(radar: Radar) -> float:
-    """Area of a uniform aperture with the antenna's half-power widths, m^2."""
+    """Area of the aperture with the antenna's half-power widths, m^2; a uniform one where the pattern names none."""
     antenna, wavelength = radar.antenna, radar.waveform.wavelength
+    half = PATTERNS[antenna.pattern].half_power_sine or SINC_HALF_POWER
     length, height = (
-        SINC_HALF_POWER * wavelength / float(np.sin(0.5 * width))
+        half * wavelength / float(np.sin(0.5 * width))
         for width in (antenna.azimuth_beamwidth, antenna.elevation_beamwidth)
     )
     return length * height
 
 
 def _of_the_antenna(where: str, radar: Radar, place: PlaceBudget) -> list[Finding]:
-    if radar.antenna.pattern == "isotropic":
+    if not radar.antenna.directive:
         return []
     found = []
     area, wavelength = antenna_area(radar), radar.waveform.wavelength

@@ -73,7 +73,7 @@ def azimuth_ambiguity(radar: Radar, prf: float, processed_bandwidth: float) -> f
     Weights of backprojection, without a window. For a steered beam the ratio holds at its centre.
     """
     antenna, wavelength = radar.antenna, radar.waveform.wavelength
-    if antenna.pattern == "isotropic":
+    if not antenna.directive:
         return float("nan")
     middle = radar.track.center_index
 
@@ -106,7 +106,7 @@ def range_ambiguity(radar: Radar, prf: float, point: F64, radius: float) -> floa
     Ignores the other side of the track. The simulator itself adds no echoes of other pulses.
     """
     antenna = radar.antenna
-    if antenna.pattern == "isotropic":
+    if not antenna.directive:
         return float("nan")
 
     def gain(sine: F64) -> F64:

@@ -145,7 +145,7 @@ def _at_once(radar: Radar) -> bool:
 
 def _beam_bandwidth(radar: Radar, speed: float) -> float:
     """Doppler spread between the half-power directions, Hz."""
-    if radar.antenna.pattern == "isotropic":
+    if not radar.antenna.directive:
         return float("inf")
     return 4.0 * speed / radar.waveform.wavelength * float(np.sin(0.5 * radar.antenna.azimuth_beamwidth))
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.arrays import F64, I32
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.radar_ground import LevelGround
@@ -27,6 +28,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
+from sarmitsuba.scene.round_facets import RoundFacets
 from sarmitsuba.scene.scatterers import ScattererTarget, positions_of
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
@@ -123,6 +125,9 @@ def assemble(
         warn_once(
             doubts, f"{label}: the geometry is not in metres, {doubt}; scale it by to_world (0.001 from mm)"
         )
+    facets = RoundFacets.of(geometry, materials, SPEED_OF_LIGHT / radar.sensor.center_frequency)
+    if facets.doubt:
+        warn_once(doubts, f"{label}: {facets.doubt}")
     for point in points:
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
     for wire in wires:

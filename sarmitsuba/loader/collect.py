@@ -1,21 +1,21 @@
 """Shapes of a scene collected one after the other: surfaces with their materials, ideal points, wires and volumes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import GuessWarning, SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.assemble import MeshSurface, assemble
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.material_book import MaterialBook
 from sarmitsuba.loader.mesh_files import MeshPart, obj_materials, read_parts
-from sarmitsuba.loader.names_of_materials import DEFAULT, kind_of
+from sarmitsuba.loader.names_of_materials import DEFAULT, is_doubtful, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.radar_ground import PLUGIN, LevelGround, ground_element, read_ground
@@ -25,6 +25,10 @@ from sarmitsuba.loader.wire_shapes import wires
 from sarmitsuba.materials.bsdfs import wire_permittivity
 from sarmitsuba.materials.map_materials import map_attributes
 from sarmitsuba.memory import check_fits
+from sarmitsuba.mesh.cleaning import single_precision_step
+from sarmitsuba.mesh.model_units import doubtful_size
+from sarmitsuba.mesh.smooth_groups import smooth_groups
+from sarmitsuba.mesh.smooth_surface import facet_sagitta, smooth_surface
 from sarmitsuba.parameters import Value, float_value, printable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
@@ -39,6 +43,12 @@ SAGITTA_OVER_WAVELENGTH = 1.0 / 512.0
 # bytes that cleaning and joining need per triangle, beyond the triangle itself; triangles between two checks of the
 # free memory
 BYTES_PER_FACE, COUNTED = 300, 1_000_000
+# deg: bend up to which facets are fitted as one smooth surface
+SMOOTH_ANGLE_DEG = 40.0
+# distance of their new facets from it, over the wavelength: the phase of the curvature within a facet is the kernel's
+SMOOTH_SAGITTA = 1.0 / 100.0
+# step of coordinates in single precision, over the wavelength, from which on it is warned of
+LARGEST_ROUNDING = 1.0 / 32.0
 
 
 @dataclass
@@ -104,6 +114,8 @@ class Collector:
         material = self.book.index(bsdf, placed.element.where)
         vertices, faces = self.reader.triangles(placed)
         self._check_faces(placed.element.where, len(faces))
+        file = placed.element.values.get("filename")
+        self._check_size((placed.name, Path(file).stem if isinstance(file, str) else ""), vertices)
         names = map_attributes(self.book.materials[material])
         self.surfaces.append(
             MeshSurface(
@@ -150,23 +162,34 @@ class Collector:
 
         Warns
         -----
-        SarmitsubaWarning : a name matches no material
+        GuessWarning : a name matches no material, or only a word in it does
         """
         kinds = {name: kind_of(name, chosen) for name in dict.fromkeys(part.material for part in parts)}
-        known = [f'"{name}" {kind}' if name else kind for name, kind in kinds.items() if kind]
-        if known:
+        said = {name: f'"{printable(name)}" {kind}' if name else kind for name, kind in kinds.items() if kind}
+        guesses = [text for name, text in said.items() if is_doubtful(name, chosen)]
+        if known := [text for text in said.values() if text not in guesses]:
             self.notes.append(f"{label}: materials by their names: {', '.join(known)}")
-        unknown = [f'"{name}"' if name else "no name" for name, kind in kinds.items() if not kind]
+        if guesses:
+            warn_once(
+                self.notes,
+                f"{label}: materials guessed from a word in their names: {', '.join(guesses)}; choose with --material "
+                "NAME=MATERIAL",
+                GuessWarning,
+            )
+        unknown = [f'"{printable(name)}"' if name else "no name" for name, kind in kinds.items() if not kind]
         if unknown:
             warn_once(
                 self.notes,
                 f"{label}: materials with unknown names are read as {DEFAULT}: {', '.join(unknown)}; name them "
                 "brick, glass, metal, ... in the file, or choose with --material MATERIAL or NAME=MATERIAL",
+                GuessWarning,
             )
         for part, corners in zip(parts, vertices, strict=True):
             kind = kinds[part.material] or DEFAULT
-            index = self.book.named(part.material or DEFAULT, kind, label)
+            index = self.book.named(part.material or kind, kind, label)
             self._check_faces(label, len(part.faces))
+            file = Path(label.rpartition(": ")[2]).stem if len(parts) == 1 else ""
+            self._check_size((part.name, part.material, file), corners)
             self.surfaces.append(MeshSurface(part.name, corners, part.faces, index, motion=motion))
 
     def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:
@@ -189,6 +212,9 @@ class Collector:
 
     def scene(self) -> Scene:
         """The assembled scene, see `sarmitsuba.loader.assemble.assemble`."""
+        if self.described.settings.smooth:
+            self.surfaces = [self._smoothed(surface) for surface in self.surfaces]
+        self._check_rounding()
         return assemble(
             self.name,
             self.path,
@@ -203,6 +229,44 @@ class Collector:
             self.scatterers,
             self.grounds,
         )
+
+    def _smoothed(self, surface: MeshSurface) -> MeshSurface:
+        """Mesh with finer facets on its smooth surface; shapes without facets, and with values at corners, stay."""
+        if surface.smooth or surface.corner_values or not np.isfinite(surface.vertices).all():
+            return surface
+        name, wavelength = surface.name, SPEED_OF_LIGHT / self.book.frequency
+        group = smooth_groups(surface.vertices, surface.faces, SMOOTH_ANGLE_DEG)
+        before = facet_sagitta(surface.vertices[surface.faces], group)
+        vertices, faces, _ = smooth_surface(
+            surface.vertices, surface.faces, group, SMOOTH_SAGITTA * wavelength
+        )
+        if len(faces) == len(surface.faces):
+            return surface
+        self.notes.append(
+            f'mesh "{name}": a smooth surface is fitted as asked, {len(surface.faces)} facets become {len(faces)}, and '
+            f"it lies up to {before.max() / wavelength:.2g} wavelengths off the given ones"
+        )
+        return replace(surface, vertices=vertices, faces=faces)
+
+    def _check_rounding(self) -> None:
+        """Warn of meshes whose coordinates are rounded by single precision to a good part of the wavelength."""
+        wavelength = SPEED_OF_LIGHT / self.book.frequency
+        for surface in self.surfaces:
+            step = single_precision_step(surface.vertices)
+            if step > LARGEST_ROUNDING * wavelength:
+                warn_once(
+                    self.notes,
+                    f'mesh "{surface.name}": coordinates of up to {np.abs(surface.vertices).max():.7g} m are in single '
+                    f"precision, rounded to {step:.2g} m, {step / wavelength:.2g} wavelengths: phases are wrong; "
+                    "export it about an origin nearby, or in double precision",
+                )
+
+    def _check_size(self, names: tuple[str, ...], vertices: F64) -> None:
+        """Warn where something by the name of a known thing has the size of none, as in another unit."""
+        label = printable(self.path.name if self.path else self.name)
+        length = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
+        if doubt := next(filter(None, (doubtful_size(printable(name), length) for name in names)), ""):
+            warn_once(self.notes, f"{label}: {doubt}")
 
     def _check_faces(self, where: str, more: int) -> None:
         """Count triangles; raise a SceneError for more than fit into the memory."""

@@ -12,9 +12,11 @@ from sarmitsuba.loader.assemble import MeshSurface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import describe
 from sarmitsuba.loader.elements import Element, Property
+from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import Placed
 from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS
+from sarmitsuba.mesh.model_units import ShapeExtent, y_ground
 from sarmitsuba.scene.scene import Scene
 
 _NAME = "scene"
@@ -81,6 +83,15 @@ def scene_from_mitsuba(
             collector.surfaces.append(MeshSurface(name, vertices, faces, material))
         else:
             collector.add_shape(_placed(shape, name), element)
+    if radar_root is not None and not any(hasattr(own, "given") for own in mi_scene.sensors()):
+        surfaces = [surface for surface in collector.surfaces if len(surface.faces)]
+        lying = y_ground([ShapeExtent.of(s.vertices[s.faces]) for s in surfaces])
+        if lying >= 0:
+            warn_once(
+                collector.notes,
+                f'{_NAME}: is y up? "{surfaces[lying].name}" looks like ground below all else; give the file '
+                "to load_scene, which turns it, or turn it by to_world",
+            )
     if ground is not None:
         collector.add_ground_of(ground)
     return collector.scene()
@@ -124,10 +135,11 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
         return element
     where = f'{_NAME}: bsdf "{name}"'
     if hasattr(bsdf, "scattering_coefficient"):
-        values = {"xpd_coefficient": _scalar(bsdf.xpd_coefficient)}
+        values: dict[str, Property] = {"xpd_coefficient": _scalar(bsdf.xpd_coefficient)}
         scattering = _scalar(bsdf.scattering_coefficient)
         if scattering > 0.0:  # Sionna's default of 0 stands for "not given"
             values["scattering_coefficient"] = scattering
+            values |= _pattern(bsdf.scattering_pattern)
         if hasattr(bsdf, "itu_type"):
             return Element(
                 "bsdf", "itu-radio-material", name, where, Path(), {**values, "type": str(bsdf.itu_type)}
@@ -145,6 +157,16 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
                 switches[key] = _scalar(numbers[f"{key}.value"])
         element.children.extend(("_arg_0", _bsdf(inner)) for inner in _nested(bsdf))
     return element
+
+
+def _pattern(pattern: object) -> dict[str, Property]:
+    """Parameters of one of Sionna's scattering patterns."""
+    numbers = {
+        name: getattr(pattern, name) for name in ("alpha_r", "alpha_i", "lambda_") if hasattr(pattern, name)
+    }
+    if "lambda_" in numbers:
+        numbers["lambda_"] = _scalar(numbers["lambda_"])
+    return {"scattering_pattern": type(pattern).__name__.removesuffix("Pattern").lower(), **numbers}
 
 
 def _nested(bsdf: "mi.BSDF") -> "list[mi.BSDF]":

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import ExtensionError, SceneError
 from sarmitsuba.exclusive import exclusive
@@ -10,9 +12,17 @@ from sarmitsuba.loader import tables
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import describe
 from sarmitsuba.loader.elements import Element, walk
-from sarmitsuba.loader.from_mesh import MeshOptions, add_mesh_file, is_mesh_file
+from sarmitsuba.loader.from_mesh import (
+    MeshOptions,
+    add_mesh_file,
+    describe_frame,
+    find_frame,
+    has_radar,
+    is_mesh_file,
+)
 from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
 from sarmitsuba.loader.library import resolve, resolve_radar
+from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import check_used, split_parameters
 from sarmitsuba.loader.plugins import register_plugins
 from sarmitsuba.loader.references import check_meshes
@@ -64,7 +74,7 @@ def load_scene(
         an ``mi.Scene``
     radar : XML file (or shipped name) whose sensor, film and integrator replace the scene's
     parameters : values of the file's ``$name`` parameters, and ``plugin.parameter`` to override a plugin's
-    mesh : unit, up axis and materials of a mesh file
+    mesh : unit, up axis and materials of a mesh file; unit and up axis of the shapes of a scene file
     ground : material of level ground to add at the scene's lowest level, such as ``soil``, as by ``radar_ground``
     allow_outside : a file may include others, and name meshes, from outside its own folder
 
@@ -100,9 +110,7 @@ def load_scene(
     loaded, root = None, None
     from_mesh = file is not None and is_mesh_file(file)
     if mesh is not None and not from_mesh:
-        raise SceneError(
-            f"{file.name if file else 'scene'}: unit, up axis and materials are given to mesh files only"
-        )
+        _check_options(mesh, scene, "scene" if file is None else file.name)
     if file is not None and from_mesh:
         root = Element("scene", "scene", "", file.name, file.parent, {})
     elif file is not None:
@@ -124,11 +132,41 @@ def load_scene(
     collector = Collector("scene" if file is None else file.stem, file, described, overrides)
     if file is not None and from_mesh:
         add_mesh_file(collector, file, mesh or MeshOptions())
-    for placed in placed_shapes(root):
-        collector.add_shape(placed, placed.element.child("bsdf"))
+    else:
+        _add_shapes(collector, root, label, mesh)
     if ground is not None:
         collector.add_ground_of(ground)
     return collector.scene()
+
+
+def _check_options(mesh: MeshOptions, scene: object, label: str) -> None:
+    """Raise a SceneError for options that a scene file, a dict or an ``mi.Scene`` cannot have."""
+    if mesh.materials:
+        raise SceneError(
+            f"{label}: materials by name are given to mesh files only; name the bsdfs so, or use radar_material"
+        )
+    if not isinstance(scene, Path | str | Mapping) or _holds_objects(scene):
+        raise SceneError(
+            f"{label}: unit and up axis are given to files and dicts, not to what Mitsuba has loaded"
+        )
+
+
+def _add_shapes(collector: Collector, root: Element, label: str, mesh: MeshOptions | None) -> None:
+    """Add every shape of a scene in metres with z up, and note what is assumed of files without a radar."""
+    shapes, options = list(placed_shapes(root)), mesh or MeshOptions()
+    frame = find_frame(label, root, shapes, collector.reader, options)
+    if frame.doubt:
+        warn_once(collector.notes, frame.doubt)
+    as_it_is = np.array_equal(frame.matrix, np.eye(4))
+    for placed in shapes:
+        collector.add_shape(
+            placed if as_it_is else placed.in_frame(frame.matrix), placed.element.child("bsdf")
+        )
+    if collector.surfaces and (mesh is not None or not has_radar(root)):
+        note, doubt = describe_frame(label, frame, collector.surfaces, options)
+        collector.notes.append(note)
+        if doubt:
+            warn_once(collector.notes, doubt)
 
 
 def _holds_objects(value: object) -> bool:

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import GuessWarning, SarmitsubaWarning, SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.maps import CLASS_MAP, MATERIAL_MAPS, land_cover, with_maps
-from sarmitsuba.loader.names_of_materials import kind_of
+from sarmitsuba.loader.names_of_materials import is_doubtful, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.materials.bsdfs import (
@@ -149,20 +149,28 @@ class MaterialBook:
         elif plugin in tables.TABLES:
             raise SceneError(f"{where}: {plugin} is not a BSDF{did_you_mean(plugin, tables.TABLES)}")
         else:
-            material, note = self._ordinary(bsdf, name)
+            material, note = self._ordinary(bsdf, name), ""
         if note:
             warn_once(self.notes, f"{where.partition(':')[0]}: {note}")
         return material
 
-    def _ordinary(self, bsdf: Element, name: str) -> tuple[Material, str]:
-        """Material of one of Mitsuba's own BSDFs and its warning; notes what its id says."""
-        called = kind_of(bsdf.id or ("" if _NUMBERED.fullmatch(name) else name), {})
+    def _ordinary(self, bsdf: Element, name: str) -> Material:
+        """Material of one of Mitsuba's own BSDFs; notes what its id says, and warns of guesses."""
+        title = bsdf.id or ("" if _NUMBERED.fullmatch(name) else name)
+        called = kind_of(title, {})
         material, warning, note = ordinary_material(
             name, bsdf.plugin, bsdf.given(), self.frequency, self.rms_height, called
         )
-        if note:
-            self._say(f'{bsdf.where.partition(":")[0]}: "{one_line(bsdf.id or name)}": {note}')
-        return material, warning
+        label = bsdf.where.partition(":")[0]
+        if note and is_doubtful(title, {}):
+            note += "; a guess from a word in it: name it by a material, or use radar_material"
+            warn_once(self.notes, f'{label}: "{one_line(title)}": {note}', GuessWarning)
+        elif note:
+            self._say(f'{label}: "{one_line(title)}": {note}')
+        if warning:
+            category = SarmitsubaWarning if material.invisible else GuessWarning
+            warn_once(self.notes, f"{label}: {warning}", category)
+        return material
 
     def _radar_material(self, bsdf: Element, name: str) -> tuple[Material, str]:
         """Material of a ``radar_material`` and its warning; notes what is understood and assumed."""
@@ -186,7 +194,7 @@ class MaterialBook:
         return land_cover(name, bsdf, values, made)
 
     def _nested(self, bsdf: Element, name: str, depth: int) -> Material:
-        if bsdf.plugin in ADAPTER_BSDFS:
+        if bsdf.plugin in ADAPTER_BSDFS and bsdf.plugin != "twosided":  # which is exact: nothing is ignored
             warn_once(self.notes, f"{bsdf.where.partition(':')[0]}: {adapter_note(bsdf.plugin)}")
         inner = list(bsdf.of_kind("bsdf"))
         if not inner:

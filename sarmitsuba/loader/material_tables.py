@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from sarmitsuba.loader.names_of_materials import kind_of
+from sarmitsuba.loader.names_of_materials import exact_kind
 from sarmitsuba.materials.change import CHANGE
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
@@ -36,7 +36,7 @@ _PERMITTIVITY = (
         "",
         "permittivity by name",
         choices=lambda: tuple(sorted(MATERIALS.names)),
-        synonym=lambda name: kind_of(name, {}),
+        synonym=exact_kind,
     ),
     Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
     Param(
@@ -213,16 +213,22 @@ _SCATTERING = (
         "scattering_coefficient",
         "float",
         0.0,
-        "S: share S^2 of the reflected power is scattered by Lambert's law",
+        "S: share S^2 of the power reflected at the true angle and polarisation is scattered",
         "",
         0.0,
         1.0,
     ),
     Param("xpd_coefficient", "float", 0.0, "share of the scattered power that is cross-polar", "", 0.0, 1.0),
-    *(
-        Param(name, "ignored", 0.0, "directive lobe; read as Lambert's law")
-        for name in ("alpha_r", "alpha_i", "lambda_", "scattering_pattern")
+    Param(
+        "scattering_pattern",
+        "string",
+        "lambertian",
+        "directions of the scattered power",
+        choices=("lambertian", "directive", "backscattering"),
     ),
+    Param("alpha_r", "integer", 1, "exponent of the lobe about the mirror direction", "", 1, 200),
+    Param("alpha_i", "integer", 1, "exponent of the lobe back to the source; of backscattering", "", 1, 200),
+    Param("lambda_", "float", 1.0, "share of the first of these lobes; of backscattering", "", 0.0, 1.0),
     *_COLORS,
 )
 

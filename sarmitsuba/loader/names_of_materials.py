@@ -1,4 +1,4 @@
-"""Radar materials of mesh files from words in their names, such as `brick` or `window`."""
+"""Radar materials by name: exact names, others for the same, and guesses from words such as `brick` or `window`."""
 
 import re
 import unicodedata
@@ -8,6 +8,52 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.parameters import did_you_mean, one_line
 
+# other names of materials of the library, in English, German and French, without accents, blanks and underscores
+ALIASES: dict[str, tuple[str, ...]] = {
+    "pec": ("perfectconductor", "perfectelectricconductor", "idealconductor"),
+    "metal": (
+        *(
+            "steel",
+            "iron",
+            "aluminium",
+            "aluminum",
+            "copper",
+            "zinc",
+            "metall",
+            "stahl",
+            "eisen",
+            "kupfer",
+            "zink",
+        ),
+        *("metaux", "acier", "fer", "cuivre", "sheetmetal", "blech", "tole"),
+    ),
+    "car_paint": ("carbody", "autolack"),
+    "glass": ("glas", "verre"),
+    "tile": ("tiles", "rooftile", "rooftiles", "tuile", "tuiles"),
+    "brick": ("bricks", "ziegel", "backstein", "klinker", "brique", "briques"),
+    "concrete": ("beton",),
+    "wood": ("timber", "holz", "bois"),
+    "plywood": ("sperrholz",),
+    "chipboard": ("spanplatte",),
+    "plasterboard": ("gypsumboard", "drywall", "gipskarton"),
+    "marble": ("marmor", "marbre"),
+    "asphalt": ("tarmac", "asphalte"),
+    "grass": ("lawn", "gras", "rasen", "herbe", "pelouse", "gazon"),
+    "gravel": ("kies", "schotter", "gravier"),
+    "soil": ("earth", "erde", "erdboden", "terre"),
+    "leaf": ("leaves", "foliage", "laub", "feuillage"),
+    "snow": ("drysnow", "schnee", "neige"),
+    "water": ("wasser", "eau"),
+    "sea_water": ("saltwater", "meerwasser", "salzwasser", "eaudemer"),
+    "fresh_water": ("suesswasser", "susswasser", "eaudouce"),
+    "plastic": ("plastics", "kunststoff", "plastique"),
+}
+# words of names that say nothing of the material
+_NEUTRAL = frozenset(
+    "a an the of and my mat material mesh part surface texture old new red green blue white black grey gray brown "
+    "yellow dark light front back left right north south east west inner outer upper lower top bottom main side small "
+    "large big long high low simple default shader slot house".split()
+)
 # material of the library: beginnings of words in a name, whole words after "=", tested in this order; English, German
 # and French, without accents
 WORDS: dict[str, tuple[str, ...]] = {
@@ -114,8 +160,27 @@ DEFAULT = "concrete"
 EVERY = "*"
 
 
+def exact_kind(name: str) -> str:
+    """Material of the library of that name or of another name for the same; empty for any other name.
+
+    Case, accents, blanks, hyphens and underscores do not count, nor a number at the end, or ``mat-`` and ``itu_`` at
+    the start.
+
+    Parameters
+    ----------
+    name : such as ``Sea Water``, ``mat-itu_concrete`` or ``Brick.003``
+    """
+    if name in MATERIALS.names:
+        return name
+    plain = re.sub(r"[.\d\s_-]+$", "", _without_accents(name)).lower().removeprefix("mat-")
+    bare = re.sub(r"[\s_-]", "", re.sub(r"^itu[_-]", "", plain))
+    if found := next((kind for kind in MATERIALS.names if kind.lower().replace("_", "") == bare), ""):
+        return found
+    return next((kind for kind, names in ALIASES.items() if bare in names), "")
+
+
 def kind_of(name: str, chosen: Mapping[str, str]) -> str:
-    """Material of the library for a name in a mesh file; empty for an unknown name.
+    """Material of the library for a name in a mesh file: exact, else guessed from its words; empty for an unknown name.
 
     Parameters
     ----------
@@ -125,18 +190,42 @@ def kind_of(name: str, chosen: Mapping[str, str]) -> str:
     if name not in chosen and EVERY in chosen:
         name = EVERY
     if name in chosen:
-        return chosen[name] if chosen[name] in MATERIALS.names else kind_of(chosen[name], {})
-    plain = re.sub(r"[.\d]+$", "", name).lower().removeprefix("mat-")
-    plain = re.sub(r"^itu[_-]", "", plain).replace("-", "_").replace(" ", "_").strip("_")
-    if plain in MATERIALS.names:
-        return plain
-    bare = unicodedata.normalize("NFKD", name.replace("ß", "ss"))
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", "".join(c for c in bare if not unicodedata.combining(c)))
-    words = re.findall(r"[a-z]+", spaced.lower())  # of StoneWall: stone, wall
+        return exact_kind(chosen[name])
+    if exact := exact_kind(name):
+        return exact
+    words = _words(name)
     for kind, starts in WORDS.items():
-        if any(w == s[1:] if s[0] == "=" else w.startswith(s) for w in words for s in starts):
+        if any(_begins(word, start) for word in words for start in starts):
             return kind
     return next((kind for kind, ends in ENDS.items() if any(w.endswith(ends) for w in words)), "")
+
+
+def is_doubtful(name: str, chosen: Mapping[str, str]) -> bool:
+    """Whether a guess of `kind_of` leaves words out that may change the material: ``wet_snow``, ``my wall paint``."""
+    if name in chosen or EVERY in chosen or exact_kind(name):
+        return False
+    starts = [start for each in WORDS.values() for start in each]
+    ends = tuple(end for each in ENDS.values() for end in each)
+    return not all(
+        word in _NEUTRAL or word.endswith(ends) or any(_begins(word, start) for start in starts)
+        for word in _words(name)
+        if len(word) > 1
+    )
+
+
+def _begins(word: str, start: str) -> bool:
+    """Whether a word begins as an entry of ``WORDS`` says."""
+    return word == start[1:] if start[0] == "=" else word.startswith(start)
+
+
+def _words(name: str) -> list[str]:
+    """Words of a name, lower case: of ``StoneWall`` stone and wall."""
+    return re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", _without_accents(name)).lower())
+
+
+def _without_accents(name: str) -> str:
+    bare = unicodedata.normalize("NFKD", name.replace("ß", "ss"))
+    return "".join(c for c in bare if not unicodedata.combining(c))
 
 
 def check_chosen(chosen: Mapping[str, str], names: set[str], where: str) -> None:
@@ -147,7 +236,7 @@ def check_chosen(chosen: Mapping[str, str], names: set[str], where: str) -> None
             raise SceneError(
                 f'{where}: no material "{one_line(name)}" in this file{did_you_mean(name, names)}; it has {listed}'
             )
-        if kind not in MATERIALS.names and not kind_of(kind, {}):
+        if not exact_kind(kind):
             known = ", ".join(sorted(MATERIALS.names))
             raise SceneError(
                 f'{where}: "{one_line(kind)}" is no known material{did_you_mean(kind, MATERIALS.names)}; known: {known}'

@@ -5,8 +5,8 @@ import warnings
 from sarmitsuba.errors import SarmitsubaWarning
 
 
-def warn_once(notes: list[str], text: str) -> None:
+def warn_once(notes: list[str], text: str, category: type[SarmitsubaWarning] = SarmitsubaWarning) -> None:
     """Add a note and give it as a warning, unless the notes have it already."""
     if text not in notes:
         notes.append(text)
-        warnings.warn(text, SarmitsubaWarning, stacklevel=4)
+        warnings.warn(text, category, stacklevel=4)

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +69,16 @@ class Placed:
             return vertices + 0.0  # no negative zeros, as from the product
         with np.errstate(over="ignore", invalid="ignore"):  # refused when the mesh is checked
             return np.asarray(vertices @ self.to_world[:3, :3].T + self.to_world[:3, 3])
+
+    def in_frame(self, matrix: F64) -> "Placed":
+        """The shape and its motion, mapped by a matrix (4, 4); not ``radar_ground``, which is level in any frame."""
+        if self.element.plugin == "radar_ground":
+            return self
+        motion = self.motion
+        if not motion.still:
+            turned = (matrix[:3, :3] @ np.array(vector) for vector in (motion.velocity, motion.acceleration))
+            motion = Motion.of(*turned)
+        return replace(self, to_world=matrix @ self.to_world, motion=motion)
 
     @property
     def is_curved(self) -> bool:
@@ -169,7 +179,7 @@ class MeshReader:
 
 
 def placed_shapes(root: Element) -> Iterator[Placed]:
-    """Every shape with a surface, shape groups through their instances.
+    """Every shape with a surface, in the file's own coordinates, shape groups through their instances.
 
     Raises
     ------

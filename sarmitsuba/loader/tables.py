@@ -112,7 +112,7 @@ INTEGRATOR = ParamTable(
             "store echoes by their number of bounces, each in its own layers; the last has all beyond",
         ),
         Param(
-            "keep_subsets", "boolean", False, "store two independent ray subsets separately, for error bars"
+            "keep_subsets", "boolean", True, "store two independent ray subsets separately, for error bars"
         ),
         Param(
             "phase_precision",
@@ -158,6 +158,13 @@ INTEGRATOR = ParamTable(
             "m",
             0.0,
             0.1,
+        ),
+        Param(
+            "smooth",
+            "boolean",
+            False,
+            "meshes stand for the smooth surface through their corners, to which finer facets are fitted; edges that "
+            "bend by more than 40 deg stay sharp",
         ),
         Param(
             "endless_ground",

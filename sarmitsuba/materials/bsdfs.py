@@ -31,6 +31,7 @@ from sarmitsuba.materials.typical import (
 from sarmitsuba.parameters import Value, float_value, string_value
 
 _NO_LEVEL_DB = -300.0  # written in XML for "none"
+_MOST_CROSS = 0.5  # largest cross-polar share of the scattered power
 
 
 def named_material(
@@ -209,13 +210,13 @@ def sionna_material(
 ) -> tuple[Material, str]:
     r"""Material of a validated ``itu-radio-material``, ``radio-material`` or ``absorber-radio-material``.
 
-    Sionna takes the share S^2 of the reflected power out of the mirror direction and scatters it. Here it
-    is Lambert's law of albedo S^2 \|R(0)\|^2 and the rms height that loses S^2 at normal incidence. A material without
-    scattering coefficient has no stated roughness and gets ``rms_height`` (m).
+    Sionna takes the share S^2 of the reflected power out of the mirror direction and scatters it in a pattern; see
+    :mod:`sarmitsuba.materials.laws.effective_roughness`. The rms height loses S^2 at normal incidence. A material
+    without scattering coefficient has no stated roughness and gets ``rms_height`` (m).
 
     Notes
     -----
-    Ignores the slab's thickness (surfaces are half spaces) and the shape of directive scattering lobes.
+    Ignores the slab's thickness (surfaces are half spaces), and that the mirror direction loses S^2 at every angle.
     """
     if plugin == "absorber-radio-material":
         return Material(name, permittivity=1.0 + 0.0j), ""
@@ -229,28 +230,41 @@ def sionna_material(
         dispersion = Dispersion(real=real, conductivity=conductivity)
         eps = dispersion.permittivity(frequency)
     if "scattering_coefficient" in given or rms_height == 0.0:
-        surface = scattering_surface(values, eps, frequency)
+        surface = scattering_surface(values, frequency)
+        if float_value(values, "xpd_coefficient") > _MOST_CROSS:
+            note = (
+                note or f"xpd_coefficient above {_MOST_CROSS:g} is read as that: HV is never above HH and VV"
+            )
     else:
         surface = rough(rms_height)
     return _material(name, eps, replace(surface, dispersion=dispersion)), note
 
 
-def scattering_surface(values: Mapping[str, Value | None], eps: complex, frequency: float) -> Material:
-    """Roughness and diffuse law equivalent to Sionna's scattering and cross-polarisation coefficients."""
+def scattering_surface(values: Mapping[str, Value | None], frequency: float) -> Material:
+    """Roughness and diffuse law of Sionna's scattering and cross-polarisation coefficients and its pattern."""
     share = min(float_value(values, "scattering_coefficient") ** 2, 0.999)
     if share == 0.0:
         return smooth()
     k = 2.0 * math.pi * frequency / SPEED_OF_LIGHT
-    root = np.sqrt(eps)
-    albedo = share * abs((1.0 - root) / (1.0 + root)) ** 2
-    cross = min(float_value(values, "xpd_coefficient"), 0.5)
+    cross = min(float_value(values, "xpd_coefficient"), _MOST_CROSS)
+    pattern, exponent = string_value(values, "scattering_pattern"), float_value(values, "alpha_r")
+    parameters: dict[str, float] = {}
+    if pattern == "directive":
+        parameters = {"lobe_exponent": exponent}
+    elif pattern == "backscattering":
+        parameters = {
+            "lobe_exponent": exponent,
+            "back_lobe_exponent": float_value(values, "alpha_i"),
+            "forward_share": float_value(values, "lambda_"),
+        }
     return replace(
         smooth(),
         # exp(-4 (k s)^2) = 1 - S^2
         rms_height=math.sqrt(-math.log1p(-share) / 4.0) / k,
-        diffuse_law="lambert",
-        diffuse_level_db=10.0 * math.log10(max(4.0 * albedo, 1e-30)),
+        diffuse_law="directive_roughness" if pattern == "directive" else "effective_roughness",
+        diffuse_level_db=10.0 * math.log10(share * (1.0 - cross)),
         cross_polar_ratio_db=10.0 * math.log10(cross / (1.0 - cross)) if cross > 0.0 else -np.inf,
+        law_parameters=tuple(parameters.items()),
     )
 
 

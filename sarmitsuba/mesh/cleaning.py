@@ -13,6 +13,10 @@ from sarmitsuba.mesh.welding import weld
 # height of a triangle, in roundings of its coordinates, below which it counts as a line
 _ROUNDINGS = 8.0
 
+# share of coordinates that are odd multiples of the step of single precision above which they are rounded to it: half
+# of them by chance, no whole metres
+_ODD = 0.1
+
 
 def clean_mesh(name: str, vertices: ArrayLike, faces: ArrayLike) -> tuple[F64, I32, list[str]]:
     """Return the mesh without zero-area and duplicate faces, and one note for each kind removed.
@@ -119,6 +123,20 @@ def clean_meshes(
         n_flat + n_copies > 0,
         kept,
     )
+
+
+def single_precision_step(vertices: F64) -> float:
+    """Step, m, of the largest coordinates (n, 3) where all of them are rounded to single precision; else 0."""
+    if not len(vertices) or not np.isfinite(vertices).all():
+        return 0.0
+    with np.errstate(over="ignore"):
+        single = vertices.astype(np.float32)
+    if not (single == vertices).all():
+        return 0.0
+    column = np.unique(single[:, np.abs(single).max(axis=0).argmax()])
+    step = np.abs(np.spacing(column)).astype(np.float64)
+    odd = np.mod(column.astype(np.float64), 2.0 * step) != 0.0
+    return float(step.max()) if odd.mean() > _ODD else 0.0
 
 
 def _joined(

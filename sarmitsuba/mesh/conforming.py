@@ -6,6 +6,8 @@ from sarmitsuba.arrays import F64, I64
 
 # passes in which sides are cut; each cuts one side of a triangle
 _PASSES = 200
+# corners within the tolerance of one, in the mean, beyond which they are first joined in cubes, and cubes across it
+_NEIGHBOURS, _CUBES = 40, 4
 
 
 def conforming(corners: F64, tolerance: float) -> tuple[F64, I64]:
@@ -41,18 +43,39 @@ def conforming(corners: F64, tolerance: float) -> tuple[F64, I64]:
 
 
 def _joined(corners: F64, tolerance: float) -> tuple[F64, I64]:
-    """Vertices and faces with corners nearer than the tolerance as one."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
+    """Vertices and faces; corners nearer to another one than the tolerance are that one, not chains of them."""
+    points, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    label = join_points(points, tolerance)[number.reshape(-1)]
+    used, number = np.unique(label, return_inverse=True)
+    return points[used], np.asarray(number.reshape(-1, 3), dtype=np.int64)
+
+
+def join_points(points: F64, tolerance: float) -> I64:
+    """Number (n,) of the point that stands for each: itself, or one within the tolerance that stands for itself."""
     from scipy.spatial import cKDTree
 
-    points = corners.reshape(-1, 3)
-    pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
-    n = len(points)
-    graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    _, label = connected_components(graph, directed=False)
-    _, first = np.unique(label, return_index=True)
-    return points[first], np.asarray(label.reshape(-1, 3), dtype=np.int64)
+    rows, cell = np.arange(len(points)), np.arange(len(points))
+    tree = cKDTree(points)
+    if tree.count_neighbors(tree, tolerance) > _NEIGHBOURS * len(points):
+        # many in a ball: one of each small cube first
+        place = np.floor(points / (tolerance / _CUBES)).astype(np.int64)
+        _, rows, cell = np.unique(place, axis=0, return_index=True, return_inverse=True)
+        cell = cell.reshape(-1)
+        tree = cKDTree(points[rows])
+    pairs = tree.query_pairs(tolerance, output_type="ndarray")
+    own = np.arange(rows.size)
+    if len(pairs):
+        low, high = pairs.min(axis=1), pairs.max(axis=1)
+        order = np.lexsort((high, low))
+        low, high = low[order], high[order]
+        start = np.searchsorted(low, np.arange(rows.size + 1))
+        taken = np.zeros(rows.size, dtype=bool)
+        for i in np.unique(low):
+            if not taken[i]:
+                near = high[start[i] : start[i + 1]]
+                near = near[~taken[near]]
+                taken[near], own[near] = True, i
+    return np.asarray(rows[own[cell]], dtype=np.int64)
 
 
 def _once(vertices: F64, faces: I64, tolerance: float) -> I64:

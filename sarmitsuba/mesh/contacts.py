@@ -18,16 +18,21 @@ def contacts(vertices: F64, faces: I64, distance: float) -> F64:
     ----------
     vertices : (n_v, 3) float64, m
     faces : (m, 3) int64, of triangles of about one size
-    distance : m, nearer than this a corner touches a triangle
+    distance : m, nearer than this a corner touches a triangle of the mean size; nearer in proportion, a narrower one:
+        opposite sides of thin bodies do not touch
     """
     t = vertices[faces]
+    twice = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
+    longest = np.linalg.norm(t - np.roll(t, 1, axis=1), axis=2).max(axis=1)
+    height = twice / np.maximum(longest, 1e-300)
+    reach = distance * np.minimum(1.0, height / np.maximum(np.median(longest), 1e-300))
     middle = t.mean(axis=1)
     balls = TriangleBalls(middle, np.linalg.norm(t - middle[:, None], axis=2).max(axis=1))
     row, triangle = balls.near(vertices, np.full(len(vertices), distance))
     # next to a corner: triangles that share a corner with one of its own
     near = _apart(row, triangle, faces, len(vertices))
     row, triangle = row[near], triangle[near]
-    touching = row[distance_to_triangles(vertices[row], t[triangle]) < distance]
+    touching = row[distance_to_triangles(vertices[row], t[triangle]) < reach[triangle]]
     ends = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     a, b = vertices[ends[:, 0]], vertices[ends[:, 1]]
     edge, other = balls.near(0.5 * (a + b), 0.5 * np.linalg.norm(b - a, axis=1))
@@ -66,7 +71,7 @@ def _apart(row: I64, triangle: I64, faces: I64, n: int) -> NDArray[np.bool_]:
     )
     ring = ((of @ of.T) > 0).tocsr()
     next_to = np.zeros(row.size, dtype=bool)
-    for i in range(3):
+    for i in range(3) if row.size else ():
         next_to |= np.asarray(ring[row, faces[triangle, i]]).ravel().astype(bool)
     return ~next_to
 

@@ -1,6 +1,6 @@
 """Sharp edges of metal: edges of open sheets and wedges between two facets."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +46,7 @@ class SharpEdges:
     thickness : (n,) float64, m, of the plate whose face between two wedges a rim stands for; 0 for others
     parts : (n, 2) float64, shares of the parts with the electric and with the magnetic field along the edge
     doubled : number of triangles that lie on those of another shape, and were left out
+    rms_height : (n, 2) float64, m, of the roughness of both faces; empty where all are smooth
     """
 
     middle: F64
@@ -59,6 +60,7 @@ class SharpEdges:
     thickness: F64
     parts: F64
     doubled: int = 0
+    rms_height: F64 = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def n(self) -> int:
@@ -106,6 +108,7 @@ class SharpEdges:
             gap=self.gap[rows],
             thickness=self.thickness[rows],
             parts=self.parts[rows],
+            rms_height=self.rms_height[rows] if len(self.rms_height) else self.rms_height,
         )
 
     def weighted(self, share: F64) -> "SharpEdges":

@@ -137,12 +137,16 @@ def account_payload(account: Mapping[str, object]) -> Value:
     stages, advice = found.get("stages"), found.get("advice")
     return {
         "total_db": _finite(found.get("total_db")),
+        "known": str(found.get("known", "")),
         "errors": [
             {
                 "name": str(name),
                 "error_db": _finite(part.get("error_db")),
                 "likely_db": _finite(part.get("likely_db")),
                 "known": str(part.get("known")),
+                "samples": _finite(part.get("samples")),
+                "law_db": _finite(part.get("law_db")),
+                "contradicts": part.get("contradicts") is True,
             }
             for name, part in errors.items()
             if isinstance(part, Mapping)
@@ -249,7 +253,7 @@ def nested(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]
 def _beam(radar: Radar, grid: ImageGrid) -> tuple[tuple[float, float], str]:
     """Widths of the drawn beam cone, azimuth and elevation, rad, and their description."""
     antenna = radar.antenna
-    if antenna.pattern != "isotropic":
+    if antenna.directive:
         return (antenna.azimuth_beamwidth, antenna.elevation_beamwidth), "antenna"
     middle = radar.track.center_index
     corners = grid.positions()[:: grid.shape[0] - 1 or 1, :: grid.shape[1] - 1 or 1].reshape(-1, 3)

@@ -13,6 +13,7 @@ from sarmitsuba.focusing.aperture_weights import beam_turn, flight
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.image.shown_axes import ShownAxes
+from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
 
 # range bins kept before and behind those of the image, for the side lobes of a range window
@@ -23,6 +24,12 @@ _OFFERED = ("rectangular", "taylor", "hamming")
 _NODES = 1025
 # most samples of a measured antenna cut stored in a page
 _CUT_NODES = 4097
+# of both sines, for a pattern that is no product of cuts
+_MAP_NODES = 257
+# half-power half-widths that are sampled; difference from a product of cuts that shows nowhere, -60 dB of the peak
+_REACH, _SEPARABLE = 8.0, 1e-3
+# patterns that the page knows by their formula
+_FORMULAS = ("gaussian", "rectangular")
 # points on each edge of the image at which its ranges are evaluated
 _EDGE = 65
 # largest int16 value whose negative exists
@@ -91,13 +98,13 @@ class PageProfiles:
             "scale": self.scale,
             "weights": np.ones(n, dtype=np.float32),
         }
-        if radar.antenna.pattern != "isotropic":
-            header["beam"] = {"pattern": radar.antenna.pattern, "perWidth": list(radar.antenna.per_width)}
-            if radar.antenna.table is not None:
-                for name, cut in zip(("azimuth", "elevation"), radar.antenna.table.cuts, strict=True):
-                    sine = np.linspace(cut.sine[0], cut.sine[-1], min(cut.sine.size, _CUT_NODES))
-                    arrays[f"beam.{name}Sine"] = sine[[0, -1]]
-                    arrays[f"beam.{name}Gain"] = np.interp(sine, cut.sine, cut.nodes).astype(np.float32)
+        if radar.antenna.directive:
+            header["beam"] = {
+                "pattern": radar.antenna.pattern if radar.antenna.pattern in _FORMULAS else "sampled",
+                "perWidth": list(radar.antenna.per_width),
+            }
+            if radar.antenna.pattern not in _FORMULAS:
+                arrays |= sample_beam(radar.antenna)
             pointing = radar.pointing
             for name, axis in (
                 ("azimuthAxis", pointing.azimuth_axis),
@@ -116,6 +123,46 @@ class PageProfiles:
         places = np.linspace(-0.5, 0.5, _NODES)
         arrays["windows.nodes"] = np.array([w(places) for w in windows.values()], dtype=np.float32)
         return header, arrays
+
+
+def sample_beam(antenna: Antenna) -> Arrays:
+    """Gain of a beam on a grid of sines: ends and nodes of both axes.
+
+    A product of two cuts is one row and one column; any other pattern is a grid of both sines.
+
+    Notes
+    -----
+    The page interpolates linearly between nodes, and holds the last value beyond the ends: those of a table, or eight
+    half-power half-widths.
+    """
+    if antenna.table is not None:
+        found: Arrays = {}
+        for name, cut in zip(("azimuth", "elevation"), antenna.table.cuts, strict=True):
+            sine = np.linspace(cut.sine[0], cut.sine[-1], min(cut.sine.size, _CUT_NODES))
+            found[f"beam.{name}Sine"] = sine[[0, -1]]
+            found[f"beam.{name}Gain"] = np.interp(sine, cut.sine, cut.nodes).astype(np.float32)
+        return found
+    ends = [(-reach, reach) for reach in (min(1.0, _REACH / scale) for scale in antenna.per_width)]
+    azimuth, elevation = (np.linspace(*end, _CUT_NODES) for end in ends)
+    nothing = np.zeros(_CUT_NODES)
+    cuts = [antenna.two_way_amplitude(azimuth, nothing), antenna.two_way_amplitude(nothing, elevation)]
+    arrays: Arrays = {"beam.azimuthSine": np.array(ends[0]), "beam.elevationSine": np.array(ends[1])}
+    places = np.linspace(0.02, 0.98, 25)[:, None] * np.array([np.ptp(azimuth), np.ptp(elevation)]) + [
+        azimuth[0],
+        elevation[0],
+    ]
+    a, e = places[:, :1], places[None, :, 1]
+    whole = antenna.two_way_amplitude(a + 0.0 * e, e + 0.0 * a)
+    product = np.interp(a, azimuth, cuts[0]) * np.interp(e, elevation, cuts[1])
+    if np.abs(whole - product).max() < _SEPARABLE:
+        arrays |= {
+            "beam.azimuthGain": cuts[0].astype(np.float32),
+            "beam.elevationGain": cuts[1].astype(np.float32),
+        }
+        return arrays
+    a, e = (np.linspace(*end, _MAP_NODES) for end in ends)
+    plane = antenna.two_way_amplitude(a[:, None] + 0.0 * e, e + 0.0 * a[:, None])
+    return arrays | {"beam.gain": np.asarray(plane, dtype=np.float32).ravel()}
 
 
 def page_center(grid: ImageGrid) -> F64:

@@ -15,8 +15,6 @@ from sarmitsuba.samples import Samples
 
 # offset of the first null of a uniform aperture over its half-power half angle, in sines
 _NULL_OVER_HALF_POWER = 1.0 / SINC_HALF_POWER
-# largest first and second derivative of 2^-(x^2), over x in half-power half-widths
-_GAUSSIAN_BENDS = (0.72, 1.39)
 
 
 @dataclass(frozen=True)
@@ -53,6 +51,11 @@ class Antenna:
         return self.normalised(sin_azimuth, sin_elevation, numbers, xp)
 
     @property
+    def directive(self) -> bool:
+        """Whether there is a beam."""
+        return self.pattern != "isotropic"
+
+    @property
     def per_width(self) -> tuple[float, float]:
         """Inverse sines of the half-power half-angles in azimuth and elevation."""
         azimuth, elevation = np.sin(0.5 * self.azimuth_beamwidth), np.sin(0.5 * self.elevation_beamwidth)
@@ -82,28 +85,33 @@ class Antenna:
         Those of a uniform aperture of that half-power width where the pattern has none: the Gaussian's two-way gain is
         -31 dB there.
         """
+        factor = None if self.table else PATTERNS[self.pattern].find_null()
         found: tuple[float | None, ...] = (None, None)
         if self.table is not None:
             found = tuple(cut.null for cut in self.table.cuts)
         widths = (self.azimuth_beamwidth, self.elevation_beamwidth)
         azimuth, elevation = (
-            sine_to_null(width) if null is None else null for null, width in zip(found, widths, strict=True)
+            sine_to_null(width, factor) if null is None else null
+            for null, width in zip(found, widths, strict=True)
         )
         return azimuth, elevation
 
     @property
     def azimuth_bends(self) -> tuple[float, float]:
         """Largest first and second derivative of the two-way amplitude over the sine in azimuth in half-widths."""
-        slope, bend = _GAUSSIAN_BENDS
         if self.table is None:
-            return slope, bend
+            return PATTERNS[self.pattern].find_bends()
+        slope, bend = PATTERNS["gaussian"].find_bends()
         measured = self.table.cuts[0].bends(float(np.sin(0.5 * self.azimuth_beamwidth)))
         return max(slope, measured[0]), max(bend, measured[1])
 
 
-def sine_to_null(beamwidth: float) -> float:
-    """Sine of the angle to the first null of a uniform aperture of that half-power width (rad)."""
-    return float(min(1.0, np.sin(0.5 * beamwidth) * _NULL_OVER_HALF_POWER))
+def sine_to_null(beamwidth: float, factor: float | None = None) -> float:
+    """Sine of the angle to the first null of a beam of that half-power width (rad).
+
+    ``factor`` : over the sine of the half-power half-angle; None: of a uniform aperture.
+    """
+    return float(min(1.0, np.sin(0.5 * beamwidth) * (factor or _NULL_OVER_HALF_POWER)))
 
 
 @dataclass(frozen=True, eq=False)

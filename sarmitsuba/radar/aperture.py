@@ -171,7 +171,7 @@ class _Wanted:
         one aperture for all pixels.
         """
         s = self.given.sensor
-        lit_in_turn = MODES[s.mode].own_apertures and self.antenna.pattern != "isotropic"
+        lit_in_turn = MODES[s.mode].own_apertures and self.antenna.directive
         return lit_in_turn and (s.n_pulses == 0 or s.azimuth_resolution > 0.0)
 
     @cached_property

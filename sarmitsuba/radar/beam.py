@@ -7,7 +7,7 @@ import numpy as np
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
-from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER
+from sarmitsuba.radar.pattern import PATTERNS
 from sarmitsuba.radar.pattern_table import PatternTable
 from sarmitsuba.units import power_from_db
 
@@ -51,21 +51,32 @@ def antenna_of(given: RadarInput, wavelength: float) -> Antenna:
         return Antenna(s.pattern, gain, widths[0], widths[1], table)
     if s.pattern == "isotropic":
         return Antenna("isotropic", gain)
-    widths = []
-    for (width_name, width), (size_name, size) in (azimuth, elevation):
-        if (width > 0.0) == (size > 0.0):
-            raise RadarError(
-                f"{given.where}: pattern = {s.pattern} needs one of {width_name} = {width:g} deg and "
-                f"{size_name} = {size:g} m above 0; give exactly one"
-            )
-        if size > 0.0:
-            sine = SINC_HALF_POWER * wavelength / size
-            if sine >= 1.0:
-                raise RadarError(
-                    f"{given.where}: {size_name} = {size:g} m is below {SINC_HALF_POWER:.3f} wavelengths "
-                    f"({SINC_HALF_POWER * wavelength:g} m); enlarge it or give {width_name}"
-                )
-            widths.append(2.0 * float(np.arcsin(sine)))
-        else:
-            widths.append(float(np.radians(width)))
+    widths = [_width_of(given, *axis, wavelength) for axis in (azimuth, elevation)]
     return Antenna(s.pattern, gain, widths[0], widths[1])
+
+
+def _width_of(
+    given: RadarInput, width: tuple[str, float], size: tuple[str, float], wavelength: float
+) -> float:
+    """Half-power width along an axis, rad, as given or of the pattern's aperture of the given size."""
+    pattern = PATTERNS[given.sensor.pattern]
+    if (width[1] > 0.0) == (size[1] > 0.0):
+        raise RadarError(
+            f"{given.where}: pattern = {pattern.name} needs one of {width[0]} = {width[1]:g} deg and "
+            f"{size[0]} = {size[1]:g} m above 0; give exactly one"
+        )
+    if width[1] > 0.0:
+        return float(np.radians(width[1]))
+    half = pattern.half_power_sine
+    if half is None:
+        raise RadarError(
+            f"{given.where}: {size[0]} = {size[1]:g} m: pattern {pattern.name} belongs to no aperture; give "
+            f"{width[0]}, or half_power_sine to the pattern"
+        )
+    sine = half * wavelength / size[1]
+    if sine >= 1.0:
+        raise RadarError(
+            f"{given.where}: {size[0]} = {size[1]:g} m is below {half:.3f} wavelengths ({half * wavelength:g} m); "
+            f"enlarge it or give {width[0]}"
+        )
+    return 2.0 * float(np.arcsin(sine))

@@ -37,7 +37,7 @@ def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: s
             "move the aim point or image_center_x, image_center_y"
         )
     seen = replace(box, low=shared[0], high=shared[1])
-    if radar.antenna.pattern == "isotropic":
+    if not radar.antenna.directive:
         return seen
     points = seen.samples() @ seen.axes + seen.origin
     pick = np.unique(np.linspace(0, radar.track.n_pulses - 1, 65).astype(int))

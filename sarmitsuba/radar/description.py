@@ -301,14 +301,14 @@ class RadarDescription:
     )
     antenna_length: float = described(
         0.0,
-        "length of a uniform aperture along the track, in place of azimuth_beamwidth_deg; 0 = not given",
+        "length of the aperture along the track, in place of azimuth_beamwidth_deg; 0 = not given",
         "m",
         0.0,
         1e5,
     )
     antenna_height: float = described(
         0.0,
-        "height of a uniform aperture across the track, in place of elevation_beamwidth_deg; 0 = not given",
+        "height of the aperture across the track, in place of elevation_beamwidth_deg; 0 = not given",
         "m",
         0.0,
         1e5,

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
-from sarmitsuba.radar.antenna import SINC_HALF_POWER
+from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER
 from sarmitsuba.radar.radar import Radar
 
 Mask = NDArray[np.bool_]
@@ -61,7 +61,7 @@ def outline(radar: Radar, pulse: int, height: float = 0.0, n: int = 97) -> F64:
     across = np.stack([np.cos(angle) / antenna.per_width[0], np.sin(angle) / antenna.per_width[1]])
     low, high = (
         np.zeros(n),
-        np.full(n, 1.0 / SINC_HALF_POWER),
+        np.full(n, PATTERNS[antenna.pattern].find_null() or 1.0 / SINC_HALF_POWER),
     )  # searched to the first null, where the pattern has one
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -114,7 +114,7 @@ def lit(radar: Radar, points: ArrayLike) -> Lit:
 
 
 def _with_beam(radar: Radar) -> None:
-    if radar.antenna.pattern == "isotropic":
+    if not radar.antenna.directive:
         raise RadarError(
             "footprint: pattern = isotropic illuminates everything and has no outline; use gaussian or rectangular"
         )

@@ -61,7 +61,7 @@ def height_error(radar: Radar, request: ImageRequest, places: F64) -> HeightErro
     -----
     Assumes a level and straight track. Ignores shadows, and places between the given ones.
     """
-    if radar.antenna.pattern == "isotropic" or not len(places):
+    if not radar.antenna.directive or not len(places):
         return None
     middle, along, across = radar.track.center_index, radar.track.along, radar.across
     antenna = radar.track.position[middle]

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sarmitsuba.arrays import F64
 from sarmitsuba.errors import RadarError
@@ -25,11 +26,13 @@ class ImageRequest:
     Parameters
     ----------
     grid : ``slant`` or ``ground``
-    center_x, center_y : m, scene frame
-    height : m, scene frame; of the horizontal image plane
+    center_x, center_y : m
+    height : m; of the horizontal image plane
     extent_azimuth, extent_range : m on the ground
     spacing_azimuth, spacing_range : m; 0 = half a resolution cell
     pixels_azimuth, pixels_range : exact numbers of pixels about the centre; 0 = as many as cover the extent
+    offset : m; positions in the frame of the user's file are those here + offset. Zeros, the default: centre and height
+        are in the frame of the user's file, as whoever writes a request by hand counts them
     """
 
     grid: Literal["slant", "ground"] = "slant"
@@ -42,6 +45,7 @@ class ImageRequest:
     spacing_range: float = 0.0
     pixels_azimuth: int = 0
     pixels_range: int = 0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def scaled(self, share: float) -> "ImageRequest":
         """The same pixels of the middle of the image, ``share`` of each extent."""
@@ -77,10 +81,23 @@ class ImageRequest:
         """
         return max(0.025 * max(self.extent_azimuth, self.extent_range), 10.0 * cell)
 
-    def moved(self, shift: F64) -> "ImageRequest":
-        """The same image in a frame whose origin lies at ``-shift``, (3,) m."""
-        x, y, z = (float(v) for v in shift)
-        return replace(self, center_x=self.center_x + x, center_y=self.center_y + y, height=self.height + z)
+    def in_frame(self, offset: ArrayLike = (0.0, 0.0, 0.0)) -> "ImageRequest":
+        """The same image in the frame of another offset, (3,) m; by default in the frame of the user's file."""
+        there = tuple(float(v) for v in np.asarray(offset, dtype=np.float64))
+        if there == self.offset:
+            return self
+        x, y, z = (was - now for was, now in zip(self.offset, there, strict=True))
+        return replace(
+            self,
+            center_x=self.center_x + x,
+            center_y=self.center_y + y,
+            height=self.height + z,
+            offset=(there[0], there[1], there[2]),
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """Values for JSON, in the frame of the user's file."""
+        return {name: value for name, value in vars(self.in_frame()).items() if name != "offset"}
 
 
 def build_image_request(
@@ -178,6 +195,7 @@ def build_image_request(
         spacing_range=film.pixel_spacing_range,
         pixels_azimuth=film.pixels_azimuth,
         pixels_range=film.pixels_range,
+        offset=(float(offset[0]), float(offset[1]), float(offset[2])),
     )
     _check_pixels(request, where, (cells[0], ground_cell if request.grid == "ground" else cells[1]))
     return request, tuple(notes)

@@ -6,11 +6,14 @@ from types import ModuleType
 
 import numpy as np
 
+from sarmitsuba.arrays import F64
 from sarmitsuba.registry import Registry
 from sarmitsuba.samples import Samples
 
 # -3 dB half angle of sinc^2: sinc(pi u) = 1/sqrt(2) at u = 0.442946
 SINC_HALF_POWER = 0.442946470689452
+# half-power half-widths over which a pattern is measured, and their number; gain of a null
+_REACH, _STEPS, _NULL = 8.0, 4000, 1e-3
 
 
 class Pattern(ABC):
@@ -23,12 +26,15 @@ class Pattern(ABC):
     ----------
     name : in scene files
     doc : one phrase
+    half_power_sine : sine of the half-power half-angle times the size of the aperture in wavelengths; None: the shape
+        belongs to no aperture, and its widths have to be given
     measured : its numbers are those of a :class:`sarmitsuba.radar.pattern_table.PatternTable` read from a file, not
         the half-power widths
     """
 
     name: str
     doc: str
+    half_power_sine: float | None = None
     measured: bool = False
 
     @abstractmethod
@@ -48,6 +54,23 @@ class Pattern(ABC):
             azimuth and elevation, or the table's
         xp : ``numpy`` or ``drjit``
         """
+
+    def find_null(self) -> float | None:
+        """Sine of the first null over that of the half-power half-angle; None: the gain has none."""
+        gain = self._measure()
+        least = np.flatnonzero((gain[1:-1] < _NULL) & (gain[1:-1] < gain[:-2]) & (gain[1:-1] <= gain[2:]))
+        return float(_REACH * (least[0] + 1) / _STEPS) if least.size else None
+
+    def find_bends(self) -> tuple[float, float]:
+        """Largest first and second derivative of the gain over the sine in half-power half-widths."""
+        gain, step = self._measure(), _REACH / _STEPS
+        slope = np.abs(np.diff(gain)).max() / step
+        return float(slope), float(np.abs(np.diff(gain, 2)).max() / step**2)
+
+    def _measure(self) -> F64:
+        """Gain of the cut in azimuth over ``_REACH`` half-power half-widths, (_STEPS + 1,)."""
+        sine = np.linspace(0.0, _REACH, _STEPS + 1)
+        return np.asarray(self.gain(sine, np.zeros_like(sine), (1.0, 1.0)), dtype=np.float64)
 
 
 PATTERNS: Registry[Pattern] = Registry("antenna pattern", Pattern, "sarmitsuba.radar.patterns")

@@ -137,6 +137,20 @@ class Radar:
             else (self.pointing, self.receiver_pointing or self.pointing)
         )
 
+    @property
+    def times(self) -> tuple[F64, ...]:
+        """Times (n_pulses,), s, at which each antenna of ``tracks`` is there: reception may be later than the pulse."""
+        time = self.track.time
+        return (time, time if self.delay is None else time + self.delay)[: len(self.tracks)]
+
+    def displaced(self, *offsets: F64) -> "Radar":
+        """Radar with the antennas of ``tracks`` displaced by (n_pulses, 3) or (3,), m, each; velocities stay."""
+        moved = [
+            replace(track, position=track.position + offset)
+            for track, offset in zip(self.tracks, offsets, strict=True)
+        ]
+        return replace(self, track=moved[0], receiver=moved[1] if len(moved) > 1 else None)
+
     def slant_range(self, point: F64, pulses: slice = slice(None)) -> F64:
         """Half the path from the transmitter over a point (3,), m, scene frame, to the receiver: (n_pulses,) m."""
         legs = [np.linalg.norm(point - track.position[pulses], axis=-1) for track in self.tracks]

@@ -87,7 +87,7 @@ def beam_bandwidth(antenna: Antenna, speed: float, wavelength: float, half_apert
     s_0 the sine to the first null and s_a ``half_aperture``; infinite when isotropic. Without ``half_aperture`` it is
     the Doppler spread of the whole beam at one instant.
     """
-    if antenna.pattern == "isotropic":
+    if not antenna.directive:
         return np.inf
     null = antenna.nulls[0]
     return 2.0 * speed / wavelength * (null + min(null, half_aperture))

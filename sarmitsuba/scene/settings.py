@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.parameters import knows_its_fields, one_line
 
 Method = Literal["raw", "hybrid", "image", "raster"]
@@ -41,6 +41,8 @@ class TraceSettings:
     target_error_db : sampling error up to which passes are added, dB relative to the image's clutter or peak; 0 = off
     time_limit : for which passes are added, s; 0 = off
     default_rms_height : m, of Sionna's materials without a roughness; 0: none has a typical one; used while loading
+    smooth : whether meshes are taken for their smooth surfaces, see :mod:`sarmitsuba.mesh.smooth_surface`; used while
+        loading
     endless_ground : whether level ground goes on beyond its rim, see :mod:`sarmitsuba.scene.endless_ground`
     effects : name of an effect to ``auto``, ``on`` or ``off``; others are ``auto``
     """
@@ -61,6 +63,7 @@ class TraceSettings:
     target_error_db: float = 0.0
     time_limit: float = 0.0
     default_rms_height: float = 1e-3
+    smooth: bool = False
     endless_ground: Switch = "auto"
     effects: Mapping[str, Switch] = field(default_factory=dict)
 
@@ -69,4 +72,38 @@ class TraceSettings:
         if not whole or not 0 <= self.seed <= _LARGEST_SEED:
             raise SceneError(
                 f"seed = {one_line(self.seed, 40)} is not a whole number between 0 and {_LARGEST_SEED}; choose one"
+            )
+
+    @property
+    def one_look(self) -> bool:
+        """Whether the method makes an image of one look, without raw data."""
+        return self.method in ("image", "raster")
+
+    @property
+    def adds_passes(self) -> bool:
+        """Whether passes of rays are added until an error or a time is reached."""
+        return self.target_error_db < 0.0 or self.time_limit > 0.0
+
+    def check(self, name: str, *, raw: bool) -> None:
+        """Refuse settings that contradict each other, before any work.
+
+        Parameters
+        ----------
+        name : of the scene
+        raw : whether raw data are asked for
+
+        Raises
+        ------
+        DataError
+            One line: the settings and the remedy.
+        """
+        if self.one_look and raw:
+            raise DataError(
+                f"{name}: method {self.method} makes an image without raw data; render it (without --no-focus and "
+                "--raw), or take method hybrid"
+            )
+        if self.one_look and self.adds_passes:
+            raise DataError(
+                f"{name}: method {self.method} makes one pass only; leave out target_error_db and time_limit "
+                "(--target-error, --time-limit), or take method hybrid"
             )

@@ -76,16 +76,18 @@ class BatchTracer:
     def __init__(self, tracer: Tracer, rays: Rays, n_layers: int, max_order: int) -> None:
         self.tracer, self.rays, self.n_layers, self.max_order = tracer, rays, n_layers, max_order
 
-    def trace(self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None) -> Traced:
+    def trace(
+        self, batch: Batch, lattices: Sequence[LaunchGrid] | None = None, *, only_rays: bool = True
+    ) -> Traced:
         """Trace one batch.
 
         Parameters
         ----------
         batch : pulses and ray subset
-        lattices : other rays than those of the subset; without the echoes of scatterers at known positions, which do
-            not depend on the rays
+        lattices : other rays than those of the subset
+        only_rays : with other rays: without the echoes of scatterers at known positions, which do not depend on them
         """
-        only_rays = lattices is not None
+        only_rays = only_rays and lattices is not None
         if lattices is None:
             middle = batch.start + (batch.stop - batch.start) // 2
             lattices = self.rays.at(middle if batch.together else batch.start)[batch.subset]
@@ -193,7 +195,7 @@ class TraceJob:
         trace_scene = built(self.scene)
         flags, timer = self.sampling.flags, StageTimer()
         tracer = Tracer(self.sampling, flags, trace_scene, self.max_depth, timer, self.sub_bands)
-        rays = Rays(self.sampling, trace_scene, self.layers.subsets, self.pass_index)
+        rays = Rays(self.sampling, trace_scene, self.layers.subsets, self.pass_index, self.max_depth)
         return BatchTracer(tracer, rays, self.layers.per_subset, self.layers.max_order)
 
 

@@ -18,11 +18,13 @@ from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.finished import FinishedBlocks
+from sarmitsuba.simulation.ray_witness import witness_rays
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid
+from sarmitsuba.witness import Witness
 
 # exponent of the time between two pulses with which the energy of a path's change grows, least and most: one for edges
 # of shadows, which cross scatterers in proportion to time, two for glints, less where rays hit other facets; a lower
@@ -50,6 +52,8 @@ STRIP_FROM = 1_000_000
 STRIP = 0.05
 # energy of a strip with raised-cosine tapers over half of its width, relative to full weight
 STRIP_ENERGY = 11.0 / 16.0
+# pulses from which a witness takes the difference of two ray sets
+WITNESSED = 256
 # golden section: its multiples modulo one are evenly distributed
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 # margin required of the error on a strip, dB: bright targets elsewhere may hold more of the image than of the error
@@ -180,7 +184,7 @@ class Blocks:
 
     def _keep(self, traced: Traced) -> None:
         """Store a batch in ``data``; the extra pulse beyond a block's end is used for the error at the boundary."""
-        batch, pick = traced.batch, self._layers_of(traced.batch.subset)
+        batch, pick = traced.batch, self.layers_of(traced.batch.subset)
         stop = batch.stop
         if batch.together:
             index = self.first[batch.start]
@@ -269,7 +273,8 @@ class Blocks:
         start, stop = self.blocks[index]
         return Batch(subset, start, stop + int(index + 1 < len(self.blocks)), together=True)
 
-    def _layers_of(self, subset: int) -> slice:
+    def layers_of(self, subset: int) -> slice:
+        """Slice of the layers of a ray subset."""
         each = len(self.layers) // self.rays.n_subsets
         return slice(subset * each, (subset + 1) * each)
 
@@ -347,7 +352,7 @@ class Blocks:
         if max(errors.values(), default=-np.inf) <= self.tracer.sampling.scene.settings.tolerance_db:
             return
         pulse = self.blocks[self._middle][1]
-        first = self._layers_of(0)
+        first = self.layers_of(0)
         traced = self._at(None, pulse)
         before, after = self.boundaries[first, self._middle], self.data[first, pulse]
         for channel in errors:
@@ -356,6 +361,26 @@ class Blocks:
             half, whole = 0.5 * (_energy(left - exact) + _energy(right - exact)), _energy(left - right)
             if half > 0.0 and whole > 0.0:
                 self.growth[channel] = float(np.clip(np.log2(whole / half), GROWTH, MOST_GROWTH))
+
+    def witness(self) -> Witness | None:
+        """Error of the rays, measured at one pulse in the middle, see :mod:`.ray_witness`; call once all is traced."""
+        pulse = self.blocks[self._middle][1] if len(self.blocks) > 1 else self.data.shape[1] // 2
+        channels = tuple(dict.fromkeys(layer.channel for layer in self.layers))
+        own = [layer.channel for layer in self.layers[self.layers_of(0)]]
+
+        def profiles(rays: Sequence[LaunchGrid]) -> C64:
+            planes = self._at(rays, pulse)
+            return np.stack([planes[[c == channel for c in own]].sum(axis=0) for channel in channels])
+
+        energy = np.array([_energy(self._channel(self.data[:, pulse], channel)) for channel in channels])
+        scatter = np.nan
+        if has_subsets(self.layers):
+            near = slice(max(0, pulse - WITNESSED // 2), pulse + WITNESSED // 2)
+            shares = np.array([SUBSET_SHARES[layer.subset] for layer in self.layers], dtype=np.float32)
+            bars = estimate_error(self.data[:, near] * shares[:, None, None], self.layers, pixels=False)
+            scatter = max(bars.error_db)
+        seed = self.tracer.sampling.scene.settings.seed
+        return witness_rays(profiles, self.rays.at(pulse)[0], energy, scatter, seed)
 
     def _channel(self, planes: C64, channel: str) -> C64:
         """Sum of a channel's layers (n_layers, ...), subsets weighted by their shares."""
@@ -402,7 +427,8 @@ class Blocks:
         if has_subsets(self.layers):
             return above_rays(self._subset_errors())
         rays = self.rays.at(self.blocks[self._middle][1])[0]
-        strips = [_strip(grid) for grid in rays]
+        frame = self.tracer.sampling.window.frame
+        strips = [strip(grid, frame) for grid in rays]
         if sum(grid.n_rays for grid in rays) >= STRIP_FROM and all(grid.n_rays for grid in strips):
             sure = {channel: value - SURE_DB for channel, value in self._shift_errors(strips).items()}
             if above_rays(sure) <= LEEWAY_DB:
@@ -436,20 +462,38 @@ class Blocks:
 
     def _at(self, rays: Sequence[LaunchGrid] | None, pulse: int) -> C64:
         """Profiles (n_layers, n_samples) of one pulse: surfaces with given rays; None: all, first ray subset."""
-        return self.batches.trace(Batch(0, pulse, pulse + 1, together=True), rays).profiles[:, 0]
+        batch = Batch(0, pulse, pulse + 1, together=self.interval > 1)
+        return self.batches.trace(batch, rays).profiles[:, 0]
 
 
-def _strip(grid: LaunchGrid) -> LaunchGrid:
-    """Rays of a strip across the middle of the window, over all ranges, with tapers on both sides."""
-    half = 0.5 * STRIP * (grid.half_x + grid.taper)
-    keep = np.abs(grid.x) <= 2.0 * half
+def strip(grid: LaunchGrid, frame: LaunchFrame, share: float = STRIP, place: float = 0.0) -> LaunchGrid:
+    """Rays of a strip across the window, over all ranges, with tapers on both sides.
+
+    Parameters
+    ----------
+    grid : whole lattice
+    frame : launch plane of a lattice without one
+    share : of the window's width
+    place : of the strip's middle, from -1 at one end of the window to 1 at the other
+    """
+    half = 0.5 * share * (grid.half_x + grid.taper)
+    middle = place * max(grid.half_x - 2.0 * half, 0.0)
+    keep = np.abs(grid.x - np.float32(middle)) <= 2.0 * half
     counts = np.bincount(grid.level[keep], minlength=len(grid.every_level))
     first = np.cumsum([0, *counts[:-1]])
     levels = tuple(replace(level, first=int(n)) for level, n in zip(grid.levels, first, strict=False))
     # the taper is equally wide on both axes: over range it ends where the window's does
     half_y = max(grid.half_y + grid.taper - half, 0.0)
+    frame = grid.frame or frame
     return replace(
-        grid, x=grid.x[keep], y=grid.y[keep], half_x=half, half_y=half_y, taper=half, levels=levels
+        grid,
+        x=grid.x[keep] - np.float32(middle),
+        y=grid.y[keep],
+        half_x=half,
+        half_y=half_y,
+        taper=half,
+        levels=levels,
+        frame=replace(frame, center=frame.center + middle * frame.axis_x),
     )
 
 

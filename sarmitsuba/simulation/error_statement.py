@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,24 +11,27 @@ from numpy.typing import NDArray
 
 from sarmitsuba.arrays import C128, F64
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.omitted_waves import SimulatedWaves, metal_lines, omitted_energy
+from sarmitsuba.effects.fold_sections import Folds, find_folds
+from sarmitsuba.effects.omitted_waves import SimulatedWaves
 from sarmitsuba.effects.theory_error import (
-    BODIES,
     STRONG_DB,
     TheoryError,
-    cause_text,
-    repeated_share,
     rms_db,
     stated,
     theory_error,
+    too_many,
+    waves_left,
 )
-from sarmitsuba.effects.waves_between import metal_faces, waves_between
 from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.mesh.double_faces import double_faces
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.visible_faces import VisibleFaces
 from sarmitsuba.simulation.sampling.refined_spacing import POOR_DB, error_text, worst
 
 # dB, total error above which a sweep is warned of
 DOUBTFUL_DB = 3.0
+# dB below the strongest channel's peak at which a channel is rounding
+SILENT_DB = -80.0
 # most metal faces that an image's account examines, and positions of its aperture
 MOST_IMAGE_FACES, APERTURE = 20_000, 9
 _REMEDIES = {
@@ -37,10 +41,26 @@ _REMEDIES = {
 _FULL_WAVE = "take solved currents for single levels"
 
 
-def simulated_waves(flags: KernelFlags) -> SimulatedWaves:
+def simulated_waves(scene: Scene, flags: KernelFlags) -> SimulatedWaves:
     """Waves beyond physical optics that a run with these flags follows."""
     edges = flags.edge_diffraction
-    return SimulatedWaves(edges=edges, between_rims=edges, one_rim=edges)
+    folds = edges and flags.coherent and flags.multi_bounce and scene.radar.receiver is None
+    return SimulatedWaves(edges=edges, between_rims=edges, one_rim=edges, folds=folds)
+
+
+def followed_folds(scene: Scene, flags: KernelFlags, wavelength: float) -> Folds:
+    """Folds between faces of smooth metal at rest whose waves a run follows beyond rays, as far as tabulated."""
+    geometry, corners = scene.geometry, np.zeros((0, 3, 3))
+    if simulated_waves(scene, flags).folds:
+        visible, still = VisibleFaces.of(geometry, scene.materials), np.ones(geometry.n_faces, dtype=bool)
+        for _, faces in geometry.moving_meshes():
+            still[faces] = False
+        smooth = np.array([m.rms_height == 0.0 for m in scene.materials], dtype=bool)[geometry.face_material]
+        kept = visible.metal & still[visible.face] & smooth[visible.face]
+        if kept.any() and not too_many(visible.corners[kept], MOST_IMAGE_FACES):
+            corners = visible.corners[kept]
+            corners = corners[~double_faces(corners, visible.shape[kept])]
+    return find_folds(corners, wavelength)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +75,7 @@ class ErrorStatement:
     theory : waves that are not simulated, and its causes
     remedy : of the theory's error
     currents : how surface currents were solved, whose error by the mesh ``sampling`` then is; empty: by ray optics
+    facets : (n_channels,) float64, m^2, energy of the error by facets of round metal in a direction; None: no such ones
     """
 
     power: F64
@@ -63,6 +84,7 @@ class ErrorStatement:
     theory: TheoryError
     remedy: str = _FULL_WAVE
     currents: str = ""
+    facets: F64 | None = None
 
     @staticmethod
     def of(
@@ -88,7 +110,7 @@ class ErrorStatement:
         -----
         Energies of sampling and bounces left out are spread evenly over the directions.
         """
-        waves = simulated_waves(flags)
+        waves = simulated_waves(scene, flags)
         wavelength = scene.radar.waveform.wavelength
         theory = theory_error(
             scene.geometry, scene.materials, directions, amplitude, flags.channels, wavelength, waves
@@ -128,7 +150,7 @@ class ErrorStatement:
     @cached_property
     def sampling_db(self) -> F64:
         """By the sampling with rays, (n_channels,)."""
-        known = np.where(np.isnan(self.sampling), np.nan, 1.0)
+        known = np.where(np.isnan(self.sampling) | self.silent, np.nan, 1.0)
         return np.asarray(known * rms_db(self._spread(self.sampling), self.power))
 
     @cached_property
@@ -136,19 +158,35 @@ class ErrorStatement:
         """By bounces left out, (n_channels,)."""
         return rms_db(self._spread(self.bounces), self.power)
 
+    @cached_property
+    def facets_db(self) -> F64:
+        """By facets of round metal, (n_channels,)."""
+        return rms_db(self._spread(self._facets), self.power)
+
+    @property
+    def _facets(self) -> F64:
+        return np.zeros(self.power.shape[1]) if self.facets is None else self.facets
+
     @property
     def theory_db(self) -> F64:
-        """By waves that are not simulated, (n_channels,)."""
-        return self.theory.rms_db
+        """By waves that are not simulated, (n_channels,); NaN without echoes."""
+        return np.asarray(np.where(self.silent, np.nan, self.theory.rms_db))
+
+    @cached_property
+    def silent(self) -> NDArray[np.bool_]:
+        """Channels (n_channels,) whose levels are rounding of the strongest channel's: they have no echo."""
+        peak = self.power.max(axis=0, initial=0.0)
+        most = peak.max(initial=0.0)
+        return np.asarray((most > 0.0) & (peak <= 10.0 ** (0.1 * SILENT_DB) * most))
 
     @cached_property
     def total_db(self) -> F64:
-        """By all of them, (n_channels,); errors whose size is not measured are left out."""
+        """By all of them, (n_channels,); errors whose size is not measured are left out; NaN without echoes."""
         if self.theory.unknown:
             return self.theory.rms_db
-        return rms_db(
-            self._spread(self.sampling) + self._spread(self.bounces) + self.theory.missing, self.power
-        )
+        even = np.nan_to_num(self.sampling) + np.nan_to_num(self.bounces) + self._facets
+        left = self._spread(even) + self.theory.missing
+        return np.asarray(np.where(self.silent, np.nan, rms_db(left, self.power)))
 
     def over(self, rows: NDArray[np.bool_]) -> "ErrorStatement":
         """Statement on some of the directions, whose own peak counts; causes as before."""
@@ -165,19 +203,25 @@ class ErrorStatement:
     @property
     def worst_db(self) -> float:
         """Largest total of the channels that count, dB."""
-        return float(self.total_db[self.theory.counted].max(initial=0.0))
+        return float(
+            np.nan_to_num(self.total_db[self.theory.counted], nan=0.0, posinf=np.inf).max(initial=0.0)
+        )
 
     @property
     def text(self) -> str:
         """Statement in one line."""
         counted = self.theory.counted
         parts = [
-            f"sampling {_level(self.sampling_db[counted])}",
-            f"bounces left out {_level(self.bounces_db[counted])}",
-            self.theory.text,
+            f"sampling {_measured(self.sampling_db[counted])}",
+            f"bounces left out {_measured(self.bounces_db[counted])}",
+            f"{self.theory.text}, law",
         ]
         if self.currents:
-            parts = [f"mesh {_level(self.sampling_db[counted])}", self.currents]
+            parts = [f"mesh {_measured(self.sampling_db[counted])}", self.currents]
+        if self.facets is not None:
+            # on the smooth surface, of which there are no solved currents
+            level = (_law if self.currents else _measured)(self.facets_db[counted])
+            parts.insert(1, f"facets of a round body {level}")
         return f"expected error (rms, down to {STRONG_DB:g} dB below the peak): {self._total_text}: {', '.join(parts)}"
 
     @property
@@ -200,6 +244,12 @@ class ErrorStatement:
         )
         if self.currents:
             return f"levels are {stated(self.worst_db)} by the mesh ({self.currents}); {self.remedy}"
+        if self.facets is not None and float(self.facets_db[self.theory.counted].max()) > max(
+            sampled, self.theory.worst_db
+        ):
+            return (
+                f"levels are {stated(self.worst_db)} if facets stand for a round body; take more, or --smooth"
+            )
         if sampled > self.theory.worst_db:
             remedy = "set a smaller ray_spacing, or a higher max_depth"
         else:
@@ -216,12 +266,14 @@ class ErrorStatement:
                 for name, values in (
                     ("sampling_db", self.sampling_db),
                     ("bounces_left_out_db", self.bounces_db),
+                    ("facets_db", self.facets_db),
                     ("theory_db", self.theory_db),
                     ("total_db", self.total_db),
                 )
             },
             "causes": [{"cause": c.text, "rms_db": _finite(c.rms_db)} for c in self.theory.causes],
             "currents": self.currents,
+            "witness": None if self.theory.witness is None else self.theory.witness.as_dict(),
             "text": self.text,
         }
 
@@ -233,6 +285,15 @@ def _level(values: F64) -> str:
         if known.size and np.isfinite(known).all()
         else "not measured"
     )
+
+
+def _measured(values: F64) -> str:
+    text = _level(values)
+    return text if text == "not measured" else f"{text} (measured here)"
+
+
+def _law(values: F64) -> str:
+    return f"{_level(values)} (law)"
 
 
 def _finite(value: float) -> float | None:
@@ -262,25 +323,19 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     metal = metallic[geometry.face_material] if geometry.n_faces else np.zeros(0, dtype=bool)
     if not metal.any() or not flags.coherent:
         return {}
-    if metal.sum() > MOST_IMAGE_FACES:
-        return {"why": f"{int(metal.sum())} metal faces are too many to examine"}
     corners = np.asarray(geometry.vertices[geometry.faces[metal]], dtype=np.float64)
+    if too_many(corners, MOST_IMAGE_FACES):
+        return {"why": f"{len(corners)} metal faces are too many to examine"}
     wavelength = scene.radar.waveform.wavelength
-    lines = metal_lines(corners, np.ones(len(corners)), wavelength)
     place = scene.radar.track.position
     away = place[
         np.linspace(0, len(place) - 1, min(len(place), APERTURE)).round().astype(int)
     ] - corners.mean(axis=(0, 1))
     look = away / np.linalg.norm(away, axis=1, keepdims=True)
     channels = scene.radar.channels
-    waves = simulated_waves(flags)
-    faces = metal_faces(corners)
-    between = waves_between(lines, faces, look, channels, wavelength)
-    omitted = omitted_energy(lines, look, channels, wavelength, waves) | {BODIES: between.energy}
-    by_cause = {
-        cause_text(name, lines, wavelength, between.gap): energy.mean(axis=0)
-        for name, energy in omitted.items()
-    }
+    waves = simulated_waves(scene, flags)
+    left = waves_left(corners, np.ones(len(corners)), look, np.arange(len(look)), channels, wavelength, waves)
+    by_cause = {left.text(name, wavelength): energy.mean(axis=0) for name, energy in left.energy.items()}
     total = np.sum(list(by_cause.values()), axis=0)
     largest = max(by_cause, key=lambda text: float(by_cause[text].max()))
     found: dict[str, object] = {
@@ -289,10 +344,18 @@ def image_theory(scene: Scene, flags: KernelFlags) -> dict[str, object]:
     }
     seen = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
     if flags.multi_bounce and metal[seen].all():
-        extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-        width = min(lines.face_width, extent) / wavelength
-        found["repeated_share"] = float(repeated_share(faces, width, wavelength, 2)[1])
+        # a face of two folds is one of three that meet, whose echoes bounce three times
+        bounces = 3 if left.folds.n > 2 and not left.folds.plain.any() else 2
+        found["repeated_share"] = float(left.repeated_share(wavelength, bounces)[-1])
+    if left.witness is not None:
+        found["fold"] = left.witness.as_dict()
+        found["whole"] = bool(metal[seen].all() and left.folds.n == 1 and left.faces.n == 2)
     return found
+
+
+def theory_witness(theory: Mapping[str, object]) -> dict[str, object]:
+    """Witness of the theory, of metal that is nothing but the measured fold; empty for others."""
+    return {"theory": theory["fold"]} if theory.get("whole") else {}
 
 
 def say_sampling_error(scene: Scene, spacing: float, errors: tuple[float, ...]) -> tuple[str, ...]:

@@ -93,6 +93,10 @@ class FarSite(Site):
         """See :class:`Site`: not cut into pieces."""
         return edges_of(self.scene.geometry, self.scene.materials, self.wavelength)
 
+    def towards(self, point: F64) -> F64:
+        """See :class:`Site`: the aspects."""
+        return self.aspects.directions
+
     @property
     def box(self) -> F64:
         """See :class:`Site`."""

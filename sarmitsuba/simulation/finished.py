@@ -97,6 +97,12 @@ class FinishedBlocks:
         start, stop = label["start"], label["stop"]
         return start < stop <= pulses and is_echo(payload, layers * (stop - start) * samples)
 
+    def begin_again(self, part: str) -> None:
+        """Discard all blocks and hold those of other rays, identified by ``part``."""
+        self._first["part"] = part
+        self.interval, self.settled, self.growth, self.found = None, False, {}, 0
+        self._begin()
+
     def _begin(self) -> None:
         self._journal.clear()
         self._journal.append(self._first, np.empty(0, np.uint8))

@@ -28,6 +28,8 @@ from sarmitsuba.simulation.point_taps import PointTaps, point_taps
 from sarmitsuba.simulation.points import PointEcho
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.raster import Raster
+from sarmitsuba.simulation.ray_witness import FINE_DB, may_halve, say_rays, witness_rays
+from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
@@ -38,6 +40,7 @@ from sarmitsuba.trace.look_accumulator import ImageAccumulator
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.source import Launch
 from sarmitsuba.trace.stage import stages_of
+from sarmitsuba.witness import Witness
 
 Filled = TypeVar("Filled", bound=ImageAccumulator)
 
@@ -133,19 +136,13 @@ class Imager:
         RadarError
             When no echo is received.
         """
-        run, look = self.run, self.look
-        radar, layers = run.scene.radar, run.layers
+        run = self.run
         run.statistics = TraceStatistics()
-        planes: list[C64] = []
-        for i, subset in enumerate(layers.subsets):
-            cells = np.zeros((layers.per_subset, look.grid.n_range, look.grid.n_azimuth), np.complex64)
-            if self.sampling is not None:
-                cells = self._traced(self.rays(pass_index)[i])
-            if run.scene.points:
-                cells = cells + self._points(layers.layers[: layers.per_subset])
-            planes.append(form_image(cells, look, radar) * np.float32(SUBSET_SHARES[subset]))
-            run.timer.lap("form image")
-        data = np.concatenate(planes)
+        data = self._looked(pass_index)
+        if run.witness is not None and self._needs_halving(run.witness, pass_index):
+            assert self.sampling is not None
+            self.sampling, self._lattices = replace(self.sampling, halvings=1), {}
+            data = self._looked(pass_index)
         check_traced(data, 0.0, run.scene.name)
         if not data.any():
             raise RadarError(
@@ -153,10 +150,62 @@ class Imager:
                 "centre and "
                 "extents"
             )
+        said = "" if run.witness is None else say_rays(run.scene.name, run.witness)
+        run.notes += [said] if said and said not in run.notes else []
         if run.plan.on("noise"):
-            self._add_noise(data, layers.layers)
+            self._add_noise(data, run.layers.layers)
             run.timer.lap("noise")
         return self.packed(data)
+
+    def _looked(self, pass_index: int) -> C64:
+        """Pixels of all layers, without noise, and the witness of the rays in the run."""
+        run, look = self.run, self.look
+        radar, layers = run.scene.radar, run.layers
+        planes: list[C64] = []
+        seen: list[C64] = []
+        for i, subset in enumerate(layers.subsets):
+            cells = np.zeros((layers.per_subset, look.grid.n_range, look.grid.n_azimuth), np.complex64)
+            if self.sampling is not None:
+                cells = self._traced(self.rays(pass_index)[i])
+            if run.scene.points:
+                cells = cells + self._points(layers.layers[: layers.per_subset])
+            seen.append(cells * np.float32(SUBSET_SHARES[subset]))
+            planes.append(form_image(cells, look, radar) * np.float32(SUBSET_SHARES[subset]))
+            run.timer.lap("form image")
+        data = np.concatenate(planes)
+        if self.sampling is not None:
+            run.witness = self._witness(seen, data, pass_index)
+            run.timer.lap("trace")
+        return data
+
+    def _witness(self, seen: Sequence[C64], data: C64, pass_index: int) -> Witness | None:
+        """Error of the rays, measured in the looks, see :mod:`.ray_witness`.
+
+        Parameters
+        ----------
+        seen : echoes of every ray subset on the grid of the looks, weighted by its share
+        data : the image's pixels
+        """
+        layers, before = self.run.layers, self.run.statistics
+        own = [layer.channel for layer in layers.layers[: layers.per_subset]]
+
+        def by_channel(cells: C64) -> C64:
+            return np.stack([cells[[c == channel for c in own]].sum(axis=0) for channel in layers.channels])
+
+        energy = np.square(np.abs(by_channel(np.sum(seen, axis=0))), dtype=np.float64).sum(axis=(1, 2))
+        scatter = np.nan
+        if has_subsets(layers.layers):
+            scatter = max(estimate_error(data, layers.layers, pixels=False).error_db)
+        rays, seed = self.rays(pass_index)[0], self.run.scene.settings.seed
+        found = witness_rays(lambda some: by_channel(self._traced(tuple(some))), rays, energy, scatter, seed)
+        self.run.statistics = before
+        return found
+
+    def _needs_halving(self, witness: Witness, pass_index: int) -> bool:
+        """Whether automatic rays are too far apart by what is measured, and half the spacing fits the bound on rays."""
+        automatic = self.run.scene.settings.ray_spacing == 0.0
+        open_ = automatic and self.sampling is not None and not self.sampling.halvings
+        return open_ and witness.error_db > FINE_DB and may_halve(self.rays(pass_index))
 
     def packed(self, data: C64) -> SarImage:
         """Image of one look from its pixels (n_layers, n_azimuth, n_range)."""

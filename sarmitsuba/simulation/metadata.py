@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.simulation.error_statement import image_theory
+from sarmitsuba.scene.round_facets import RoundFacets
+from sarmitsuba.simulation.error_statement import image_theory, theory_witness
 from sarmitsuba.simulation.prediction.speed import ray_share
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
@@ -29,7 +30,7 @@ def image_metadata(
     return {
         **_common(run, run.plan, run.notes, sampling),
         "method": method,
-        "image_request": dict(vars(run.scene.image.moved(run.scene.offset))),
+        "image_request": run.scene.image.as_dict(),
         "focus": dict(focus),
     }
 
@@ -37,6 +38,7 @@ def image_metadata(
 def _common(
     run: Run, plan: EffectsPlan, notes: Sequence[str], sampling: SamplingPlan | None
 ) -> dict[str, object]:
+    theory = image_theory(run.scene, plan.flags)
     return {
         "scene": run.scene.name,
         "settings": {k: v for k, v in vars(run.scene.settings).items() if k != "effects"},
@@ -47,8 +49,15 @@ def _common(
         "processor_seconds": dict(run.timer.processor),
         "ray_spacing_settings": sampling.spacings.at(1.0) if sampling else {},
         "ray_share_of_tracing": ray_share(run.statistics, len(run.layers.subsets)),
+        "witnesses": {
+            **{stage: witness.as_dict() for stage, witness in run.measured.items()},
+            **theory_witness(theory),
+        },
         "notes": list(notes),
-        "theory": image_theory(run.scene, plan.flags),
+        "theory": theory,
+        "facets": RoundFacets.of(
+            run.scene.geometry, run.scene.materials, run.scene.radar.waveform.wavelength
+        ).as_dict(),
         "points": [
             {
                 "name": point.name,

@@ -1,11 +1,8 @@
 """Raw data of a scene: trace key pulses, synthesise the pulses around each, add ideal points and noise."""
 
-import time
 import warnings
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -13,100 +10,34 @@ from sarmitsuba.arrays import C64
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw_data import RawData
-from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.exclusive import exclusive
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
-from sarmitsuba.scene.scene import Scene, SceneLike
-from sarmitsuba.simulation.batches import Workers
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.blocks import Blocks
-from sarmitsuba.simulation.fingerprint import fingerprint
-from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
-from sarmitsuba.simulation.run import Ready, Run
+from sarmitsuba.simulation.ray_witness import FINE_DB, may_halve, say_rays
+from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_sampling, check_small_parts
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
-from sarmitsuba.timing import Clock
+from sarmitsuba.simulation.witnesses import (
+    Allowance,
+    block_witness,
+    bounce_witness,
+    contradictions,
+    effect_witness,
+)
+from sarmitsuba.timing import StageTimer
+from sarmitsuba.witness import Witness
 
 # error of blocks of pulses from which on a note says so, dB of the energy
 BLOCKS_SAID_DB = -20.0
 # share of the echoes' power outside the receive window that gives a warning
 LOST_POWER = 0.05
-
-
-@exclusive
-def simulate(
-    scene: SceneLike,
-    *,
-    radar: Path | str | None = None,
-    parameters: Mapping[str, str] | None = None,
-    ground: str | None = None,
-    seed: int | None = None,
-    progress: Progress | None = None,
-    plan: EffectsPlan | None = None,
-    pass_index: int = 0,
-    ready: Ready | None = None,
-    clock: Clock = time.perf_counter,
-    state: Path | str | None = None,
-    run_hash: str | None = None,
-    workers: Workers | None = None,
-) -> RawData:
-    """Raw data of a scene: the range-compressed echoes of every pulse.
-
-    Parameters
-    ----------
-    scene : as loaded, a scene or mesh file, or the name of a shipped scene
-    radar, parameters, ground : of a file or a name, as for :func:`sarmitsuba.load_scene`
-    seed : overrides the scene's
-    progress : called after every batch
-    plan : overrides the automatic effects plan
-    pass_index : other values shift the ray lattices only: independent samples of the same scene
-    ready : called once the run is planned and fits into memory, before it is traced
-    clock : of the stages' seconds in the metadata
-    state : file of finished blocks of pulses, from which an interrupted run continues with the same bits; remove it
-        when the data are stored. None: no file
-    run_hash : hash of the blocks in ``state``; default: that of the scene, its settings and the program
-    workers : workers that share the tracing, such as :class:`sarmitsuba.cluster.dask_workers.DaskWorkers`; the result
-        has the same bits
-
-    Returns
-    -------
-    raw : ``compressed`` domain; one layer per channel, and per bounce order and ray subset where these are kept
-
-    Raises
-    ------
-    RadarError
-        When no echo is received.
-    ResourceError
-        The run does not fit into memory.
-    OutputError
-        ``state`` cannot be written.
-
-    Notes
-    -----
-    Limitations are those of the kernel; within a block of pulses amplitudes and visibility are those of its key pulse.
-    """
-    scene = Scene.of(scene, radar=radar, parameters=parameters, ground=ground)
-    if seed is not None:
-        scene = replace(scene, settings=replace(scene.settings, seed=seed))
-    run = Run(scene, plan=plan, clock=clock, workers=workers)
-    run.admit()
-    if state is not None:
-        run.finished = FinishedBlocks(
-            state, run_hash or fingerprint(scene), run.plan, f"pass {pass_index}", run.batch_shape
-        )
-    try:
-        if ready:
-            ready(run)
-        return echoes(run, pass_index=pass_index, progress=progress)
-    finally:
-        if run.finished is not None:
-            run.finished.close()
 
 
 def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -> RawData:
@@ -115,14 +46,21 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     radar, settings = scene.radar, scene.settings
     layers = run.layers.layers
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    run.statistics, run.report = TraceStatistics(), None
+    run.statistics, run.report, run.witness, run.witnesses = TraceStatistics(), None, None, {}
     notes = list(run.notes)
     if run.sampling is not None:
-        blocks = _blocks(run, run.sampling, data, pass_index)
-        for done, batch in blocks.trace():
-            run.statistics = run.statistics.plus(batch)
-            _tell(run, done, progress or silent)
+        blocks = _trace(run, run.sampling, data, pass_index, progress or silent)
+        if run.witness is not None and _needs_halving(run, run.witness, blocks):
+            notes.append(
+                f"{scene.name}: the error of the rays, measured against half their spacing, was "
+                f"{run.witness.error_db:.1f} dB; all is traced again at half the spacing"
+            )
+            if run.finished is not None:
+                run.finished.begin_again(f"pass {pass_index}, halved")
+            blocks = _trace(run, replace(run.sampling, halvings=1), data, pass_index, progress or silent)
         run.report = _report(run, blocks)
+        notes += [said] if run.witness is not None and (said := say_rays(scene.name, run.witness)) else []
+        notes += contradictions(scene.name, run.witnesses, settings.tolerance_db)
     if scene.points:
         n = add_points(scene, plan.flags, run.trace_scene, data, layers, plan.sub_bands)
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
@@ -147,6 +85,28 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     return replace(raw, metadata={**metadata, **raw.metadata})
 
 
+def _trace(run: Run, sampling: SamplingPlan, data: C64, pass_index: int, progress: Progress) -> Blocks:
+    """Blocks of pulses with a sampling plan, traced into ``data``, and the witness of their rays in the run."""
+    data[:] = 0.0
+    blocks = _blocks(run, sampling, data, pass_index)
+    for done, batch in blocks.trace():
+        run.statistics = run.statistics.plus(batch)
+        _tell(run, done, progress)
+    run.witness = blocks.witness()
+    run.timer.lap("trace")
+    return blocks
+
+
+def _needs_halving(run: Run, witness: Witness, blocks: Blocks) -> bool:
+    """Whether automatic rays are too far apart by what is measured, and half the spacing fits the bound on rays."""
+    automatic = run.scene.settings.ray_spacing == 0.0
+    return (
+        automatic
+        and witness.error_db > FINE_DB
+        and may_halve(blocks.rays.at(run.scene.radar.track.center_index))
+    )
+
+
 def _blocks(run: Run, sampling: SamplingPlan, data: C64, pass_index: int) -> Blocks:
     """Blocks of pulses that fill ``data`` (layers, pulses, samples) when they are traced."""
     tracer, rays = run.tracer(sampling), run.rays(sampling, pass_index)
@@ -166,13 +126,29 @@ def _tell(run: Run, done: float, progress: Progress) -> None:
     progress("trace", done, 1.0, {"rays/s": rate, **counted})
 
 
+def _witnesses(run: Run, blocks: Blocks, shared: Witness | None, allowance: Allowance) -> dict[str, Witness]:
+    """Errors measured on drawn pulses, by stage; see :mod:`sarmitsuba.simulation.witnesses`."""
+    found = {
+        "blocks": shared,
+        "bounces": bounce_witness(run, blocks.tracer, blocks.data, allowance),
+        "effects": effect_witness(run, blocks.tracer, blocks.data, allowance),
+    }
+    return {stage: witness for stage, witness in found.items() if witness is not None}
+
+
 def _report(run: Run, blocks: Blocks) -> SamplingReport:
-    """Report on traced blocks, whose data are weighted by the shares of the ray subsets."""
+    """Report on traced blocks, whose data are weighted by the shares of the ray subsets; finds the run's witnesses."""
     error_db = blocks.error_db
+    allowance, timer = Allowance.of(run, run.statistics), run.timer
+    blocks.tracer.timed(StageTimer(timer.clock))  # the seconds of tracing are those of the data
+    shared = block_witness(run, blocks, allowance)
     for plane, layer in zip(
         blocks.data, run.layers.layers, strict=True
     ):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
+    run.witnesses = _witnesses(run, blocks, shared, allowance)
+    blocks.tracer.timed(timer)
+    timer.lap("witnesses")
     pulse = run.scene.radar.track.center_index
     middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in blocks.rays.at(pulse)]
     return SamplingReport(

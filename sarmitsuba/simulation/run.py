@@ -31,6 +31,7 @@ from sarmitsuba.timing import Clock, StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.stage import check_stages
+from sarmitsuba.witness import Witness
 
 # processor seconds of a reference core, in stages that use all threads, below which a run is computed by one: more
 # threads would not be done sooner, and would take up to twice the processor time
@@ -63,6 +64,8 @@ class Run:
     timer : seconds by stage
     statistics : of the last image or raw data
     report : on the sampling of the raw data; None before, and without a mesh
+    witness : error of the rays of the last image or raw data, as measured; None: not measured
+    witnesses : errors measured on drawn parts of the raw data, by stage
     shortfalls : surface for which the most recent lattices are too coarse
     notes : one line each: assumptions, repairs and warnings
     finished : file of finished blocks of raw data; None (default): no file
@@ -80,7 +83,7 @@ class Run:
         ensure_backend()
         check_stages()
         glance()
-        if scene.settings.method in ("image", "raster") and scene.radar.all_round:
+        if scene.settings.one_look and scene.radar.all_round:
             raise RadarError(
                 f"{scene.name}: method {scene.settings.method} takes one look, but the track goes round the scene; "
                 "take method hybrid or raw"
@@ -117,6 +120,8 @@ class Run:
         self.layers = LayerPlan.of(self.scene, self.plan)
         self.statistics = TraceStatistics()
         self.report: SamplingReport | None = None
+        self.witness: Witness | None = None
+        self.witnesses: dict[str, Witness] = {}
         self.shortfalls: tuple[Shortfall, ...] = ()
         self.finished: FinishedBlocks | None = None
         self._needs: tuple[tuple[SamplingPlan | None, ImageGrid | None], Needs] | None = None
@@ -131,6 +136,12 @@ class Run:
     def batch_shape(self) -> tuple[int, int, int]:
         """Layers of one ray subset, pulses and samples of the raw data."""
         return self.layers.per_subset, self.scene.radar.track.n_pulses, self.scene.radar.window.n_samples
+
+    @property
+    def measured(self) -> dict[str, Witness]:
+        """Errors measured in the last image or raw data, by stage."""
+        rays = {} if self.witness is None else {"rays": self.witness}
+        return {**rays, **self.witnesses}
 
     def at(self, factor: float) -> "Run":
         """Run with all ray spacings multiplied by a factor; geometry and decisions are shared."""
@@ -166,6 +177,15 @@ class Run:
             )
             self._needs = (key, needs)
         return self._needs[1]
+
+    def label_needs(self) -> Needs:
+        """Needs of one look by method ``image`` of the same scene, of which labels are made."""
+        settings = replace(self.scene.settings, method="image", keep_subsets=False, keep_orders=False)
+        scene = replace(self.scene, settings=settings)
+        sampling = self.sampling and self.sampling.obeying(scene, self.plan.flags)
+        pairs = self.context.pairs if self.context is not None else None
+        layers = LayerPlan.of(scene, self.plan)
+        return needs_of(scene, sampling, layers, None, self.trace_scene, self.plan.sub_bands, pairs)
 
     def admit(self, grid: ImageGrid | None = None) -> None:
         """Refuse a run that does not fit into memory; a short one is computed by one thread.
@@ -207,7 +227,7 @@ class Run:
             There is no ray for some pulse.
         """
         assert self.trace_scene is not None
-        rays = Rays(sampling, self.trace_scene, self.layers.subsets, pass_index)
+        rays = Rays(sampling, self.trace_scene, self.layers.subsets, pass_index, self.plan.max_depth)
         middle = self.scene.radar.track.center_index
         for grids in rays.at(middle):
             self._check_rays(sampling, grids)

@@ -9,7 +9,7 @@ from sarmitsuba.arrays import C128, F64
 from sarmitsuba.currents.solution import JOINED, BodyMesh, WholeSurface, scattering_matrices
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.omitted_waves import polarisation_vectors
-from sarmitsuba.errors import RadarError
+from sarmitsuba.errors import RadarError, ResourceError
 from sarmitsuba.finite import all_finite
 from sarmitsuba.memory import check_fits
 from sarmitsuba.mesh.contacts import contacts
@@ -18,6 +18,7 @@ from sarmitsuba.progress import Progress
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.visible_faces import VisibleFaces
+from sarmitsuba.witness import Witness
 
 # wanted lengths of edges, wavelengths: the finest; the coarsest by itself, and where the solution is asked for
 FINEST, COARSEST, ASKED = 1.0 / 16.0, 1.0 / 7.0, 1.0 / 5.5
@@ -33,8 +34,14 @@ WORTH_DB = 0.5
 COARSER = 1.4
 # least ratio of both
 APART = 1.15
+# copies by three mirror planes
+MOST_COPIES = 8
+# bytes of a triangle, and of a point for mirrors, while a surface is meshed, and such points of one square of an edge
+MESH_BYTES, SAMPLES = 3000, 16.0
 # distance, over the length of edges, of parts that touch
 TOUCHING = 0.1
+# lengths of edges that are tried where parts touch, over the wanted one
+AGAIN = (1.0, 0.85)
 # surface, square wavelengths, beyond which nothing is meshed without being asked
 LARGEST_AREA = 250.0
 
@@ -49,12 +56,14 @@ class SolvedCurrents:
     error : (n_channels,) float64, m^2, energy of the error by the mesh, in a direction
     unknowns : of the linear equations
     length : rms length of the mesh's edges, wavelengths
+    witness : of the error by the mesh, the artificial losses and the residual of the equations, over the directions
     """
 
     amplitude: C128
     error: F64
     unknowns: int
     length: float
+    witness: Witness
 
     @property
     def error_db(self) -> tuple[float, ...]:
@@ -186,14 +195,27 @@ def solve_currents(
         The equations do not fit into memory.
     """
     wave = target.wavelength
+    # as if it had all mirrors, before they are looked for
+    if not asked and edge_length(target.area, MOST_COPIES) > COARSEST:
+        return _too_long(target.area, MOST_COPIES)
+    samples = int(SAMPLES * target.area / COARSEST**2)
+    try:
+        check_fits(
+            "rcs: meshing the surface for its currents",
+            MESH_BYTES * (len(target.corners) + samples),
+            "switch full_wave off",
+        )
+    except ResourceError as full:
+        if asked:
+            raise
+        return str(full)
     whole = WholeSurface.of(target.corners, COARSEST * wave)
     if not len(whole.faces):
         return _left(f"the surface is narrower than {JOINED * COARSEST:.1g} wavelengths", asked)
     copies = 2 ** len(whole.normals)
     wanted = edge_length(target.area, copies)
     if wanted > COARSEST and not asked:
-        seconds = processor_seconds(int(FUNCTIONS * target.area / COARSEST**2), copies)
-        return f"its currents would take about {seconds:.2g} processor seconds; full_wave = on solves them"
+        return _too_long(target.area, copies)
     length = min(wanted, ASKED, math.sqrt(FUNCTIONS * target.area / LEAST))
     check_fits(
         "rcs with full_wave = on",
@@ -201,9 +223,12 @@ def solve_currents(
         f"about {FUNCTIONS * target.area / length**2:.2g} unknowns in {copies} symmetric parts are too many; switch "
         "full_wave off",
     )
-    fine = whole.meshed(length * wave)
-    at = contacts(fine.vertices, fine.faces, TOUCHING * fine.length)
-    if len(at):
+    for factor in AGAIN:  # chords of a narrow tip may cross each other in one mesh, and not in the next
+        fine = whole.meshed(factor * length * wave)
+        at = contacts(fine.vertices, fine.faces, TOUCHING * fine.length)
+        if not len(at):
+            break
+    else:
         place = ", ".join(f"{v:.3g}" for v in at[0] + fine.center)
         return _left(f"parts of the surface touch or cross without common edges, at ({place}) m", asked)
     fields = np.stack(polarisation_vectors(directions, up), axis=1)
@@ -215,16 +240,32 @@ def solve_currents(
         def solved(done: int, total: int, mesh: BodyMesh = mesh) -> None:
             progress("currents" if mesh is fine else "currents, coarser", done, total, {})
 
-        matrices = scattering_matrices(mesh, wave, directions, fields, solved)
-        matrices *= np.exp(-4j * np.pi / wave * (directions @ target.reference))[:, None, None]
-        found.append(np.stack([_channel(matrices, c) for c in channels], axis=1))
-    coarse, amplitude = found
-    if not (all_finite(coarse) and all_finite(amplitude)):
+        found.append(scattering_matrices(mesh, wave, directions, fields, solved))
+    turn = np.exp(-4j * np.pi / wave * (directions @ target.reference))[:, None]
+    fine_one = found[1]
+    rough_part, amplitude = (turn * _in_channels(s.matrices, channels) for s in found)
+    if not (all_finite(rough_part) and all_finite(amplitude)):
         return _left("its equations have no single solution", asked)
     # currents at edges make the error fall as the length
     share = 1.0 / max(rough.rms_edge / fine.rms_edge - 1.0, 1e-3)
-    error = np.square(share) * np.square(np.abs(amplitude - coarse)).mean(axis=0)
-    return SolvedCurrents(amplitude, error, fine.unknowns * copies, fine.rms_edge / wave)
+    by_mesh = np.square(share) * np.square(np.abs(amplitude - rough_part))
+    rest = np.square(np.abs(_in_channels(fine_one.losses, channels)))
+    rest += np.square(np.abs(_in_channels(fine_one.residual.astype(np.complex128), channels)))
+    witness = Witness.from_weighted(
+        (by_mesh + rest).sum(axis=1),
+        np.square(np.abs(amplitude)).sum(axis=1),
+        seed=0,
+        reference=f"edges {rough.rms_edge / fine.rms_edge:.2g} times as long, extrapolated; artificial losses taken "
+        "out; residual of drawn equations",
+    )
+    left = (by_mesh + rest).mean(axis=0)
+    return SolvedCurrents(amplitude, left, fine.unknowns * copies, fine.rms_edge / wave, witness)
+
+
+def _too_long(area: float, copies: int) -> str:
+    """The reason why a surface, square wavelengths, in symmetric copies is not solved by itself."""
+    seconds = processor_seconds(int(FUNCTIONS * area / COARSEST**2), copies)
+    return f"its currents would take about {seconds:.2g} processor seconds; full_wave = on solves them"
 
 
 def _left(why: str, asked: bool) -> str:
@@ -241,6 +282,11 @@ def _coarser(whole: WholeSurface, fine: BodyMesh) -> BodyMesh:
         if not 1.0 / APART < mesh.rms_edge / fine.rms_edge < APART:
             return mesh
     return mesh
+
+
+def _in_channels(matrices: C128, channels: tuple[str, ...]) -> C128:
+    """Amplitudes (n, n_channels) from [direction, received, sent], H first."""
+    return np.stack([_channel(matrices, c) for c in channels], axis=1)
 
 
 def _channel(matrices: C128, channel: str) -> C128:

@@ -24,9 +24,10 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.round_facets import RoundFacets, smooth_geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
-from sarmitsuba.simulation.error_statement import ErrorStatement, say_sampling_error
+from sarmitsuba.simulation.error_statement import SILENT_DB, ErrorStatement, say_sampling_error
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, target_middle
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
@@ -50,6 +51,9 @@ CHECKED = 24
 # spacing of these rays relative to the first, and energy of the error relative to the difference, since a part of the
 # error is common to both (benchmarks/suite/stated_errors.py --kind rcs)
 OTHER_SPACING, ERROR_SHARE = 2.0**-0.5, 2.0
+# wavelengths between facets and the smooth surface below which they change nothing, and most aspects that are traced on
+# the smooth surface
+NEGLIGIBLE_SAGITTA, SMOOTHED = 1.0 / 200.0, 16
 # relative error energy of phases: sums of rays in float32, and wavefront curvature
 ROUNDING = 10.0**-9.5
 
@@ -172,6 +176,8 @@ def rcs_sweep(
             statement.of_currents(solved.amplitude, solved.error, solved.text),
             solved.error_db,
         )
+    if checked and scene.traced:
+        statement = dataclasses.replace(statement, facets=traced.facet_error(aspects, solved))
     if checked and statement.warning:
         warnings.warn(f"{scene.name}: {statement.warning}", SarmitsubaWarning, stacklevel=2)
     return RcsSweep(aspects, frequency, result, result.max_depth, errors, statement, notes, solved)
@@ -306,6 +312,8 @@ class _AspectTracing:
             other = finer.amplitudes(some, realisation).amplitude.sum(axis=1)
             error += np.square(np.abs(other - total)).sum(axis=0)
         error = ERROR_SHARE / others * error + ROUNDING * energy
+        # a channel at rounding of another one has no echo whose error could be measured
+        error = np.where(energy > 10.0 ** (0.1 * SILENT_DB) * energy.max(initial=0.0), error, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
             return tuple(float(v) for v in 10.0 * np.log10(error / energy))
 
@@ -353,6 +361,35 @@ class _TracedAspects:
             said = say_sampling_error(self.tracing.scene, result.ray_spacing, errors)
         notes = _notes(self.tracing.scene, result.ray_spacing) + self.notes + said
         return dataclasses.replace(self, result=result, errors=errors, notes=notes)
+
+    def facet_error(self, aspects: Aspects, solved: SolvedCurrents | None) -> F64 | None:
+        """Energy (n_channels,) m^2 of the error by facets of round metal in a direction; None without such ones.
+
+        Measured: some of the aspects are traced on the smooth surface through the corners of the facets. Of solved
+        currents by law.
+        """
+        scene, tracing = self.tracing.scene, self.tracing
+        wavelength = scene.radar.waveform.wavelength
+        found = RoundFacets.of(scene.geometry, scene.materials, wavelength)
+        if not (found.sagitta > NEGLIGIBLE_SAGITTA).any() or scene.geometry.corner_values:
+            return None
+        if solved is not None:
+            return np.asarray(
+                10.0 ** (0.1 * found.error_db) * np.square(np.abs(solved.amplitude)).mean(axis=0)
+            )
+        smooth = dataclasses.replace(
+            scene, geometry=smooth_geometry(scene.geometry, 0.5 * NEGLIGIBLE_SAGITTA * wavelength)
+        )
+        n = aspects.azimuth.size
+        pick = np.sort(np.random.default_rng(0).permutation(n)[:SMOOTHED])
+        some = Aspects(aspects.azimuth[pick], aspects.elevation[pick])
+        other = dataclasses.replace(
+            tracing, scene=smooth, progress=silent, site=FarSite(smooth, tracing.flags, aspects)
+        ).at(self.result.ray_spacing)
+        total = self.result.amplitude[pick].sum(axis=1)
+        return np.asarray(
+            np.square(np.abs(other.amplitudes(some, 0).amplitude.sum(axis=1) - total)).mean(axis=0)
+        )
 
 
 def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple[Scene, KernelFlags, int]:

@@ -189,7 +189,8 @@ def view_of(state: BenchState, folder: Path, *, clock: Clock = time.perf_counter
     path = folder / f"{state.source.stem}.xml"
     _write(path, scene_xml(state))
     scene = load_scene(path)
-    image = render(scene, range_window=DEFAULT_WINDOW, azimuth_window=DEFAULT_WINDOW)
+    # one set of rays: half the data, for a live picture
+    image = render(scene, error_bars=False)
     return View(state, scene, image, _rcs_of(scene, state.resolution), clock() - start)
 
 

@@ -6,11 +6,15 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace.scene_tables import INNER_BIT
 from sarmitsuba.trace.state import Hit, Kernel, Lane, Mirror, RayState
+from sarmitsuba.trace.table_rows import FaceRow
 
 # exponent of the ratio of reaches in the weight
 POWER = 8
 # relative reach of a facet without an edge in this direction; least sine of the angle of a corner
 UNLIMITED, LEAST_SINE = 1e3, 0.1
+# width of a tube that a curved surface has spread, over that of the first Fresnel zone where it closes, up to which
+# its return is as good as that of the reversed path, and from which it is left to that one
+NARROW, WIDE = 0.8, 2.2
 # rad, bistatic angles up to which both chains count as estimates of each path, and from which each counts alone
 NEAR, FAR = 0.03, 0.1
 
@@ -30,11 +34,9 @@ def mirror_at(kernel: Kernel, hit: Hit) -> Mirror:
 
 def _flat(kernel: Kernel, hit: Hit) -> mi.Bool:
     """Whether a facet is flat, not part of a curved surface."""
-    table = kernel.scene.curvature_table
-    if table is None:
+    if kernel.scene.curvature_table is None:
         return mi.Bool(True)
-    rows = [dr.gather(mi.Vector4f, table, hit.face * 2 + i, hit.active) for i in range(2)]
-    return dr.squared_norm(rows[0]) + dr.squared_norm(rows[1]) == 0.0
+    return _squared_curvature(kernel, hit.face, hit.active) == 0.0
 
 
 def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> tuple[mi.Float, mi.Bool]:
@@ -50,6 +52,14 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> tuple[mi.Float, mi
         w_{AB} = \frac{2 f}{f + g}, \quad f = \frac1{1 + r^8}, \quad g = \frac{r'^8}{1 + r'^8}, \quad
         w_{AB} + w_{BA} = 2
 
+    A curved and a flat surface: the path that closes on the curved one is right with rays as that needs.
+    The reversed path is spread by the curved mirror, and closes on the flat one by tubes of the width
+
+    .. math:: b = d \, (1 + 2 s / \rho \cos\theta)
+
+    after the distance s from the radius of curvature :math:`\rho`, with rays of spacing d. The phase over them is not
+    known where b exceeds the Fresnel zone :math:`\sqrt{\lambda s}`: there its weight falls to zero.
+
     In a square corner r' is r. In wide corners, near the direction where both facets are equally long, both paths end
     at an edge and both have weight one.
 
@@ -60,8 +70,8 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> tuple[mi.Float, mi
 
     Returns
     -------
-    w of the path, and lanes that have one; 1 for other hits than the second, for curved surfaces, between nearly
-        parallel facets, and where the reversed path does not exist
+    w of the path, and lanes of corners of flat facets; 1 for other hits than the second, between two curved surfaces or
+        nearly parallel facets, and where the reversed path does not exist
 
     Notes
     -----
@@ -87,9 +97,38 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> tuple[mi.Float, mi
     reversed_ratio = ratio * (from_b * from_a) / (dr.maximum(to_a, 1e-7) * to_b)
     own, other = (dr.power(dr.clip(x, 1.0 / UNLIMITED, UNLIMITED), POWER) for x in (ratio, reversed_ratio))
     weight = 2.0 * (1.0 + other) / (1.0 + other * (2.0 + own))
-    corner = (hit.order == 2) & (sine2 > LEAST_SINE**2) & (mirror.flat == 1) & _flat(kernel, hit)
+    flat = _flat(kernel, hit)
+    corner = (hit.order == 2) & (sine2 > LEAST_SINE**2) & (mirror.flat == 1) & flat
     corner &= to_a > 0.0
-    return dr.select(corner, weight, 1.0), corner
+    share = dr.select(corner, weight, 1.0)
+    if kernel.scene.curvature_table is not None:
+        round_one = (hit.order == 2) & (flat != (mirror.flat == 1)) & (to_a > 0.0)
+        face = dr.select(flat, mirror.face, hit.face)
+        away = _spread(kernel, hit, face, mi.Float(hit.length - mirror.length), dr.select(flat, from_a, to_b))
+        share = dr.select(round_one, dr.select(flat, 1.0 - away, 1.0 + away), share)
+    return share, corner
+
+
+def _spread(kernel: Kernel, hit: Hit, face: mi.UInt32, leg: mi.Float, cosine: mi.Float) -> mi.Float:
+    """Share, 0 to 1, of the path that closes on a flat surface that is left to the one that closes on a curved one."""
+    leg = dr.maximum(leg, 1e-6)
+    radius = dr.rsqrt(dr.maximum(_squared_curvature(kernel, face, hit.active), 1e-12))
+    need, _ = FaceRow.of(kernel.scene.face_info, face, hit.active).needed_spacings
+    width = need * (1.0 + 2.0 * leg / (radius * dr.maximum(cosine, LEAST_SINE)))
+    zone = dr.sqrt(leg * (2.0 * dr.pi) / kernel.constants.wavenumber)
+    x = dr.clip((width / zone - NARROW) / (WIDE - NARROW), 0.0, 1.0)
+    return dr.square(x) * (3.0 - 2.0 * x)
+
+
+def _squared_curvature(kernel: Kernel, face: mi.UInt32, active: mi.Bool) -> mi.Float:
+    """Sum of the squares of both principal curvatures of a facet's surface, 1/m^2."""
+    a, b = (dr.gather(mi.Vector4f, kernel.scene.curvature_table, face * 2 + i, active) for i in range(2))
+    return (
+        dr.square(a.x)
+        + dr.square(a.y)
+        + dr.square(a.z)
+        + 2.0 * (dr.square(a.w) + dr.square(b.x) + dr.square(b.y))
+    )
 
 
 def both_chains(

@@ -23,7 +23,9 @@ from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.plate_rims import PlateRim, sinc
 from sarmitsuba.trace.sheet_waves import FAR, SheetWave
 from sarmitsuba.trace.source import Scatterers
+from sarmitsuba.trace.stage import mirrored
 from sarmitsuba.trace.state import Kernel
+from sarmitsuba.trace.table_rows import MaterialRow
 from sarmitsuba.trace.wedge_strips import FringeStrip, WedgeFace
 
 if TYPE_CHECKING:
@@ -76,7 +78,11 @@ def edges_of(
     scene = intersector(corners.astype(np.float32))
     edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))
     edges = replace(edges, span=spans(edges, scene, geometry.diameter)).cut(longest)
-    return edges.of(uncovered(edges, scene, wavelength))
+    edges = edges.of(uncovered(edges, scene, wavelength))
+    height = np.array([m.rms_height for m in materials])[geometry.face_material[visible.face]]
+    if not height[metal].any():
+        return edges
+    return replace(edges, rms_height=_rms_heights(edges, scene, height, geometry.diameter))
 
 
 def spans(edges: SharpEdges, scene: mi.Scene, largest: float) -> F64:
@@ -111,14 +117,43 @@ def spans(edges: SharpEdges, scene: mi.Scene, largest: float) -> F64:
     return out
 
 
-def _met(scene: mi.Scene, start: F64, step: F64) -> NDArray[np.bool_]:
-    """Whether (n,) straight steps (n, 3) from points (n, 3) meet a triangle."""
+def _rms_heights(edges: SharpEdges, scene: mi.Scene, height: F64, largest: float) -> F64:
+    """Rms heights (n, 2), m, of both faces of edges, of which short rays find the triangles.
+
+    Parameters
+    ----------
+    edges : pieces of edges
+    scene : intersection structure of all triangles
+    height : (n_triangles,) m
+    largest : m, extent of the scene
+    """
+    reach = max(1e-4 * largest, 16.0 * 2.0**-24 * float(np.abs(edges.middle).max(initial=0.0)))
+    inside = np.minimum(4.0 * reach, REACH_SHARE * edges.length)[:, None]
+    out = np.zeros((edges.n, 2))
+    for i in range(2):
+        up = edges.normal[:, i] * (reach + edges.thickness)[:, None]
+        found = scene.ray_intersect_preliminary(
+            _steps(edges.middle + inside * edges.inward[:, i] + up, -2.0 * up),
+            coherent=True,
+            active=mi.Bool(True),
+        )
+        there = np.asarray(found.is_valid(), dtype=bool)
+        out[there, i] = height[np.asarray(found.prim_index, dtype=np.int64)[there]]
+    return out
+
+
+def _steps(start: F64, step: F64) -> mi.Ray3f:
+    """Rays along straight steps (n, 3) from points (n, 3), m."""
     origin, direction = (
         [device_array(mi.Float, np.ascontiguousarray(column, dtype=np.float32)) for column in rows.T]
         for rows in (start, step)
     )
-    ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), mi.Float(1.0), 0.0, [])
-    return np.asarray(scene.ray_test(ray), dtype=bool)
+    return mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), mi.Float(1.0), 0.0, [])
+
+
+def _met(scene: mi.Scene, start: F64, step: F64) -> NDArray[np.bool_]:
+    """Whether (n,) straight steps (n, 3) from points (n, 3) meet a triangle."""
+    return np.asarray(scene.ray_test(_steps(start, step)), dtype=bool)
 
 
 def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[np.bool_]:
@@ -193,7 +228,10 @@ class FringeCurrents(Scatterers):
     rims of a sheet a few wavelengths wide they depend on the length of the pieces. Pieces of an eighth of a wavelength
     are not nearer to the method of moments than those of two (drawn plates of ``benchmarks/studies/theory_error.py``).
 
-    Ignores corners, other waves between edges, the curvature of edges and the roughness of the metal. Within a
+    The waves of a rough face, of the rms height s and with the normal n, are less by its coherent loss as those of the
+    face itself, :math:`e^{-(k (\hat s + \hat d) \cdot \hat n s)^2 / 2}` with the directions to both antennas.
+
+    Ignores corners, other waves between edges and the curvature of edges. Within a
     thousandth of the forward direction of a grazing wave, where the theory diverges, the value at that distance is
     taken.
     """
@@ -212,7 +250,9 @@ class FringeCurrents(Scatterers):
         ]
         self._table = device_array(mi.Float, np.stack(rows, axis=1).astype(np.float32))
         span = np.minimum(edges.span, FAR).astype(np.float32)
-        self._span = self._thickness = self._gap = None
+        self._span = self._thickness = self._gap = self._rough = None
+        if edges.rms_height.any():
+            self._rough = device_array(mi.Float, edges.rms_height.astype(np.float32))
         plates = bool(edges.thickness.any())
         if plates or (span < 0.5 * FAR).any():  # else no wave runs along a sheet, and the kernel has none
             self._span = device_array(mi.Float, span)
@@ -310,7 +350,10 @@ class FringeCurrents(Scatterers):
                 if self._thickness is not None:
                     thickness = dr.gather(mi.Float, self._thickness, index)
                 width = None if self._span is None else partial(_width, self._span, index)
-                self._wedge = _Wedge.of(kernel, rows, incident, scattered, width, thickness)
+                rough = None
+                if self._rough is not None:
+                    rough = tuple(dr.gather(mi.Float, self._rough, index * 2 + i) for i in range(2))
+                self._wedge = _Wedge.of(kernel, rows, incident, scattered, width, thickness, rough)
         return self._wedge.amplitude(e, q)
 
     def _row(self, index: mi.UInt32, i: int) -> mi.Vector4f:
@@ -331,6 +374,13 @@ def _width(span: mi.Float, index: mi.UInt32, turn: mi.Float) -> mi.Float:
     return dr.select(dr.maximum(near, far) < 0.5 * FAR, float(np.sin(step)) / inverse, FAR)
 
 
+def _coherent(kernel: Kernel, height: mi.Float, cosine: mi.Float) -> mi.Float:
+    """Factor of all stages on waves of metal of an rms height, m, as on those mirrored at an angle of this cosine."""
+    row, one = MaterialRow(mi.Vector4f(0.0, 0.0, height, 0.0)), mi.Vector3f(1.0, 0.0, 0.0)
+    ((kept, _),) = mirrored(kernel, row, cosine, ((one, mi.Vector3f(0.0)),))
+    return kept.x
+
+
 @dataclass(frozen=True, eq=False)
 class _Wedge:
     """Diffraction coefficients of a piece of edge for an incident and a scattered wave.
@@ -344,6 +394,7 @@ class _Wedge:
     electric, magnetic : shares of the parts with the electric and the magnetic field along the edge
     along : factor of the magnetic part by waves along the sheet; None where no edge is the rim of one
     plate : what the thickness of a plate adds to its rim
+    losses : factors on the waves of both faces by their roughness; None where they are smooth
     """
 
     legs: tuple[Leg, Leg]
@@ -353,6 +404,7 @@ class _Wedge:
     magnetic: mi.Float
     along: mi.Complex2f | None
     plate: PlateRim | None = None
+    losses: tuple[mi.Float, ...] | None = None
 
     @staticmethod
     def of(
@@ -362,8 +414,12 @@ class _Wedge:
         scattered: Leg,
         width: Callable[[mi.Float], mi.Float] | None,
         thickness: mi.Float | None,
+        rough: tuple[mi.Float, ...] | None = None,
     ) -> _Wedge:
-        """Wedge from the rows of the edge table; width by direction and thickness of a sheet, where there is one."""
+        """Wedge from the rows of the edge table; width by direction and thickness of a sheet, where there is one.
+
+        ``rough`` : m, rms heights of both faces; None where they are smooth
+        """
         n, length = rows[0].w, rows[1].w
         faces = [
             WedgeFace.of(mi.Vector3f(x.x, x.y, x.z), mi.Vector3f(y.x, y.y, y.z))
@@ -379,15 +435,23 @@ class _Wedge:
         k = kernel.constants.wavenumber
         turn = dr.dot(source + observer, faces[0].along) * (0.5 * k) * length
         gain = (0.5 / float(np.sqrt(np.pi))) * length * sinc(turn) * outside
+        losses = None
+        if rough is not None:
+            losses = tuple(
+                _coherent(kernel, height, 0.5 * dr.dot(source + observer, face.normal))
+                for height, face in zip(rough, faces, strict=True)
+            )
         shares = rows[2].w, rows[3].w
         if width is None:
-            return _Wedge((incident, scattered), tuple(strips), gain, *shares, None)
+            return _Wedge((incident, scattered), tuple(strips), gain, *shares, None, losses=losses)
         there = SheetWave.of(faces[0], n, source, k, width)
         back = there if incident is scattered else SheetWave.of(faces[0], n, observer, k, width)
         plate = None
         if thickness is not None:
             plate = PlateRim.of(faces[0], thickness, k, (source, observer), (there.sine, back.sine))
-        return _Wedge((incident, scattered), tuple(strips), gain, *shares, there.with_other(back), plate)
+        return _Wedge(
+            (incident, scattered), tuple(strips), gain, *shares, there.with_other(back), plate, losses
+        )
 
     @property
     def reversed(self) -> _Wedge:
@@ -405,8 +469,10 @@ class _Wedge:
         """Square root of the RCS with its phase, m: mean of the path and of the reversed one."""
         total = mi.Complex2f(0.0)
         magnetic = self.magnetic if self.along is None else self.along * self.magnetic
-        for out, into in self.strips:
-            total += out.current(e, q, self.electric, magnetic) + into.current(q, e, self.electric, magnetic)
+        for i, (out, into) in enumerate(self.strips):
+            wave = out.current(e, q, self.electric, magnetic) + into.current(q, e, self.electric, magnetic)
+            total += wave if self.losses is None else wave * self.losses[i]
         if self.plate is not None:
-            total += self.plate.current(e, q, self.electric, self.magnetic)
+            wave = self.plate.current(e, q, self.electric, self.magnetic)
+            total += wave if self.losses is None else wave * self.losses[0]
         return mi.Complex2f(-total.imag, total.real) * self.gain

@@ -15,6 +15,8 @@ LATTICE_TURN = 0.5 * (5.0**0.5 - 1.0)
 TURNS, LEAST_ANGLE = 16, 1.0 / 30.0
 
 Purpose = Literal["all", "coherent", "diffuse"]
+# bounces that rays serve: those with rays of divided cells beside them serve the first, or the later ones
+Serves = Literal["all", "first", "later"]
 
 
 @dataclass(frozen=True)
@@ -26,11 +28,13 @@ class LatticeLevel:
     first : number of its first ray; its last one precedes the first of the next level
     spacing : m between neighbours
     needs : m, lower and upper bound of the ray spacing needed by the faces that these rays sample
+    serves : bounces whose echoes these rays give
     """
 
     first: int
     spacing: float
     needs: tuple[float, float]
+    serves: Serves = "all"
 
 
 @dataclass(frozen=True, eq=False)

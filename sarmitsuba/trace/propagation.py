@@ -66,7 +66,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     d = v32(d64)
     origin = v32(start - d64 * dr.minimum(distance, before_bounds(start, d64, kernel.scene)))
 
-    spacing, needs = _level(grid, ray)
+    spacing, needs, serves = _level(grid, ray)
     edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
     inverse_start = f32(1.0 / distance)
     weight = _launch_weight(kernel, gx, gy)
@@ -91,6 +91,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         tube_rate_b=dr.dot(edge_b, v32(velocity)) * inverse_start,
         nudge=dr.normalize(edge_a) * dr.opaque(f32, NUDGE * kernel.scene.extent),
         needs=needs,
+        serves=serves,
         pattern=None if beams is None else beams[1],
         beam_rates=beams[0].rates(d) if beams and kernel.tangents and kernel.tangents.pointing else None,
         time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),
@@ -124,13 +125,16 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     return lane, state
 
 
-def _level(grid: LaunchGrid, ray: mi.UInt32) -> tuple[mi.Float64, tuple[mi.Float, mi.Float]]:
-    """Spacing of the rays of a lane's level, and the bounds on the spacing needed by the faces it samples, m."""
+def _level(
+    grid: LaunchGrid, ray: mi.UInt32
+) -> tuple[mi.Float64, tuple[mi.Float, mi.Float], tuple[mi.Bool, mi.Bool]]:
+    """Properties of a lane's level: spacing of its rays, bounds on the needs of its faces, m; bounces it serves."""
     # also with one level: the same kernel serves lattices with and without denser parts
-    table = np.array([[level.spacing, *level.needs, 0.0] for level in grid.every_level])
+    bounces = {"all": 0.0, "first": 1.0, "later": 2.0}
+    table = np.array([[level.spacing, *level.needs, bounces[level.serves]] for level in grid.every_level])
     row = dr.gather(mi.UInt32, device_array(mi.UInt32, grid.level), ray)
-    spacing, low, high, _ = dr.gather(mi.Vector4d, device_array(mi.Float64, table), row)
-    return spacing, (mi.Float(low), mi.Float(high))
+    spacing, low, high, serves = dr.gather(mi.Vector4d, device_array(mi.Float64, table), row)
+    return spacing, (mi.Float(low), mi.Float(high)), (serves < 1.5, (serves < 0.5) | (serves > 1.5))
 
 
 def antenna_of(pulses: PulseBatch, pulse: mi.UInt32) -> tuple[mi.Vector3d, mi.Vector3d]:
@@ -212,7 +216,7 @@ def arrive(kernel: Kernel, lane: Lane, ray: RayState, found: Found) -> Hit:
     to_antenna64 = (lane.antenna - p) / length_back
     to_antenna = mi.Vector3f(to_antenna64)
     departure = _departure(mi.Vector3f(landed), n, d, clearance)
-    sees = active & (dr.dot(to_antenna, n) > 1e-7)
+    sees = active & (dr.dot(to_antenna, n) > 1e-7) & (~first | lane.serves[0])
     if kernel.flags.multi_bounce or kernel.bistatic:
         # the transmitting antenna sees the first hit; the shadow ray ends at the antenna, which may be within the scene
         lit = mi.Bool(False) if kernel.bistatic else first
@@ -450,7 +454,7 @@ def reflect(
         relative = receiver_velocity if hit.movement is None else receiver_velocity - hit.movement.velocity
         receiver_velocity = receiver_velocity - n64 * (2.0 * dr.dot(relative, n64))
     return RayState(
-        active=hit.active & (hit.order < kernel.constants.max_depth),
+        active=hit.active & (hit.order < kernel.constants.max_depth) & (~hit.first | lane.serves[1]),
         hits=hit.order,
         origin=hit.departure,
         direction=d64 - n64 * (2.0 * dr.dot(d64, n64)),

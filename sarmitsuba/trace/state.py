@@ -206,6 +206,7 @@ class Lane:
     tube_rate_a, tube_rate_b : m/s, change of the outgoing leg's range rate over the tube's two edges
     nudge : m, displacement of a ray that missed at a vertex, for a second try
     needs : m, lower and upper bound of the ray spacing needed by the faces that this ray samples
+    serves : whether the ray gives echoes of its first hit, and of later ones
     pattern : of the receiving antenna, None for an isotropic one
     time : s, float64, of the pulse, where the kernel depends on it; None: everything is as at time zero
     edge, beam_rates : of a ray beside an edge, and 1/rad, slopes of the launch's gain; None: not recorded
@@ -222,6 +223,7 @@ class Lane:
     tube_rate_b: mi.Float
     nudge: mi.Vector3f
     needs: tuple[mi.Float, mi.Float]
+    serves: tuple[mi.Bool, mi.Bool]
     pattern: BeamPattern | None
     time: mi.Float64 | None = None
     edge: EdgeLane | None = None

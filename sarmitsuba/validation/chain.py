@@ -24,7 +24,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
 

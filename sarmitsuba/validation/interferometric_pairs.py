@@ -16,7 +16,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import Parameter, make_scene, unwarned
 from sarmitsuba.validation.comparison import CRITICAL_DISTANCE, Comparison

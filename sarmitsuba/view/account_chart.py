@@ -7,14 +7,17 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 
 from sarmitsuba.analysis.quality.account import Account, likely_total_db
-from sarmitsuba.analysis.quality.error_budget import AT_MOST, ErrorPart
+from sarmitsuba.analysis.quality.error_budget import BOUND, LAW, MEASURED, ErrorPart
 from sarmitsuba.view.figure import Figure
 
 _DPI = 100.0
 # screen pixels: of a bar, around the bars, and of the names
-_ROW, _TOP, _BOTTOM, _NAMES, _BARS, _VALUES, _LINE = 22, 34, 46, 124, 190, 140, 15
-_LETTERS = 150  # of a line below the charts
-_MEASURED, _BOUND, _WALL, _PROCESSOR = "#1f5f99", "#a9c8e4", "#8c5a1c", "#e3c08f"
+_ROW, _TOP, _BOTTOM, _NAMES, _BARS, _VALUES, _LINE = 22, 34, 46, 124, 190, 250, 15
+_LETTERS = 190  # of a line below the charts
+_WALL, _PROCESSOR = "#8c5a1c", "#e3c08f"
+# by kind of figure: a law, which nothing in this run confirmed, is grey; a measurement that contradicts its law is red
+_KINDS = {MEASURED: "#1f5f99", BOUND: "#a9c8e4", LAW: "#b5b5b5"}
+_CONTRADICTED = "#b3261e"
 _SMALL = 8
 # stages shorter than this share of the whole are summed up as "other"
 _LEAST = 0.01
@@ -57,7 +60,7 @@ def account_figure(account: Account, title: str = "") -> Figure:
     _times(right, stages)
     total = "none known"
     if math.isfinite(account.total_db):
-        total = f"{'at most ' * account.bounded}{account.total_db:.1f} dB of the image"
+        total = f"{account.total_db:.1f} dB of the image ({account.kind})"
     figure.text(8 / width, 1 - 18 / height, f"{title}error by cause: {total}", fontsize=9, parse_math=False)
     elapsed = sum(stage[1] for stage in stages)
     figure.text(
@@ -71,12 +74,19 @@ def account_figure(account: Account, title: str = "") -> Figure:
 def _errors(axes: Axes, account: Account) -> None:
     likely = likely_total_db(account.parts)
     shares = [_share(part, likely) for part in account.parts]
-    colours = [_BOUND if part.known == AT_MOST else _MEASURED for part in account.parts]
+    colours = [
+        _CONTRADICTED if part.contradicts else _KINDS.get(part.known, _KINDS[MEASURED])
+        for part in account.parts
+    ]
     _bars(axes, [part.name for part in account.parts], [100.0 * share for share in shares], colours)
     for i, (part, share) in enumerate(zip(account.parts, shares, strict=True)):
         axes.text(102.0, i, _value(part, share), fontsize=_SMALL, va="center", parse_math=False)
     axes.set_xlim(0.0, 100.0)
-    axes.set_xlabel("share of the known error energy, %; light: at most", fontsize=_SMALL, parse_math=False)
+    axes.set_xlabel(
+        "share of the known error energy, %; light: bound, grey: law, red: contradicts its law",
+        fontsize=_SMALL,
+        parse_math=False,
+    )
 
 
 def _times(axes: Axes, stages: Sequence[tuple[str, float, float]]) -> None:
@@ -112,8 +122,7 @@ def _share(part: ErrorPart, total_db: float) -> float:
 
 
 def _value(part: ErrorPart, share: float) -> str:
-    text = str(part)[len(part.name) :].strip()
-    return text if not share else f"{text} ({_percent(share)})"
+    return part.value if not share else f"{part.value} ({_percent(share)})"
 
 
 def _percent(share: float) -> str:

@@ -137,7 +137,7 @@ def draw_beam(axes: Axes, radar: Radar, height: float, *, whole: bool = False) -
     height : of the plane, m, scene frame
     whole : True widens the axes to include the beam; otherwise their limits are kept
     """
-    if radar.antenna.pattern == "isotropic":
+    if not radar.antenna.directive:
         return
     x, y = axes.get_xlim(), axes.get_ylim()
     last = radar.track.n_pulses - 1

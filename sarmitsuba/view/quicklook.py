@@ -2,7 +2,7 @@
 
 import dataclasses
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, 
 from sarmitsuba.view.figure import PACKED, Figure
 from sarmitsuba.view.outlines import draw_outlines
 from sarmitsuba.view.shaded_plan import draw_plan, plan_width
+from sarmitsuba.witness import Witness
 
 # function that draws a picture on demand
 Drawing = Callable[[], Figure]
@@ -88,6 +89,7 @@ def quicklook(
     if scene and plan:
         draw_plan(_axes(figure, whole + _LEFT - 30, _BOTTOM, plan, height), scene, image.grid, options.axes)
     first = title if title is not None else str(image.metadata.get("scene", ""))
+    first = ",  ".join(text for text in (first, _not_usable(image)) if text)
     lines = (first, *_subtitle(image, options, display))
     # a given height: Matplotlib would measure all labels to find that none is in the way
     axes.set_title("\n".join(line for line in lines if line), fontsize=9, y=1.0, parse_math=False)
@@ -284,6 +286,15 @@ def _colour_bar(
     bar = figure.colorbar(picture, cax=bar_axes)
     bar.set_label(label, fontsize=9)
     bar.ax.tick_params(labelsize=8)
+
+
+def _not_usable(image: SarImage) -> str:
+    """Mark of an image whose rays miss what an image needs, by what was measured; empty for others."""
+    witnesses = image.metadata.get("witnesses")
+    rays = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
+    if rays is None or not rays.useless:
+        return ""
+    return f"ray sampling error {rays.error_db:.0f} dB: not usable"
 
 
 def _subtitle(image: SarImage, options: PictureOptions, display: Display) -> tuple[str, ...]:

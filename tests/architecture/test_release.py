@@ -1,12 +1,16 @@
 """A release has one version, and says what changed under it."""
 
 import re
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
 
+from sarmitsuba.io.table_file import read_table
 from sarmitsuba.version import __version__
-from tools.release import ReleaseError, cut_changelog, cut_citation, python_blocks, version_of
+from tools.release import ReleaseError, cut_changelog, cut_citation, lock_of, python_blocks, version_of
 
 ROOT = Path(__file__).parents[2]
 CHANGES = (
@@ -49,6 +53,61 @@ def test_the_citation_has_version_and_day() -> None:
     assert cut_citation(text, "1.3.0", "2027-01-01").count("date-released") == 1
     with pytest.raises(ReleaseError, match="no line version"):
         cut_citation("a: b\n", "1.2.0", "2026-03-04")
+
+
+def requirements() -> list[Requirement]:
+    """Every requirement of pyproject.toml, but the package's own extras."""
+    table = read_table(ROOT / "pyproject.toml", "a project", 1 << 20)
+    project, build = table["project"], table["build-system"]
+    assert isinstance(project, dict) and isinstance(build, dict)
+    groups = [build["requires"], project["dependencies"], *project["optional-dependencies"].values()]
+    found = [Requirement(text) for group in groups for text in group]
+    return [each for each in found if each.name != "sarmitsuba"]
+
+
+def test_every_dependency_is_bounded_on_both_sides() -> None:
+    for each in requirements():
+        signs = {spec.operator for spec in each.specifier}
+        assert signs == {"=="} or ({">="} <= signs and signs & {"<", "<="}), str(each)
+
+
+def test_the_versions_of_this_environment_are_allowed() -> None:
+    """What these tests ran with is inside of what is promised."""
+    for each in requirements():
+        if each.marker is not None and not each.marker.evaluate():
+            continue
+        try:
+            version = metadata.version(each.name)
+        except metadata.PackageNotFoundError:
+            continue  # of an extra that is not installed
+        assert version in each.specifier, f"{each}: {version}"
+
+
+def test_the_lowest_versions_are_those_of_the_bounds() -> None:
+    lowest = dict(line.split("==") for line in (ROOT / "tests" / "lowest.txt").read_text().splitlines()[1:])
+    needed = {each.name: each for each in requirements()}
+    for name, version in lowest.items():
+        (least,) = (spec.version for spec in needed[name].specifier if spec.operator == ">=")
+        assert Version(least) == Version(version), name
+
+
+def test_the_lock_has_versions_and_hashes() -> None:
+    def entry(name: str, **archive: object) -> dict[str, object]:
+        return {"metadata": {"name": name, "version": "1.2"}, "download_info": {"archive_info": archive}}
+
+    report = {
+        "install": [
+            entry("sarmitsuba"),
+            entry("NumPy", hashes={"sha256": "a" * 64}),
+            entry("h5py", hash=f"sha256={'b' * 64}"),  # as pip before 23.1 writes it
+        ]
+    }
+    assert lock_of(report, "sarmitsuba") == (
+        f"h5py==1.2 --hash=sha256:{'b' * 64}\nNumPy==1.2 --hash=sha256:{'a' * 64}\n"
+    )
+    report["install"].append(entry("odd", hashes={"md5": "c" * 32}))
+    with pytest.raises(ReleaseError, match=r"odd 1.2: pip reports no SHA-256 hash"):
+        lock_of(report, "sarmitsuba")
 
 
 def test_the_readme_has_python_that_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

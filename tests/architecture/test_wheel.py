@@ -1,10 +1,13 @@
 """What is installed is complete: plugins, scenes with their meshes, type marker."""
 
+import json
 import re
 import subprocess
 import sys
 import zipfile
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +17,26 @@ pytest.importorskip("hatch_fancy_pypi_readme", reason="builds the wheel; in the 
 ROOT = Path(__file__).parents[2]
 
 
+def check_bill(bill: dict[str, Any], names: set[str], facts: str) -> None:
+    """The bill of materials holds every file of others that the wheel holds, with its hash, and every dependency."""
+    assert (
+        bill["bomFormat"] == "CycloneDX" and f"Version: {bill['metadata']['component']['version']}\n" in facts
+    )
+    works = [each for each in bill["components"] if "components" in each]
+    files = {file["name"]: file["hashes"][0]["content"] for each in works for file in each["components"]}
+    others = {
+        name for name in names if ("/vendor/" in name and name.endswith(".js")) or name.endswith(".csv.gz")
+    }
+    assert others and files == {name: sha256((ROOT / name).read_bytes()).hexdigest() for name in others}
+    assert all(each["licenses"] for each in works) and works[0]["version"]
+    needed = {
+        each["properties"][0]["value"] for each in bill["components"] if each.get("scope") == "required"
+    }
+    assert len(needed) == sum(
+        line.startswith("Requires-Dist: ") and "extra ==" not in line for line in facts.splitlines()
+    )
+
+
 def test_wheel_contains_plugins_and_scenes(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
@@ -21,7 +44,11 @@ def test_wheel_contains_plugins_and_scenes(tmp_path: Path) -> None:
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
+        (bill,) = (
+            archive.read(name) for name in names if name.endswith(".dist-info/sboms/sarmitsuba.cdx.json")
+        )
         (facts,) = (archive.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
+    check_bill(json.loads(bill), names, facts)
     for folder, inside in (("plugins", "_plugins"), ("scenes", "_scenes")):
         files = [
             p

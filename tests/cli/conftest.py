@@ -47,7 +47,7 @@ class FakeNeeds(Needs):
         return "expected: little"
 
 
-def fake_simulate(scene: Scene, *, progress: Any, ready: Any, **kept: Any) -> RawData:
+def fake_execute(scene: Scene, options: Any, *, progress: Any, ready: Any, **kept: Any) -> Any:
     needs = FakeNeeds("box", "raw", 1, (8, 8), 2, {"image": 1}, {"image": 1}, {"trace": 2.0, "focus": 1.0})
     plan = types.SimpleNamespace(summary=lambda: "max_depth 2")
     ready(types.SimpleNamespace(needs=lambda: needs, plan=plan, finished=None, scene=scene))
@@ -58,7 +58,8 @@ def fake_simulate(scene: Scene, *, progress: Any, ready: Any, **kept: Any) -> Ra
     layers = (Layer("VV", 1), Layer("VV", 2))
     data = rng.normal(size=(2, 4, 16)).astype(np.complex64)
     metadata = {"scene": scene.name, "plan": "max_depth 2", "method": scene.settings.method}
-    return RawData(data, layers, "compressed", scene.radar, metadata, scene.image)
+    raw = RawData(data, layers, "compressed", scene.radar, metadata, scene.image)
+    return types.SimpleNamespace(raw=raw, image=None, refinement=None)
 
 
 def fake_focus(raw: RawData, grid: Any = None, **options: Any) -> SarImage:
@@ -83,7 +84,7 @@ def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     backend = types.SimpleNamespace(variant="none")
     monkeypatch.setattr("sarmitsuba.backend.ensure_backend", lambda: backend)
     module("sarmitsuba.loader.load", load_scene=load_scene)
-    module("sarmitsuba.simulation.raw", simulate=fake_simulate)
+    monkeypatch.setattr("sarmitsuba.simulation.render.execute", fake_execute)
     monkeypatch.setattr("sarmitsuba.focusing.focus", fake_focus)
     return seen
 
@@ -98,9 +99,9 @@ def simulations(fake_stages: dict[str, Any], monkeypatch: pytest.MonkeyPatch) ->
     """Scenes that were simulated, one entry a run."""
     runs: list[Scene] = []
 
-    def simulate(scene: Scene, *, progress: Any, ready: Any, **kept: Any) -> RawData:
+    def execute(scene: Scene, options: Any, **how: Any) -> Any:
         runs.append(scene)
-        return fake_simulate(scene, progress=progress, ready=ready)
+        return fake_execute(scene, options, **how)
 
-    monkeypatch.setattr(sys.modules["sarmitsuba.simulation.raw"], "simulate", simulate)
+    monkeypatch.setattr("sarmitsuba.simulation.render.execute", execute)
     return runs

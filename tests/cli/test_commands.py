@@ -109,7 +109,7 @@ def test_errors_are_one_line(
     def fail(*_: Any, **__: Any) -> None:
         raise error
 
-    monkeypatch.setattr(sys.modules["sarmitsuba.simulation.raw"], "simulate", fail)
+    monkeypatch.setattr("sarmitsuba.simulation.render.execute", fail)
     out = tmp_path / "out"
     assert cli.main(["render", "box", "-o", str(out)]) == status
     assert capsys.readouterr().err.splitlines()[-1] == line
@@ -244,7 +244,8 @@ def test_interrupt_leaves_no_half_written_file(tmp_path: Path) -> None:
         def wait(*a, **k):
             print("working", flush=True)
             time.sleep(30)
-        sys.modules["sarmitsuba.simulation.raw"].simulate = wait
+        import sarmitsuba.simulation.render as renders
+        renders.execute = wait
         sys.exit(cli.main(["render", "box", "-o", {str(tmp_path / "out")!r}]))
     """
     process = subprocess.Popen(

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -134,3 +135,35 @@ def test_bad_input_is_one_line(
     error = capsys.readouterr().err
     assert status == 2 and said in error and error.count("error:") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_carrier_below_the_bandwidth_of_the_radar(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The bandwidth is no part of a cross section: 95 MHz beside 300 MHz."""
+    out = tmp_path / "out"
+    asked = ["--azimuth", "0:10:10", "--frequency", "95e6", "--no-image", "--pol", "VV"]
+    assert main(["rcs", "plate", "-o", str(out), *asked]) == 0
+    assert np.isfinite(table(out)["VV_dbsm"]).all() and "error:" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_a_ball_of_facets_is_stated_or_fitted(tmp_path: Path, smooth: bool) -> None:
+    """A ball of 320 facets whose sagitta is a fifth of a wavelength."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.25)
+    ball.export(tmp_path / "ball.stl")
+    asked = ["--azimuth", "0:180:15", "--frequency", "20e9", "--no-image", "--pol", "VV", "--material", "pec"]
+    out = tmp_path / "out"
+    said = "smooth surface is fitted" if smooth else "facets of round metal"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        extra = ["--smooth"] if smooth else []
+        assert main(["rcs", str(tmp_path / "ball.stl"), "-o", str(out), *asked, *extra]) == 0
+    record = json.loads((out / "parameters.json").read_text())
+    assert any(said in text for text in record["notes"] + record["warnings"])
+    exact = 10.0 * np.log10(np.pi * 0.25**2)
+    true = float(np.sqrt(np.mean(np.square(table(out)["VV_dbsm"] - exact))))
+    stated = record["error"]["total_db"]["VV"]
+    # tol: both are of few directions, and what facets are off is measured at others
+    assert true < stated + 1.0
+    assert true < 0.5 if smooth else true > 2.0

@@ -21,7 +21,7 @@ import drjit as dr
 from sarmitsuba.echo.chirp import to_chirped
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.render import render
 
 warnings.simplefilter("ignore")

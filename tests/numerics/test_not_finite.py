@@ -15,8 +15,8 @@ from sarmitsuba.finite import all_finite
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.validation import targets
 from tests.support.unweighted import focus, render

@@ -17,10 +17,11 @@ from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.page.localise import on_plane
-from sarmitsuba.page.quantised_profiles import page_grid
+from sarmitsuba.page.quantised_profiles import page_grid, sample_beam
 from sarmitsuba.page.side_lobes import side_lobes
 from sarmitsuba.page.write import Packer
 from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.pattern import PATTERNS, Pattern
 
 WEB = Path(sarmitsuba.page.__file__).parent / "web"
 Node = Callable[..., Any]
@@ -437,8 +438,34 @@ def test_the_aperture_that_is_left(in_node: Node) -> None:
     )
 
 
-@pytest.mark.parametrize("pattern", ["gaussian", "rectangular"])
-def test_the_beam_is_ours(pattern: str, in_node: Node) -> None:
+class Cosine(Pattern):
+    """Aperture with a cosine taper: a product of cuts."""
+
+    name, doc, half_power_sine = "cosine", "cosine taper", 0.594482390
+
+    def gain(self, sin_azimuth: Any, sin_elevation: Any, numbers: Any, xp: Any = np) -> Any:
+        u, v = (
+            self.half_power_sine * s * n for s, n in zip((sin_azimuth, sin_elevation), numbers, strict=True)
+        )
+        return np.prod(
+            [(np.cos(np.pi * w) / (1.0 - np.minimum(4.0 * w * w, 1e9) + 1e-12)) ** 2 for w in (u, v)], axis=0
+        )
+
+
+class Round(Pattern):
+    """Lobe that is no product of cuts."""
+
+    name, doc = "round", "round lobe"
+
+    def gain(self, sin_azimuth: Any, sin_elevation: Any, numbers: Any, xp: Any = np) -> Any:
+        square = (sin_azimuth * numbers[0]) ** 2 + (sin_elevation * numbers[1]) ** 2
+        return np.maximum(1.0 - 0.5 * square, 0.0)
+
+
+@pytest.mark.parametrize("pattern", ["gaussian", "rectangular", "cosine", "round"])
+def test_the_beam_is_ours(pattern: str, in_node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    for entry in (Cosine(), Round()):
+        monkeypatch.setitem(PATTERNS._entries, entry.name, entry)
     rng = np.random.default_rng(8)
     axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     antenna = Antenna(pattern=pattern, azimuth_beamwidth=0.2, elevation_beamwidth=0.5)
@@ -454,14 +481,19 @@ def test_the_beam_is_ours(pattern: str, in_node: Node) -> None:
         "azimuthAxis": axes[1].tolist(),
         "elevationAxis": axes[2].tolist(),
     }
+    if pattern in ("cosine", "round"):
+        beam |= {"pattern": "sampled"}
+        beam |= {name.partition(".")[2]: array.tolist() for name, array in sample_beam(antenna).items()}
+        assert ("gain" in beam) == (pattern == "round")
     script = """
     const { beamGain } = await import("sarmitsuba/aperture.js");
     return rays.map((ray) => beamGain(beam, 0, ...ray));
     """
     got = in_node(script, beam=beam, rays=ray.tolist())
     want = antenna.two_way_amplitude(ray @ axes[1], ray @ axes[2]) * (ray @ axes[0] > 0.0)
-    np.testing.assert_allclose(got, want, rtol=0, atol=1e-7)  # tol: digits of the half-power point of a sinc
-    assert got[-2:] == [1, 0]
+    # tol: digits of the half-power point of a sinc; linear between 257 nodes of a plane, whose lobe ends in a kink
+    np.testing.assert_allclose(got, want, rtol=0, atol={"cosine": 1e-5, "round": 2e-2}.get(pattern, 1e-7))
+    assert got[-2:] == pytest.approx([1, 0], abs=1e-12)
 
 
 def test_samples_between_bins_are_those_of_the_band(in_node: Node) -> None:

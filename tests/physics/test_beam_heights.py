@@ -14,7 +14,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

@@ -17,7 +17,7 @@ from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.path_table import KINDS, trace_paths
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import bandwidth, make_scene
 from tests.support.draws import few_of

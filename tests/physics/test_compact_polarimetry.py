@@ -16,8 +16,8 @@ from sarmitsuba.radar.polarisation import COMPACT, LINEAR, isotropic_response
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.validation.chain import Parameter, make_scene
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
 from tests.support.unweighted import render

@@ -20,7 +20,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.wires import WireTarget
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.sampling.launch_window import launch_windows
 from tests.support.draws import few_of

@@ -7,7 +7,7 @@ import pytest
 
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.units import db_from_power
 
 SCENE = """<scene version="3.0.0">

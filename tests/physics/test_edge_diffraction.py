@@ -1,6 +1,7 @@
 """Fringe currents of metal edges: coefficients in float32, levels of plates, what is seen of them, reciprocity."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ import trimesh
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, load_scene, simulate, theory
 from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
@@ -562,3 +564,19 @@ def test_nothing_jumps_where_a_wave_grazes_two_opposite_faces(seed: int) -> None
     # tol: 46 steps of the passage, and an edge is at most twice the sum
     assert step.max() < 0.06
     assert np.abs(edges[0] - edges[-1]).max() < 0.02 * np.abs(edges).max()
+
+
+def test_rough_metal_loses_its_edges_waves_as_its_faces() -> None:
+    """Rms height of 0.15 wavelengths, 20 to 50 degrees off the normal: both by the coherent loss of a face."""
+    shape = targets.geometry([targets.parallelogram([0, -3, -2.0], [0, 6, 0], [0, 0, 4.0])])
+    rough = tuple(replace(material, rms_height=0.15) for material in targets.PEC)
+    looks = targets.from_azimuth(np.radians([20.0, 35.0, 50.0]))
+    levels = []
+    for materials in (targets.PEC, rough):
+        edges = PointSource(FringeCurrents(edges_of(shape, materials, 1.0)))
+        found = monostatic_rcs(shape, materials, looks, SPEED_OF_LIGHT, sources=(edges,))
+        levels.append(np.stack([found.rcs_dbsm(channel) for channel in ("HH", "VV")]))
+    loss = -2.0 * np.square(2.0 * np.pi * 0.15 * looks[:, 0]) * 20.0 / np.log(10.0)
+    assert loss[1] == pytest.approx(-10.4, abs=0.1)
+    # tol: single precision of amplitudes
+    assert levels[1] - levels[0] == pytest.approx(np.stack([loss, loss]), abs=1e-3)

@@ -10,8 +10,8 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import facets
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import focus
 
 LOOK, WIDTH, DEPTH = 40.0, 2.0, 40.0

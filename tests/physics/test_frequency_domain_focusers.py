@@ -215,12 +215,14 @@ def test_approximate_omega_k_is_chirp_scaling_without_scaling() -> None:
     assert image_error_db(scaled, one) > -30.0
 
 
+@pytest.mark.filterwarnings("ignore:focus. the image of:sarmitsuba.errors.SarmitsubaWarning")
 def test_the_reference_function_alone_focuses_at_the_reference_range_only() -> None:
     at, off = (chip_error_db("omega_k,stolt=off", *echoes_at(0.05, away)) for away in (0.0, 40.0))
     assert at < -20.0  # tol: the range side lobes are off the reference range
     assert off > -10.0
 
 
+@pytest.mark.filterwarnings("ignore:focus. the image of:sarmitsuba.errors.SarmitsubaWarning")
 def test_each_switch_of_range_doppler_costs_what_it_leaves() -> None:
     raw, grid, point = echoes_at(0.12, 0.0)
     full = chip_error_db("range_doppler", raw, grid, point)

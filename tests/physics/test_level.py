@@ -17,7 +17,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
 from sarmitsuba.simulation.image import Imager
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from tests.support.unweighted import focus
 

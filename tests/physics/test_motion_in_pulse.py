@@ -24,7 +24,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import bandwidth, make_scene
 from tests.support.draws import few_of

@@ -13,7 +13,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.draws import few_of
 from tests.support.unweighted import render
 

@@ -17,7 +17,7 @@ from sarmitsuba.mesh.tessellate import cube
 from sarmitsuba.radar.description import FilmDescription, RadarDescription
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.validation.chain import bandwidth, chain, make_scene
 from tests.support.unweighted import focus
 

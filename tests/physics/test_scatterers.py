@@ -17,7 +17,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pulses import AntennaStates
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.density_plan import CELLS_PER_RESOLUTION
 from sarmitsuba.trace.source import Launch, launches

@@ -10,7 +10,7 @@ from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import focus
 
 SPEED_OF_LIGHT = 299_792_458.0

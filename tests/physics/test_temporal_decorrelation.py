@@ -17,8 +17,8 @@ from sarmitsuba.mesh.tessellate import cube
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.trace.speckle import gaussian, mix
 from sarmitsuba.trace.temporal import Age
 from sarmitsuba.validation import targets

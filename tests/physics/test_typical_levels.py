@@ -17,7 +17,7 @@ YARD = """<scene version="3.0.0">
       <float name="image_extent_azimuth" value="60"/><float name="image_extent_range" value="60"/></film>
   </sensor>
   <bsdf type="radar_material" id="ground"><string name="material" value="$ground"/></bsdf>
-  <bsdf type="radar_material" id="wall"><string name="material" value="Ziegelmauer"/></bsdf>
+  <bsdf type="radar_material" id="wall"><string name="material" value="Backstein"/></bsdf>
   <bsdf type="radar_material" id="silo"><string name="material" value="steel"/></bsdf>
   <shape type="rectangle"><transform name="to_world"><scale x="45" y="45"/></transform><ref id="ground"/></shape>
   <shape type="cube"><transform name="to_world"><scale x="3" y="5" z="2"/><translate z="2"/></transform>

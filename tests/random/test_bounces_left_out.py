@@ -12,7 +12,7 @@ from sarmitsuba.arrays import C64
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import examine
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import focus
 
 DEEP = 6

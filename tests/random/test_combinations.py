@@ -9,7 +9,7 @@ import pytest
 
 from sarmitsuba.focusing import FOCUSERS
 from sarmitsuba.radar.mode import MODES
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import focus
 
 # the draw of each mode that is quick: of few pulses, 0 where the mode is new

@@ -21,7 +21,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.path_table import POINT
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from tests.support.unweighted import focus
 

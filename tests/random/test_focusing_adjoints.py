@@ -154,7 +154,11 @@ def test_adjoint_of_every_focuser_and_mode(mode: str) -> None:
                 continue
             served.add(name)
             image = check_adjoint(operator, raw, rng)
-            expected = focus(raw, grid, focuser=operator.focuser, **options).data
+            try:
+                expected = focus(raw, grid, focuser=operator.focuser, **options).data
+            except DataError as error:  # a wide bound lets forms through that blur this image
+                assert "bound" in name + BOUNDS and "it is of no use" in str(error)
+                continue
             assert operator.image_shape == expected.shape
             assert np.array_equal(image, expected.ravel()), name
     # own apertures and a common one exclude some, the frequency domain takes no bent track

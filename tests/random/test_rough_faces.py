@@ -12,7 +12,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import focus
 
 F64 = NDArray[np.float64]

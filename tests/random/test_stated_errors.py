@@ -58,6 +58,9 @@ def test_focusers_state_no_less_than_their_error(
         ("block_model", 3),
         pytest.param("block_model", 8, marks=pytest.mark.slow),
         *(pytest.param(t, n, marks=pytest.mark.slow) for t in TOPICS for n in (0, 6)),
+        # frequencies, ranges, pulses a wavelength and platforms far outside of what the laws were fitted on
+        *(pytest.param("wide", n, marks=pytest.mark.slow) for n in range(12)),
+        *(pytest.param("wide_effects", n, marks=pytest.mark.slow) for n in range(4)),
         # two block boundaries that happen to change little
         pytest.param("blocks", 18, marks=pytest.mark.slow),
     ],

@@ -22,7 +22,7 @@ from sarmitsuba.gradients.measured_looks import looks_of
 from sarmitsuba.gradients.parsing import parse
 from tests.support.buildings import drawn_town, town
 from tests.support.draws import few_of
-from tests.support.fit_draws import OTHER, OWN, SPECKLE, FitDraw, other_scene
+from tests.support.fit_draws import OTHER, OWN, SPECKLE, FitDraw, other_scene, outside
 from tests.support.fits import fields, noisy
 
 pytestmark = [
@@ -141,7 +141,7 @@ def test_a_fit_never_ends_worse_than_its_start(monkeypatch: pytest.MonkeyPatch) 
         return start + 0.4, np.full(len(start), 0.1)
 
     monkeypatch.setattr("sarmitsuba.gradients.fit.coarse_shapes", astray)
-    monkeypatch.setattr("sarmitsuba.gradients.fit.rival_cycles", lambda looks, values: [])
+    monkeypatch.setattr("sarmitsuba.gradients.fit.rival_cycles", lambda looks, values, known: [])
     monkeypatch.setattr(
         "sarmitsuba.gradients.fit.checked_offsets", lambda looks, values: (values, 0.0 * values)
     )
@@ -193,3 +193,41 @@ def test_sigma_of_an_rms_height_holds_where_its_mirror_vanishes(rms_height: floa
     assert np.isfinite(found.sigma[0]) == (rms_height < 0.006)
     if rms_height < 0.006:
         assert found.sigma[0] == pytest.approx(found.bound[0], rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("snr_db", [10.0, 20.0])
+@pytest.mark.parametrize("cycles", [-1, 1, 2])
+def test_cycles_beside_the_one_found_are_tried_whatever_envelopes_say(
+    cycles: int, snr_db: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fit that begins at a cycle beside the right one, with envelopes that say that it is in place."""
+    scene = town(61, np.array([7.0]), 0)
+    radar = scene.radar
+    towards = radar.track.center_position / np.linalg.norm(radar.track.center_position)
+    place = cycles * 0.5 * radar.waveform.wavelength * towards[:2] / np.sum(towards[:2] ** 2)
+    truth = place + np.array([0.003, 0.010])  # a part of a cycle along both axes
+    parameters = "shift:building0:x,shift:building0:y"
+    model = ForwardModel(scene, parameters_of(parameters, scene))
+    raw, _ = noisy(model.raw(model.data(truth)), snr_db, 61)
+    still = {
+        "fit.coarse_shapes": lambda looks, start, passed: (start, 0.0 * start),
+        "fit.checked_offsets": lambda looks, values: (values, 0.0 * values),
+        "fit.other_cycles": lambda looks, values: values,
+        "rival_cycles.solutions": lambda rows, moved: ([np.zeros(len(moved))], np.zeros(len(moved))),
+    }
+    for name, function in still.items():
+        monkeypatch.setattr(f"sarmitsuba.gradients.{name}", function)
+    found = fit(scene, raw, parameters)
+    right = bool((np.abs(found.values - truth) < 4.0 * found.sigma).all())
+    assert right or (found.confirmed < CONFIRMED).all(), found.table()
+    assert right, found.table()
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(n, marks=() if n in (9002, 9006) else pytest.mark.slow) for n in range(9000, 9040)]
+)
+def test_fits_outside_of_what_they_were_made_for_are_right_or_not_confirmed(seed: int) -> None:
+    """VHF to Ka band, orbit to drone, 0 to 30 dB, other looks, buildings that the model lacks or has too many."""
+    ended = outside(seed).ended()
+    assert ended.how != "WRONG", ended

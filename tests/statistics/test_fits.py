@@ -6,17 +6,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sarmitsuba import Prior, fit
-from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba import Prior, fit, simulate
+from sarmitsuba.errors import DataError, SarmitsubaWarning, SceneError
 from sarmitsuba.focusing.autofocus import correct_ranges
 from sarmitsuba.gradients.coarse_track import range_errors
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.least_squares import checked_iterations, known_priors
 from sarmitsuba.gradients.material_parameters import with_material
+from sarmitsuba.gradients.measured_looks import radar_differences
 from sarmitsuba.gradients.parsing import parse
-from tests.support.fits import fields, fitted_levels, fitted_track, range_error
+from sarmitsuba.gradients.radar_parameters import AntennaTrack
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.witness import Witness
+from tests.support.fits import fields, fitted_levels, fitted_track, noisy, range_error
 
 OFFSETS = np.array([1.5, -2.0, 0.7])
+# of radars whose tracks do not follow what stands in the scene
+FIXED = {"aim_x": 0.0, "aim_y": 0.0, "aim_z": 0.0, "prf": 100.0}
 
 
 def test_levels_are_found_within_their_sigma() -> None:
@@ -75,8 +81,9 @@ def test_the_jacobian_is_kept_while_the_data_follow_it(
         ForwardModel, "derivative", lambda *given, **more: calls.append(1) or own(*given, **more)
     )
     found = fit(scene, data, "gain")
-    # 0.05 dB bend the data by 0.3 % of their change, 3 dB by 15 %, and the next step by less than 3 %
-    assert len(calls) <= computed and found.converged
+    # 0.05 dB bend the data by 0.3 % of their change, 3 dB by 15 %, and the next step by less than 3 %; one more at the
+    # end, for sigma and the witness
+    assert len(calls) <= computed + 1 and found.converged
     # tol: float32 data
     assert found.values[0] == pytest.approx(off_db, abs=1e-5)
 
@@ -112,27 +119,122 @@ def test_receive_windows_are_those_of_the_data() -> None:
     assert found.residual.data.shape == data.data.shape and found.unexplained < 1e-9
 
 
-def test_data_of_another_radar_are_refused() -> None:
+def test_data_that_do_not_match_their_radar_or_the_scene_are_refused() -> None:
     scene = fields(3, 1, 8)
     model = ForwardModel(scene, parse("gain", scene))
     data = model.raw(model.data())
     shorter = replace(data, data=data.data[:, :, 1:])
-    with pytest.raises(DataError, match="give the scene the radar of the data"):
+    with pytest.raises(DataError, match="give raw data with the radar that recorded them"):
         fit(scene, shorter, "gain")
     with pytest.raises(DataError, match="takes range-compressed ones"):
         fit(scene, replace(data, domain="chirped"), "gain")
     own = data.radar.window
     late = replace(own, start_range=own.start_range + own.extent)
-    with pytest.raises(DataError, match=r"holds none of its echoes"):
+    with pytest.raises(DataError, match=r"holds none of the scene's echoes"):
         fit(scene, replace(data, radar=replace(data.radar, window=late)), "gain")
-    finer = replace(own, sample_spacing=0.9 * own.sample_spacing, start_range=own.start_range + 0.1)
-    with pytest.raises(DataError, match=r"samples of raw data and scene are .* m apart"):
-        fit(scene, replace(data, radar=replace(data.radar, window=finer)), "gain")
+    few = replace(data, radar=data.radar.of_pulses(slice(0, 4)), data=data.data[:, :4])
+    with pytest.raises(DataError, match="raw data of 4 pulses, and a radar to be fitted of 8"):
+        fit(scene, few, "track:1")
     lower = replace(data.radar.waveform, center_frequency=9.0e9)
     with pytest.raises(DataError, match=r"centre frequencies of raw data and scene are 9 and 9\.65 GHz"):
         fit(scene, replace(data, radar=replace(data.radar, waveform=lower)), "gain")
     with pytest.raises(DataError, match="not ndarray"):
         fit(scene, data.data, "gain")  # type: ignore[arg-type]
+
+
+def test_data_of_another_look_are_fitted_with_their_radar_and_a_warning_says_so() -> None:
+    scene = fields(3, 1, 8)
+    other = fields(3, 1, 8, look_angle_deg=48.0, bandwidth=120e6)
+    truth = ForwardModel(other, parse("levels", other))
+    data = truth.raw(truth.data(truth.start + 1.5))
+    with pytest.warns(
+        SarmitsubaWarning, match=r"look angle .* and 48 deg.*bandwidth 150 and 120 MHz"
+    ) as said:
+        found = fit(scene, data, "levels")
+    assert len(said) == 1
+    # tol: float32 data
+    assert found.values == pytest.approx(truth.start + 1.5, abs=1e-4)
+    assert radar_differences(scene.radar, scene.radar) == []
+
+
+@pytest.mark.parametrize("change", ["track", "power", "side", "pattern", "pulses", "receiver"])
+def test_radars_that_differ_are_told_apart(change: str) -> None:
+    radar = fields(3, 1, 8).radar
+    moved = radar.displaced(np.array([0.0, 0.0, 1e-3]))
+    found = {
+        "track": radar_differences(radar, moved),
+        "power": radar_differences(radar, replace(radar, transmit_power=2.0 * radar.transmit_power)),
+        "side": radar_differences(radar, replace(radar, look_side="left")),
+        "pattern": radar_differences(radar, replace(radar, antenna=Antenna("gaussian", 1.0, 0.1, 0.1))),
+        "pulses": radar_differences(radar, radar.of_pulses(slice(0, 6))),
+        "receiver": radar_differences(radar, replace(radar, receiver=radar.track)),
+    }[change]
+    assert found and any(change in one for one in found)
+    if change == "track":
+        assert radar_differences(radar, moved, {"track"}) == []
+
+
+def test_ray_sets_spacings_and_seed_are_those_of_the_data() -> None:
+    """Data of two ray sets, of other rays and another seed than the scene's, as `render` writes them."""
+    scene = fields(3, 1, 8)
+    own = replace(scene.settings, keep_subsets=True, seed=7, diffuse_ray_spacing=0.3)
+    data = simulate(replace(scene, settings=own))
+    start = with_material(scene, "field0", diffuse_level_db=-20.0)
+    found = fit(start, data, "levels")
+    truth = [m.diffuse_level_db for m in scene.materials]
+    # tol: float32 data
+    assert found.values == pytest.approx(truth, abs=1e-3) and found.unexplained < 1e-6
+    assert found.scene.settings.seed == 7 and found.residual.data.shape[0] == 1
+
+
+def test_what_the_model_lacks_is_in_sigma_and_in_chi_squared() -> None:
+    """A box in the data that the model lacks: the level of the field below is off, and within its sigma."""
+    off = {}
+    for seed in range(1, 5):
+        full = fields(seed, 1, 16, **FIXED)
+        model = ForwardModel(full, parse("level:field0", full))
+        data, temperature = noisy(model.raw(model.data()), 20.0, seed)
+        bare = fields(seed, 1, 16, box=False, **FIXED)
+        found = fit(bare, data, "level:field0")
+        assert temperature > 0.0 and found.chi_squared[0] > 2.0 and "times the noise" in found.table()
+        assert found.sigma[0] > 3.0 * found.bound[0]
+        off[seed] = (found.values[0] - model.start[0]) / found.sigma[0]
+        own = fit(full, data, "level:field0")
+        # the noise's power has a standard error of 3 %
+        assert own.chi_squared[0] == pytest.approx(1.0, abs=0.15) and own.sigma == pytest.approx(
+            own.bound, rel=0.15
+        )
+    assert max(map(abs, off.values())) < 4.0, off
+
+
+def test_a_missing_box_shows_where_no_noise_is_stated() -> None:
+    full, bare = fields(2, 1, 16, **FIXED), fields(2, 1, 16, box=False, **FIXED)
+    data = simulate(full)
+    found = fit(bare, data, "level:field0")
+    assert data.radar.noise_temperature == 0.0 and found.chi_squared[0] > 2.0
+
+
+def test_a_fit_says_how_exact_its_derivatives_were() -> None:
+    _, (found,) = fitted_levels(fields(1, 2, 8), OFFSETS, 20.0, range(1))
+    (witness,) = found.witnesses.values()
+    # the bend of a change of 5 % over the difference
+    assert witness.error_db < -40.0 and not witness.contradicts and "measured here" in found.table()
+    told = found.as_dict()["witnesses"]["level"]  # type: ignore[index]
+    assert Witness.read(told) is not None and found.as_dict()["chi_squared"][0] == pytest.approx(1.0, abs=0.2)  # type: ignore[index]
+
+
+def test_derivatives_that_are_wrong_are_not_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when a displaced track was followed at transmission alone: half of what the derivatives say."""
+    scene = fields(3, 1, 8)
+    model = ForwardModel(scene, parse("track:1:z", scene))
+    data = model.raw(model.data(np.array([2e-3])))
+    own = AntennaTrack.changed
+    monkeypatch.setattr(AntennaTrack, "changed", lambda self, scene, values: own(self, scene, 0.5 * values))
+    with pytest.warns(SarmitsubaWarning, match="derivatives by track are off by"):
+        found = fit(scene, data, "track:1:z")
+    # tol: truncation of the difference
+    assert found.witnesses["track"].error_db == pytest.approx(0.0, abs=0.3)
+    assert found.confirmed[0] == 0.0 and "not confirmed" in found.table()
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,15 @@ def names(count: int) -> list[str]:
     return [f"building{k}" for k in range(count)]
 
 
-def town(seed: int, heights: F64, look: int, speckle: int = 0, **radar: object) -> Scene:
+def town(
+    seed: int,
+    heights: F64,
+    look: int,
+    speckle: int = 0,
+    left_out: Sequence[str] = (),
+    ray_spacing: float = 0.0,
+    **radar: object,
+) -> Scene:
     """Boxes of rough concrete and rough metal on plots of rough soil, as one look sees them.
 
     Parameters
@@ -55,7 +63,9 @@ def town(seed: int, heights: F64, look: int, speckle: int = 0, **radar: object) 
     heights : of the buildings, m
     look : number of the look
     speckle : seed of the diffuse scatterers
-    radar : values in place of the look's
+    left_out : names of buildings that are not there
+    ray_spacing : m, of all rays; 0: automatic
+    radar : values in place of the look's; None: none
     """
     rng, count = np.random.default_rng([seed, 0xB0]), len(heights)
     columns = int(np.ceil(np.sqrt(count)))
@@ -73,6 +83,7 @@ def town(seed: int, heights: F64, look: int, speckle: int = 0, **radar: object) 
         box = building(rng, PLOT * plot + rng.uniform(-1.5, 1.5, 2), float(heights[k]))
         meshes.append(SceneMesh(*box, walls[int(rng.uniform() < 0.4)], name))
     wide, deep = 0.5 * PLOT * columns + MARGIN, 0.5 * PLOT * rows + MARGIN
+    meshes = [mesh for mesh in meshes if mesh.name not in left_out]
     flat = np.array([[-wide, -deep, 0.0], [wide, -deep, 0.0], [wide, deep, 0.0], [-wide, deep, 0.0]])
     meshes.append(SceneMesh(flat, np.array([[0, 1, 2], [0, 2, 3]]), soil, "ground"))
     heading, look_angle = LOOKS[look]
@@ -94,10 +105,11 @@ def town(seed: int, heights: F64, look: int, speckle: int = 0, **radar: object) 
         warnings.simplefilter("ignore")
         return build_scene(
             meshes,
-            radar=RadarDescription(**(given | radar)),  # type: ignore[arg-type]
+            radar=RadarDescription(**{k: v for k, v in (given | radar).items() if v is not None}),  # type: ignore[arg-type]
             film=FilmDescription(image_extent_azimuth=extent, image_extent_range=extent),
             settings=TraceSettings(
                 method="hybrid",
+                ray_spacing=ray_spacing,
                 gridding_width=6,
                 max_depth=2,
                 seed=speckle,
@@ -147,7 +159,10 @@ def drawn_town(
         scene, real = town(seed, heights, look), town(seed, heights, look, speckle)
         model = ForwardModel(real, parameters_of(parameters, real))
         truth = model.start + offsets
-        noise, temperature = noisy(model.raw(model.data(truth)), snr_db, 100 * seed + look)
+        raw = model.raw(model.data(truth))
+        # real data have no record of their scatterers
+        raw = replace(raw, metadata={}) if speckle else raw
+        noise, temperature = noisy(raw, snr_db, 100 * seed + look)
         scenes.append(replace(scene, radar=replace(scene.radar, noise_temperature=temperature)))
         data.append(noise)
     return Drawn(tuple(scenes), tuple(data), parameters, truth)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,7 +11,8 @@ import numpy as np
 
 from sarmitsuba import Fit, Prior, RawData, Scene, fit
 from sarmitsuba.arrays import F64
-from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.gradients.confirmation import CONFIRMED
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.jacobian import parameters_of
@@ -41,6 +43,45 @@ AMPLITUDES = ("", "gain", "levels")
 WITHIN = 4.0
 # where the data are from: the model's scatterers, others on the same building, another building
 OWN, SPECKLE, OTHER = "own", "speckle", "other"
+# the model's scatterers under another radar than the scene's, or beside a building that one of the two lacks
+LOOK, MISSING, EXTRA = "look", "missing", "extra"
+# of which the true values are known
+KNOWN = (OWN, LOOK, MISSING, EXTRA)
+# centre frequency and bandwidth, Hz, from VHF to Ka band
+BANDS = {
+    "VHF": (150e6, 50e6),
+    "P": (435e6, 100e6),
+    "L": (1.3e9, 150e6),
+    "C": (5.4e9, 200e6),
+    "X": (9.65e9, 200e6),
+    "Ku": (17e9, 300e6),
+    "Ka": (35e9, 300e6),
+}
+# ray spacing for flat walls from VHF to Ka band, m: a tube is a phase integral over its facet
+RAYS = 0.3
+# what carries the radar
+PLATFORMS: dict[str, dict[str, Any]] = {
+    "orbit": {"slant_range": None, "look_angle_deg": None, "heading_deg": None, "orbit_altitude": 600e3},
+    "air": {"slant_range": 5000.0},
+    "drone": {"slant_range": 400.0, "speed": 10.0},
+    "bistatic": {"slant_range": 5000.0, "receiver_offset_across": 300.0},
+}
+OUTSIDE = (
+    "shift:@:x",
+    "shift:@:y",
+    "shift:@:x,shift:@:y",
+    "shift:@:z",
+    "height:@",
+    "rotation:@",
+    "levels",
+    "level:soil",
+    "level:*",
+    "permittivity:soil",
+    "gain",
+    "track:1:z",
+    "track:2:x",
+    "clock_offset",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +94,7 @@ class FitDraw:
     parameters, by, priors : of the fit
     scenes, data : of every look; scenes with wrong values
     truth : (n,) values of the data
-    source : of the data, ``OWN``, ``SPECKLE`` or ``OTHER``
+    source : of the data, one of ``KNOWN``, ``SPECKLE`` or ``OTHER``
     snr_db : mean signal over noise
     told : looks, channels and mode, as text
     """
@@ -72,14 +113,16 @@ class FitDraw:
     def ended(self) -> Ended:
         """Fit, and say how it ended."""
         try:
-            found: Fit = fit(self.scenes, self.data, self.parameters, by=self.by, priors=self.priors)
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", ".*radars of scene and raw data differ", SarmitsubaWarning)
+                found: Fit = fit(self.scenes, self.data, self.parameters, by=self.by, priors=self.priors)
         except SarmitsubaError as error:
             return Ended("refused", np.nan, np.nan, str(error))
         off_by = np.abs(found.values - self.truth) / found.sigma
-        worst = float(np.max(off_by)) if self.source == OWN else np.nan
+        worst = float(np.max(off_by)) if self.source in KNOWN else np.nan
         least = float(np.nanmin(found.confirmed)) if np.isfinite(found.confirmed).any() else np.nan
         sure = not least < CONFIRMED and found.converged
-        right = self.source == OWN and worst < WITHIN
+        right = self.source in KNOWN and worst < WITHIN
         off = [f"{n} {e:.2g}" for n, e in zip(found.names, found.values - self.truth, strict=True)]
         finite = bool(np.isfinite(found.sigma).all())
         said = not sure or not finite
@@ -148,6 +191,44 @@ def place(seed: int) -> FitDraw:
     return _drawn(seed, rng, ["height:@", "shift:@:x", "shift:@:y"], 2, snr_db=20.0, source=OWN)
 
 
+def outside(seed: int) -> FitDraw:
+    """Bands, platforms and noise outside of what fits were made for, and models with a building more or less."""
+    rng = np.random.default_rng([seed, 0xF5])
+    band, platform = str(rng.choice(list(BANDS))), str(rng.choice(list(PLATFORMS), p=[0.3, 0.4, 0.25, 0.05]))
+    source = str(rng.choice(KNOWN, p=[0.55, 0.15, 0.15, 0.15]))
+    parameters, snr_db = str(rng.choice(OUTSIDE)), float(rng.uniform(0.0, 30.0))
+    frequency, bandwidth = BANDS[band]
+    angle = float(rng.uniform(28.0, 45.0))
+    radar: dict[str, Any] = {
+        "center_frequency": frequency,
+        "bandwidth": bandwidth,
+        "azimuth_resolution": max(1.0, SPEED_OF_LIGHT / frequency),
+        "look_angle_deg": angle,
+        "heading_deg": float(rng.uniform(0.0, 360.0)),
+        **PLATFORMS[platform],
+    }
+    if platform == "orbit":
+        radar["incidence_angle_deg"] = angle
+    told = dict(radar)
+    if source == LOOK:
+        told["incidence_angle_deg" if platform == "orbit" else "look_angle_deg"] = angle + 8.0
+    heights = rng.uniform(5.0, 10.0, 2)
+    rest = {MISSING: (("building1",), ()), EXTRA: ((), ("building1",))}
+    lacks, real_lacks = rest.get(source, ((), ()))
+    scene = town(seed, heights, 0, left_out=lacks, ray_spacing=RAYS, **told)
+    real = town(seed, heights, 0, left_out=real_lacks, ray_spacing=RAYS, **radar)
+    wall = next(m.name for m in scene.materials if m.name != "soil")
+    parameters = parameters.replace("@", "building0").replace("*", wall)
+    model = ForwardModel(real, parameters_of(parameters, real))
+    scale = np.array([OFF[name.replace(":", " ").split(" ")[0]] for name in model.names])
+    truth = model.start + rng.uniform(-1.0, 1.0, len(scale)) * scale
+    data, temperature = noisy(model.raw(model.data(truth)), snr_db, seed)
+    scene = replace(scene, radar=replace(scene.radar, noise_temperature=temperature))
+    return FitDraw(
+        seed, parameters, "complex", {}, (scene,), (data,), truth, source, snr_db, f"{band} {platform}"
+    )
+
+
 def _drawn(
     seed: int,
     rng: np.random.Generator,
@@ -186,7 +267,10 @@ def _drawn(
             scale = np.array([OFF[name.replace(":", " ").split(" ")[0]] for name in names])
             offsets = wide * rng.uniform(-1.0, 1.0, len(names)) * scale
             truth = model.start + offsets
-        noise, temperature = noisy(model.raw(model.data(truth)), snr_db, 100 * seed + look)
+        raw = model.raw(model.data(truth))
+        # real data have no record of their scatterers
+        raw = raw if source == OWN else replace(raw, metadata={})
+        noise, temperature = noisy(raw, snr_db, 100 * seed + look)
         scenes.append(replace(scene, radar=replace(scene.radar, noise_temperature=temperature)))
         data.append(noise)
     known = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -23,14 +24,17 @@ from sarmitsuba.constants import BOLTZMANN
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.gradients.forward_model import ForwardModel
 from sarmitsuba.gradients.parsing import parse
-from tests.support.differences import box
+from tests.support.differences import box as drawn_box
 
 # pulses of a block: short ones, within which directions do not change
 BLOCK = 8
 
 
-def fields(seed: int, materials: int, pulses: int) -> Scene:
-    """Fields of rough materials side by side, with a rough box, under a radar without noise."""
+def fields(seed: int, materials: int, pulses: int, *, box: bool = True, **radar: Any) -> Scene:
+    """Fields of rough materials side by side, with a rough box, under a radar without noise.
+
+    ``box`` : whether it is there; ``radar`` : values in place of the drawn ones
+    """
     rng = np.random.default_rng([seed, 0xF17])
     levels = rng.uniform(-18.0, -6.0, materials + 1)
     edges = np.linspace(-12.0, 12.0, materials + 1)
@@ -46,17 +50,18 @@ def fields(seed: int, materials: int, pulses: int) -> Scene:
         corners = np.array([[west, -12.0, 0.0], [east, -12.0, 0.0], [east, 12.0, 0.0], [west, 12.0, 0.0]])
         triangles = np.array([[0, 1, 2], [0, 2, 3]])
         meshes.append(SceneMesh(corners, triangles, rough(f"field{i}", float(levels[i])), f"field{i}"))
-    meshes.append(SceneMesh(*box(rng, float(rng.uniform(0.0, 3.0))), rough("wall", float(levels[-1])), "box"))
+    wall = SceneMesh(*drawn_box(rng, float(rng.uniform(0.0, 3.0))), rough("wall", float(levels[-1])), "box")
+    given = {
+        "slant_range": 3000.0,
+        "look_angle_deg": float(rng.uniform(30.0, 50.0)),
+        "center_frequency": 9.65e9,
+        "bandwidth": 150e6,
+        "n_pulses": pulses,
+        "noise_temperature": 0.0,
+    }
     return build_scene(
-        meshes,
-        radar=RadarDescription(
-            slant_range=3000.0,
-            look_angle_deg=float(rng.uniform(30.0, 50.0)),
-            center_frequency=9.65e9,
-            bandwidth=150e6,
-            n_pulses=pulses,
-            noise_temperature=0.0,
-        ),
+        [*meshes, wall] if box else meshes,
+        radar=RadarDescription(**(given | radar)),
         film=FilmDescription(image_extent_azimuth=22.0, image_extent_range=22.0),
         settings=TraceSettings(
             method="hybrid",

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.queues import Queue
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,7 @@ class Loader:
 
     def __init__(self, sample: Callable[[int], np.ndarray], count: int, workers: int, method: str) -> None:
         self._sample, self._count, self._workers = sample, count, workers
-        self._context = multiprocessing.get_context(method)
+        self._context: Any = multiprocessing.get_context(method)
 
     def __iter__(self) -> Iterator[np.ndarray]:
         results = self._context.Queue()

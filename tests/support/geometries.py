@@ -1,4 +1,4 @@
-"""Drawn radars with the image that they can make, for trials of focusers."""
+"""Drawn radars with the image that they can make, for trials of focusers, and drawn places on the Earth."""
 
 from dataclasses import replace
 
@@ -10,6 +10,7 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 
@@ -48,4 +49,28 @@ def random_geometry(mode: str, slant_range: float, cell: float, seed: int) -> tu
     return scene.radar, default_grid(scene.radar, scene.image)
 
 
-__all__ = ["CELLS", "random_geometry"]
+def singular_place(rng: np.random.Generator, reach: float) -> Anchor:
+    """Place within ``reach`` m of where maps have an edge.
+
+    The antimeridian, a pole, the equator, the limits of UTM, or the border of a zone, of UTM or of Norway's wider ones.
+    """
+    degrees = reach / 111e3
+    borders = [
+        (rng.uniform(-89.9, 89.9), 180.0),
+        (rng.uniform(-89.9, 89.9), -180.0),
+        (90.0, rng.uniform(-180, 180)),
+        (-90.0, rng.uniform(-180, 180)),
+        (0.0, rng.uniform(-180, 180)),
+        (84.0, rng.uniform(-180, 180)),
+        (-80.0, rng.uniform(-180, 180)),
+        (rng.uniform(-80, 84), -180.0 + 6.0 * rng.integers(60)),
+        (rng.uniform(56, 64), rng.choice([0.0, 3.0, 6.0, 12.0])),
+        (rng.uniform(72, 84), rng.choice([0.0, 6.0, 9.0, 12.0, 18.0, 21.0, 30.0, 33.0, 42.0])),
+    ]
+    latitude, longitude = borders[rng.integers(len(borders))]
+    latitude = np.clip(latitude + rng.uniform(-degrees, degrees), -90.0, 90.0)
+    longitude += rng.uniform(-degrees, degrees) / max(np.cos(np.radians(latitude)), 1e-3)
+    return Anchor.of_degrees(latitude, longitude, rng.uniform(0, 1500))
+
+
+__all__ = ["CELLS", "random_geometry", "singular_place"]

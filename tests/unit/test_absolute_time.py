@@ -21,7 +21,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.utc import DEFAULT_EPOCH, utc_of, utc_text
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.draws import few_of
 from tests.support.unweighted import focus
 

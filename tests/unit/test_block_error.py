@@ -13,7 +13,7 @@ from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer
-from sarmitsuba.trace.launch import LatticeLevel, lattice
+from sarmitsuba.trace.launch import LatticeLevel, LaunchFrame, lattice
 
 
 def test_levels_shift_by_half_a_cell_of_their_own() -> None:
@@ -32,7 +32,8 @@ def test_strip_keeps_levels() -> None:
     grid = lattice(40.0, 10.0, 0.5, taper=2.0)
     first = grid.n_rays // 3
     grid = replace(grid, levels=(LatticeLevel(0, 0.5, (0.1, np.inf)), LatticeLevel(first, 0.05, (0.0, 0.1))))
-    strip = blocks_module._strip(grid)
+    frame = LaunchFrame(*np.zeros((3, 1, 3)))
+    strip = blocks_module.strip(grid, frame)
     keep = np.abs(grid.x) <= strip.half_x + strip.taper
     assert 0 < strip.n_rays < 0.1 * grid.n_rays
     np.testing.assert_array_equal(strip.x, grid.x[keep])

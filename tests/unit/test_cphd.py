@@ -68,7 +68,7 @@ def drawn(seed: int) -> tuple[RawData, np.ndarray, np.ndarray]:
     points = np.column_stack([rng.uniform(-12, 12, (3, 2)), rng.uniform(0.0, 4.0, 3)])
     phases = rng.uniform(-np.pi, np.pi, 3)
     raw = ideal_echoes(radar, points, 1.0, phases)
-    request = ImageRequest("ground", 0.0, 0.0, 0.0, 30.0, 30.0)
+    request = ImageRequest("ground", 0.0, 0.0, 0.0, 30.0, 30.0, offset=tuple(radar.offset))
     return replace(raw, request=request), points + radar.offset, phases
 
 
@@ -122,15 +122,7 @@ def test_what_is_read_back_focuses_to_the_same_points(seed: int, tmp_path: Path)
     places = back.radar.anchor.from_ecef(one)
     for place, point in zip(places, points, strict=True):
         small = ImageRequest("ground", *place[:2], float(place[2]), 1.0, 1.0, 0.25, 0.25)
-        was = ImageRequest(
-            "ground",
-            *(point - raw.radar.offset)[:2],
-            float(point[2] - raw.radar.offset[2]),
-            1.0,
-            1.0,
-            0.25,
-            0.25,
-        )
+        was = ImageRequest("ground", *point[:2], float(point[2]), 1.0, 1.0, 0.25, 0.25)
         got, want = (
             focus(data, request=request, focuser="backprojection").data[0]
             for data, request in ((back, small), (raw, was))

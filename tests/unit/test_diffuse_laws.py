@@ -8,6 +8,7 @@ from sarmitsuba.errors import ExtensionError, SceneError
 from sarmitsuba.materials.diffuse import DiffuseTable, diffuse_tables
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0
 from sarmitsuba.materials.fresnel import fresnel
+from sarmitsuba.materials.laws.effective_roughness import lobe_power
 from sarmitsuba.materials.laws.iem import iem_backscatter
 from sarmitsuba.materials.laws.kirchhoff import geometrical_optics_sigma0
 from sarmitsuba.materials.laws.roughness import shared_energy_sigma0
@@ -67,6 +68,7 @@ def test_every_law_says_what_it_takes() -> None:
         assert not (law.level and law.needs)  # measured levels, or a model of the surface
     assert {law.name: law.bistatic for law in LAWS if law.bistatic != "mean"} == {
         "kirchhoff": "facets",
+        "directive_roughness": "facets",
         "small_perturbation": "spectrum",
         "small_slope": "spectrum",
         "iem": "spectrum",
@@ -107,6 +109,62 @@ def test_missing_correlation_length_is_one_line(law: str) -> None:
     with pytest.raises(SceneError, match='"soil": correlation_length = 0 m must be above 0') as caught:
         diffuse_tables(soil(law, rms_height=0.01), WAVELENGTH)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("exponent", [1, 2, 3, 4, 9, 20])
+def test_lobes_hold_the_power_of_their_integral(exponent: int) -> None:
+    theta = np.radians([0.0, 20.0, 50.0, 80.0, 90.0])
+    u, v = ((np.arange(n) + 0.5) / n for n in (400, 400))
+    cosine, azimuth = u[:, None], 2.0 * np.pi * v
+    sine = np.sqrt(1.0 - cosine**2)
+    for angle, power in zip(theta, lobe_power(theta, exponent), strict=True):
+        psi = np.cos(angle) * cosine + np.sin(angle) * sine * np.cos(azimuth)
+        # tol: midpoint rule of 400 x 400
+        assert power == pytest.approx(2.0 * np.pi * np.mean((0.5 + 0.5 * psi) ** exponent), rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_effective_roughness_is_the_share_of_the_reflected_power(seed: int) -> None:
+    """S^2 times the Fresnel power reflectivity at the angle, in each pattern; drawn materials."""
+    rng = np.random.default_rng(seed)
+    eps = complex(rng.uniform(1.5, 30.0), -rng.uniform(0.0, 8.0))
+    share, ahead, back, forward = rng.uniform(0.05, 1.0), *rng.integers(1, 9, 2), rng.uniform()
+    theta = np.linspace(0.0, np.pi / 2, 256)
+    te, tm = fresnel(np.cos(theta), eps)
+    lobes = forward * np.cos(theta) ** (2 * ahead) + 1.0 - forward
+    both = forward * lobe_power(theta, int(ahead)) + (1.0 - forward) * lobe_power(theta, int(back))
+    patterns = {
+        ("effective_roughness", ()): np.cos(theta) / np.pi,
+        ("directive_roughness", (("lobe_exponent", float(ahead)),)): np.cos(theta) ** (2 * ahead)
+        / lobe_power(theta, int(ahead)),
+        (
+            "effective_roughness",
+            (
+                ("lobe_exponent", float(ahead)),
+                ("back_lobe_exponent", float(back)),
+                ("forward_share", float(forward)),
+            ),
+        ): lobes / both,
+    }
+    for (law, parameters), pattern in patterns.items():
+        material = Material(
+            "m",
+            permittivity=eps,
+            diffuse_law=law,
+            diffuse_level_db=10.0 * np.log10(share),
+            law_parameters=parameters,
+        )
+        table = diffuse_tables(material, WAVELENGTH)
+        for amplitude, r in ((table.amplitude_h, te), (table.amplitude_v, tm)):
+            want = 4.0 * np.pi * share * np.abs(r) ** 2 * np.cos(theta) * pattern
+            np.testing.assert_allclose(amplitude**2, want, rtol=1e-12, atol=1e-15)  # tol: rounding
+    with pytest.raises(SceneError, match=r"lobe_exponent = 2.5 is no whole number"):
+        diffuse_tables(
+            soil("directive_roughness", diffuse_level_db=-3.0, law_parameters=(("lobe_exponent", 2.5),)),
+            WAVELENGTH,
+        )
+    over = diffuse_tables(soil("effective_roughness", diffuse_level_db=1.0), WAVELENGTH)
+    assert "give at most 0 dB" in over.notes[0]
 
 
 def test_geometrical_optics_values() -> None:

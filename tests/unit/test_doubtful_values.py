@@ -20,7 +20,7 @@ from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 
 SMALL = Extent.of_box(np.array([-5.0, -5.0, 0.0]), np.array([5.0, 5.0, 5.0]))
 

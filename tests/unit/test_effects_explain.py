@@ -24,7 +24,7 @@ from sarmitsuba.simulation.prediction.both_ways import (
 )
 from sarmitsuba.simulation.prediction.explanation import Explanation, explain
 from sarmitsuba.simulation.prediction.prediction import predict
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from tests.support.unweighted import focus
 
@@ -33,7 +33,7 @@ def test_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "plate", "--no-error-bars"]) == 0
     text = capsys.readouterr().out
     assert "one flat surface cannot reflect onto itself" in text
-    assert "predicted:" in text and "B of memory" in text and "measured on a part of it" in text
+    assert "predicted:" in text and "B of memory" in text and "measured here on a part of it" in text
     assert "max_depth" in text and "key_pulse_interval" in text
 
 
@@ -74,6 +74,7 @@ def test_prediction_takes_every_batch_to_be_like_the_first() -> None:
     """On a clock that counts its readings a batch lasts as many seconds as it has stages, whatever the machine."""
     # one launch a block: edges would take another
     parameters = {"sar_path.key_pulse_interval": "8", "sar_path.edge_diffraction": "off"}
+    parameters["sar_path.keep_subsets"] = "false"
     scene = load_scene(resolve("dihedral"), parameters=parameters)
     readings = itertools.count()
     _, prediction = predict(scene, clock=lambda: float(next(readings)))
@@ -122,8 +123,8 @@ def test_table_tells_measured_bounds_and_what_timing_cannot_tell() -> None:
     lines = str(Explanation(scene, EffectsPlan(KernelFlags(), 1, decisions), None)).splitlines()
     rows = {line.split()[0]: " ".join(line.split()[2:]) for line in lines[3:8]}
     assert rows == {
-        "one": "-12 dB 31 %",
-        "two": "<= -12 dB < 10 %",
+        "one": "-12 dB, measured here 31 %",
+        "two": "-12 dB, law < 10 %",
         "three": "none 25 %",
         "four": "? -",
         "five": "none -",

@@ -9,12 +9,12 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.analysis.quality.account import Account, StageTime, account
-from sarmitsuba.analysis.quality.error_budget import AT_MOST, MEASURED, UNKNOWN, error_budget
+from sarmitsuba.analysis.quality.error_budget import BOUND, LAW, MEASURED, UNKNOWN, error_budget
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.image.sar_image import SarImage
 from tests.support.unweighted import focus
 
-PILOT = {"energy_from_order_upper_db": [0.0, -12.5, -41.5, None]}
+PILOT = {"patches": 1280, "energy_from_order_upper_db": [0.0, -12.5, -41.5, None]}
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,8 @@ def test_a_point_has_no_error_of_rays_bounces_or_blocks(image: SarImage) -> None
     assert parts["gridding"].error_db == -math.inf and parts["gridding"].why == "nothing is gridded"
     traced = with_metadata(image, statistics={"rays": 7})
     assert traced["gridding"].error_db == pytest.approx(gridding_kernel(4).error_db + 3.01, abs=0.01)
-    assert parts["focuser"].known == AT_MOST and parts["focuser"].error_db < -50.0
+    assert parts["focuser"].known == MEASURED and parts["focuser"].samples >= 16
+    assert parts["focuser"].error_db < -50.0 and not parts["focuser"].contradicts
     assert parts["theory of metal"].known == UNKNOWN
     assert str(parts["bounces left out"]) == "bounces left out none"
 
@@ -51,8 +52,8 @@ def test_a_point_has_no_error_of_rays_bounces_or_blocks(image: SarImage) -> None
 @pytest.mark.parametrize(
     ("depth", "text"),
     [
-        (1, "bounces left out at most -12.5 dB"),
-        (2, "bounces left out at most -41.5 dB"),
+        (1, "bounces left out -12.5 dB, measured here (1280)"),
+        (2, "bounces left out -41.5 dB, measured here (1280)"),
         (3, "bounces left out none"),
         (4, "bounces left out not measured"),
     ],
@@ -110,7 +111,7 @@ def test_bounces_left_out_may_all_be_in_the_image(
     effects = {"max_depth": depth, "pilot": PILOT}
     focus = {**image.metadata["focus"], "shown_energy_db": shown}
     part = with_metadata(image, effects=effects, focus=focus)["bounces left out"]
-    assert part.error_db == pytest.approx(error) and part.known == AT_MOST
+    assert part.error_db == pytest.approx(error) and part.known == (BOUND if shown < -1.0 else MEASURED)
     assert ("the image shows" in part.why) == (shown < -1.0)
 
 
@@ -175,7 +176,7 @@ def test_a_loose_bound_does_not_outweigh_a_measured_error(
         assert found.finer is None and "`explain` measures them" in found.advice[0]
     else:
         assert found.finer is not None and found.finer.options == f"-D sar_path.{advised}"
-        assert "all known errors at most" in str(found.finer)
+        assert found.finer.sum_kind == LAW and str(found.finer).endswith("; law)")
     # twice the blocks would raise what is likely by 2 dB, which the bound must not hide
     assert found.coarser is None or "key_pulse_interval" not in found.coarser.options or bound > -20.0
 
@@ -191,4 +192,89 @@ def test_a_wanted_error_that_is_met_reads_as_met(image: SarImage) -> None:
         found = account(replace(image, metadata=metadata), {})
         assert found.met == met and ("are met" in found.advice[0]) == met
     part = next(p for p in found.parts if p.name == "effects left out")
-    assert part.likely_db == -38.0 and str(part).endswith("at most -28.0 dB (likely -38 dB)")
+    assert part.likely_db == -38.0 and str(part).endswith("left out -28.0 dB (likely -38 dB), law")
+
+
+def witness(error_db: float, law_db: float | None = None, samples: int = 64) -> dict[str, Any]:
+    return {
+        "error_db": error_db,
+        "upper_db": error_db + 1.0,
+        "samples": samples,
+        "law_db": law_db,
+        "reference": "exact",
+    }
+
+
+def test_a_witness_takes_the_place_of_a_law(image: SarImage) -> None:
+    focus = {**image.metadata["focus"], "stated_error_db": -58.0, "witness": witness(19.0)}
+    found = with_metadata(
+        image,
+        focus=focus,
+        sampling={"key_pulse_interval": 64, "block_error_db": -30.0},
+        effects={
+            "max_depth": 2,
+            "pilot": PILOT,
+            "effects": {"wideband": {"on": False, "error_is": "at most", "error_db": -28.0}},
+        },
+        witnesses={
+            "rays": witness(-10.0, law_db=-26.4),
+            "blocks": witness(-29.0, law_db=-30.0, samples=8),
+            "bounces": witness(-38.0, law_db=-41.5, samples=4),
+            "effects": witness(-35.0, samples=2),
+        },
+    )
+    assert [str(part) for part in found.values()][:6] == [
+        "rays -10.0 dB, measured here (64), contradicts the law of -26.4 dB",
+        "bounces left out -38.0 dB, measured here (4), contradicts the law of -41.5 dB",
+        "blocks of pulses -29.0 dB, measured here (8)",
+        "gridding none",
+        "focuser 19.0 dB, measured here (64), contradicts the law of -58.0 dB",
+        "effects left out -35.0 dB, measured here (2)",
+    ]
+    assert found["focuser"].as_dict() == {
+        "error_db": 19.0,
+        "known": "measured here",
+        "samples": 64,
+        "upper_db": 20.0,
+        "law_db": -58.0,
+        "contradicts": True,
+        "why": "exact",
+    }
+    assert found["effects left out"].law_db == pytest.approx(-28.0)
+    junk = with_metadata(image, witnesses=[3], focus={**focus, "witness": {"samples": "many"}})
+    assert junk["focuser"].known == LAW
+
+
+def test_bounces_that_only_a_witness_measured_have_no_change_of_settings(image: SarImage) -> None:
+    facts = {
+        "effects": {"max_depth": 8, "effects": {"max_depth": {"on": True, "error_is": "at most"}}},
+        "witnesses": {"bounces": {**witness(-10.0), "error_db": None, "upper_db": -40.0}},
+        "statistics": {"rays": 10, "hits": 40},
+    }
+    found = account(replace(image, metadata={**image.metadata, **facts}), {})
+    (part,) = [part for part in found.parts if part.name == "bounces left out"]
+    assert str(part) == "bounces left out none found (95 %: -40.0 dB), measured here (64)"
+    assert not [change for change in found.changes if change.cause == part.name]
+
+
+def test_every_printed_figure_bears_its_kind(image: SarImage) -> None:
+    """Of all parts with a level: measured with a number, bound, or law; a sum is what its least certain part is."""
+    facts: dict[str, Any] = {
+        "sampling_error": {"VV": {"error_db": -36.0, "source": "two sets"}},
+        "statistics": {"rays": 7, "key_pulses": 4},
+        "sampling": {"key_pulse_interval": 64, "block_error_db": -30.0},
+        "effects": {
+            "max_depth": 2,
+            "pilot": PILOT,
+            "effects": {"wideband": {"on": False, "error_is": "at most", "error_db": -28.0}},
+        },
+    }
+    parts = error_budget(replace(image, metadata={**image.metadata, **facts}))
+    for part in parts:
+        level = math.isfinite(part.error_db)
+        assert part.value.split(", ")[-1] in ([part.kind] if level else ["none", UNKNOWN]), part
+        assert (part.known == MEASURED and level) == bool(part.samples), part
+    found = account(replace(image, metadata={**image.metadata, **facts}), {})
+    assert found.kind == LAW and found.as_dict()["known"] == LAW
+    found = account(replace(image, metadata={**image.metadata, **facts, "effects": {}}), {})
+    assert found.kind == MEASURED

@@ -25,7 +25,7 @@ from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.registry import Registry
 from sarmitsuba.simulation.path_table import trace_paths
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.stage import STAGES
 from sarmitsuba.units import db_from_power

@@ -11,7 +11,11 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture_weights import ground_cell_area, matched_weights
 from sarmitsuba.focusing.grid import default_grid, natural_spacing
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.loader.build import build_scene
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.scene.geometry import PointTarget
 from tests.support.unweighted import focus
 
 
@@ -113,3 +117,26 @@ def test_one_pulse_is_no_aperture() -> None:
     one = replace(radar, track=radar.track.of_pulses(slice(0, 1)))
     with pytest.raises(DataError, match="1 pulse gives no synthetic aperture"):
         ground_cell_area(one, np.zeros(3), np.ones(1), "rectangular")
+
+
+@pytest.mark.parametrize("north", [440.0, 940.0])  # nearer than half the scene's bound on offsets, and beyond
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_request_counts_in_the_frame_of_the_users_file(north: float, whole: bool) -> None:
+    """The frame of the data moves with the scene; a request by hand knows nothing of it, for any of its fields."""
+    place = np.array([30.0, north, 5.0])
+    scene = build_scene(
+        points=[PointTarget("a", place, 4.0)],
+        radar=RadarDescription(mode="spotlight", slant_range=5e3, bandwidth=60e6, azimuth_resolution=2.0),
+        film=FilmDescription(image_extent_azimuth=60.0, image_extent_range=60.0),
+    )
+    assert (np.abs(scene.radar.offset[1] - north) < 1.0) == (north > 500.0)
+    raw = replace(ideal_echoes(scene.radar, place - scene.radar.offset, 4.0), request=scene.image)
+    asked: dict[str, Any] = {"grid": "ground", "extent_azimuth": 20.0, "extent_range": 30.0, "height": 5.0}
+    asked |= {"center_x": 30.0, "center_y": north}
+    image = focus(raw, request=ImageRequest(**asked) if whole else asked)
+    middle = image.rcs()[image.grid.shape[0] // 2, image.grid.shape[1] // 2]
+    assert middle == pytest.approx(4.0, rel=1e-3)  # tol: the window's cut of the point's side lobes
+    assert image.grid.in_frame(np.zeros(3)).origin == pytest.approx(place)
+    # the scene's own request, in whatever frame, is the data's
+    np.testing.assert_array_equal(focus(raw, request=scene.image).data, focus(raw).data)
+    assert scene.image.as_dict()["center_y"] == pytest.approx(north)

@@ -10,7 +10,7 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.prediction import Prediction, predict
 from sarmitsuba.simulation.prediction.speed import Machine
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sources.kind import expected_sources
 from sarmitsuba.simulation.sources.site import RunSite
@@ -133,3 +133,15 @@ def test_tracing_at_several_frequencies_has_its_seconds() -> None:
     scene = load_scene("plate").replace(wideband="on")
     predicted = predict(scene)[1]
     assert predicted.measured and predicted.seconds["trace"] > 0.0
+
+
+def test_the_forecast_is_of_the_whole_command() -> None:
+    """Start, loading and labels are in the line that `render` prints, which is called a law."""
+    run = Run(load_scene("plate"))
+    needs = replace(run.needs(), spent=(3.0, 100.0))
+    assert "100.0" not in str(run.needs()) and str(needs).endswith("; law")
+    assert "s of it spent" in str(needs) or "min of it spent" in str(needs)
+    labelled = needs.labelled(run.label_needs())
+    assert labelled.seconds["labels"] > 0.0 and labelled.bytes >= needs.bytes
+    assert set(labelled.by_progress) == set(needs.by_progress)
+    assert needs.seconds["witnesses"] >= 0.02 * 2 * needs.seconds["trace"]

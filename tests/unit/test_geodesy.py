@@ -13,7 +13,7 @@ from sarmitsuba.loader.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.geodesy import Anchor, ecef_of_geodetic, geodetic_of_ecef
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import focus
 
 

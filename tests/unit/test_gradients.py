@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,7 @@ from sarmitsuba import (
     FilmDescription,
     Material,
     Motion,
+    PointTarget,
     RadarDescription,
     Scene,
     SceneMesh,
@@ -24,15 +26,18 @@ from sarmitsuba import (
 from sarmitsuba.backend import dr
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.gradients.forward_model import ForwardModel
+from sarmitsuba.gradients.material_parameters import LevelMap
 from sarmitsuba.gradients.needed import Needed
-from sarmitsuba.gradients.parameter import Step
+from sarmitsuba.gradients.parameter import Parameter, Step
 from sarmitsuba.gradients.parsing import offered, parse
+from sarmitsuba.gradients.shape_offsets import MovingPart
+from sarmitsuba.radar.in_pulse import moving_in_pulse
 from tests.support.differences import drawn, relative
 from tests.support.draws import few_of
 
 
 def plate(**radar: Any) -> Scene:
-    """A rough plate of a metre, 3 km from a squinted radar."""
+    """A rough plate of a metre, 3 km from a squinted radar; ``radar``: other values, None: none."""
     corners = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]])
     rough = Material("soil", permittivity=5.0, diffuse_law="lambert", diffuse_level_db=-5.0, rms_height=0.02)
     given = {
@@ -46,7 +51,7 @@ def plate(**radar: Any) -> Scene:
     }
     return build_scene(
         [SceneMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), rough, "plate")],
-        radar=RadarDescription(**(given | radar)),
+        radar=RadarDescription(**{k: v for k, v in (given | radar).items() if v is not None}),
         film=FilmDescription(image_extent_azimuth=8.0, image_extent_range=8.0),
         settings=TraceSettings(method="raw", effects={"diffuse_pairs": "off"}),
         name="plate",
@@ -244,3 +249,99 @@ def test_materials_stand_for_all_that_they_have() -> None:
     assert set(found[1:]) == {f"{k}:{m}" for k in kinds for m in ("wall", "soil")} | {
         "correlation_length:wall"
     }
+
+
+def two_places(name: str) -> Scene:
+    """The plate under radars whose antenna is at two places at once: at transmission and reception, flown and told."""
+    place: dict[str, Any] = {"speed": 30e3, "azimuth_beamwidth_deg": 0.3, "elevation_beamwidth_deg": 0.3}
+    if name == "orbit":
+        own = ("slant_range", "look_angle_deg", "squint_angle_deg")
+        place = {"orbit_altitude": 700e3, **dict.fromkeys(own), "antenna_length": 5.0, "antenna_height": 1.0}
+    scene = plate(pattern="gaussian", **place)
+    settings = replace(
+        scene.settings, effects={**scene.settings.effects, "motion_in_pulse": "on", "antenna_pattern": "on"}
+    )
+    scene, radar = replace(scene, settings=settings), scene.radar
+    if name == "points":
+        return replace(scene, points=(PointTarget("point", np.array([0.3, 0.2, 0.0]), 30.0),))
+    if name == "recorded":
+        told = replace(radar.track, position=radar.track.position + np.array([0.2, 0.1, -0.3]))
+        return replace(scene, radar=replace(radar, recorded=told, recorded_pointing=radar.pointing))
+    if name == "received":  # data in whose record reception is apart already
+        return replace(scene, radar=moving_in_pulse(radar))
+    return scene
+
+
+RADARS_AT_TWO_PLACES = ("fast", "orbit", "recorded", "points", "received")
+OF_ALL_KINDS = "gain,clock_offset,track:2,pointing:2,level:soil,permittivity:soil,shift:plate:z,scale:plate"
+
+
+def test_parameters_of_all_kinds_are_compared() -> None:
+    def kinds(one: type[Parameter]) -> set[type[Parameter]]:
+        own = set() if inspect.isabstract(one) else {one}
+        return own.union(*(kinds(below) for below in one.__subclasses__()))
+
+    found = {type(p) for p in parse(OF_ALL_KINDS, two_places("fast"))}
+    # a map of levels changes a material's bitmap as a level does its number; a part is no parameter of a scene
+    assert kinds(Parameter) - {LevelMap, MovingPart} == found
+
+
+@pytest.mark.parametrize("name", RADARS_AT_TWO_PLACES)
+def test_what_a_parameter_changes_is_followed_wherever_the_antenna_is(name: str) -> None:
+    """A scene changed before its effects move the antenna within a pulse is that changed afterwards."""
+    scene = two_places(name)
+    model = ForwardModel(scene, parse(OF_ALL_KINDS, scene))
+    for parameter in model.parameters:
+        values = parameter.values(scene)
+        # metres and radians of whole wavelengths and beams: nothing is lost in rounding
+        values = values + 1e-8 if parameter.label == "clock_offset" else values + 0.125
+        before = model.run.plan.apply(parameter.changed(scene, values)).radar
+        after = parameter.changed(model.scene, values).radar
+        assert after.receiver is not None and before.receiver is not None
+        # tol: knots are displaced at reception as at that time, and not as at the pulse
+        slope = 0.125 * float(after.times[1][0] - after.times[0][0]) / float(np.ptp(after.track.time))
+        for one, other in zip(before.tracks, after.tracks, strict=True):
+            assert np.abs(one.position - other.position).max() <= 1.01 * slope + 1e-9
+        for one, other in zip(before.pointings, after.pointings, strict=True):
+            assert np.array_equal(one.boresight, other.boresight)
+        assert np.allclose(before.window.start_range, after.window.start_range, rtol=0.0, atol=1e-6)
+        assert before.transmit_power == after.transmit_power
+        told = [one.recorded and one.recorded.position for one in (before, after)]
+        assert np.array_equal(*told)  # what the focuser is told does not follow what is flown
+
+
+@pytest.mark.parametrize("name", RADARS_AT_TWO_PLACES)
+def test_derivatives_by_the_radar_are_those_of_runs_of_changed_scenes(name: str) -> None:
+    scene = two_places(name)
+    found = jacobian(scene, "gain,clock_offset,track:1,pointing")
+    steps = {"dB": 0.05, "s": 2e-11, "m": 2e-4, "rad": 5e-5}
+    own = [
+        (p, k)
+        for p in parse("gain,clock_offset,track:1,pointing", scene)
+        for k in range(len(p.values(scene)))
+    ]
+    for number, (parameter, k) in enumerate(own):
+        h = steps[found.names[number].rsplit("[", 1)[1].rstrip("]")]
+        ends = []
+        for step in (h, -h):
+            values = parameter.values(scene)
+            values[k] += step
+            ends.append(simulate(parameter.changed(scene, values)).data.astype(np.complex128))
+        difference = (ends[0] - ends[1]) / (2.0 * h)
+        off = float(np.linalg.norm(found.derivative[number] - difference))
+        # tol: truncation, a sixth of a radian or a hundredth of the beam, and rays that follow the antenna's place; and
+        # float32 data over the step, where a beam that is right on the plate does not change
+        rounding = 2.0**-20 * float(np.linalg.norm(found.raw.data)) / h
+        assert off < 0.02 * float(np.linalg.norm(difference)) + rounding, found.names[number]
+
+
+def test_a_track_is_found_as_it_was_displaced_from_orbit() -> None:
+    """The antenna of the data flies 5 mm higher, at transmission and at reception, 5 ms and 37 m later."""
+    scene = two_places("orbit")
+    track = scene.radar.track
+    higher = replace(track, position=track.position + np.array([0.0, 0.0, 0.005]))
+    data = simulate(replace(scene, radar=replace(scene.radar, track=higher)))
+    assert data.radar.receives_itself
+    found = sarmitsuba.fit(scene, data, "track:1:z")
+    # tol: float32 data
+    assert found.values == pytest.approx([0.005], abs=1e-6)

@@ -346,6 +346,57 @@ def test_buildings_stand_on_the_terrain(tmp_path: Path) -> None:
         import_scene(far, tmp_path / "far.xml", ImportOptions(dem=dem))
 
 
+@pytest.mark.parametrize("turn", [0.0, -360.0])
+def test_towns_on_the_antimeridian_are_as_elsewhere(turn: float, tmp_path: Path) -> None:
+    """Houses on both sides of 180 deg, as GeoJSON writes them, on a raster of any turn: the town of 20 deg east."""
+    rng = np.random.default_rng(5)
+    step = 1e-4
+    heights = rng.uniform(100.0, 120.0, (60, 80))
+    west, north = -40 * step, -16.5 + 30 * step
+    boxes = [
+        shapely.box(x, y, x + 2e-4, y + 1e-4)
+        for x, y in rng.uniform([-1e-3, -16.501], [1e-3, -16.499], (6, 2))
+    ]
+    models = []
+    for name, longitude, around in (("here", 20.0, 20.0), ("there", 180.0, 180.0 + turn)):
+        dem = write_raster(tmp_path / f"{name}.tif", heights, west + around, north, step, "EPSG:4326")
+        houses = [
+            shapely.transform(
+                box, lambda xy, at=longitude: np.column_stack([(xy[:, 0] + at + 180) % 360 - 180, xy[:, 1]])
+            )
+            for box in boxes
+        ]
+        features = [feature(house, i, height=9) for i, house in enumerate(houses)]
+        source = write_features(tmp_path / f"{name}.geojson", features)
+        models.append(import_scene(source, tmp_path / f"{name}.xml", ImportOptions(dem=dem, tolerance=0.1)))
+    here, there = models
+    assert here.anchor is not None and there.anchor is not None
+    turned = np.degrees(there.anchor.longitude - here.anchor.longitude) % 360.0
+    assert turned == pytest.approx(160.0, abs=2e-8)  # tol: anchors are rounded to 1e-8 deg
+    for (part, _, vertices, _), (_, _, others, _) in zip(here.parts, there.parts, strict=True):
+        if part == "ground" or part == "walls":
+            # tol: the rounding of the anchor, 1 mm, and of coordinates in the file
+            assert np.abs(np.sort(vertices, axis=0) - np.sort(others, axis=0)).max() < 0.01, part
+
+
+def test_guesses_of_materials_by_tags_are_said_in_a_line(tmp_path: Path) -> None:
+    tags = ["brick", "Wet_Brick", "plutonium", "plutonium", "Ziegel", ""]
+    boxes = [shapely.box(11.0 + 5e-4 * i, 48.0, 11.0002 + 5e-4 * i, 48.0001) for i in range(len(tags))]
+    features = [
+        feature(box, i, height=9, **({"building:material": tag} if tag else {}))
+        for i, (box, tag) in enumerate(zip(boxes, tags, strict=True))
+    ]
+    source = write_features(tmp_path / "a.geojson", features)
+    model = import_scene(source, tmp_path / "a.xml")
+    said = [note for note in model.notes if "materials of walls" in note]
+    assert said == [
+        "a.geojson: assumed for 2 materials of walls with unknown names, concrete taken (first: plutonium)",
+        "a.geojson: assumed for 1 materials of walls, brick by a word in the name (first: Wet_Brick)",
+    ]
+    chosen = import_scene(source, tmp_path / "b.xml", ImportOptions(materials={"walls": "wood"}))
+    assert not any("materials of walls" in note for note in chosen.notes)
+
+
 def test_openstreetmap_extract(tmp_path: Path) -> None:
     """A way, and a multipolygon of two ways joined with a hole."""
     places = [(0, 0), (0, 2), (2, 2), (2, 0), (5, 0), (9, 0), (9, 4), (5, 4), (6, 1), (7, 1), (7, 2), (6, 2)]

@@ -575,3 +575,16 @@ def test_the_page_lists_the_header_of_exr(tmp_path: Path) -> None:
         "screenWindowCenter", "screenWindowWidth", "type",
     }  # fmt: skip
     assert names == set(header) - own
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_file_that_cannot_be_opened_is_closed_without_a_word(tmp_path: Path) -> None:
+    from sarmitsuba.io.guarded import GuardedFile
+
+    with pytest.raises(OSError):
+        GuardedFile(tmp_path / "no folder" / "file.h5")
+    gone = GuardedFile.__new__(GuardedFile)
+    with pytest.raises(OSError):
+        gone.__init__(tmp_path / "no folder" / "file.h5")  # type: ignore[misc]
+    gone.close()
+    assert gone.closed

@@ -14,6 +14,7 @@ from sarmitsuba.loader.from_mesh import MeshOptions
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.names_of_materials import kind_of
 from sarmitsuba.materials.named_materials import MATERIALS
+from sarmitsuba.mesh.model_units import ShapeExtent, doubtful_size, y_ground
 from sarmitsuba.scene.scene import Scene
 
 RADAR = "airborne_x"
@@ -145,8 +146,205 @@ def test_a_mesh_needs_a_radar_and_its_options_need_a_mesh(tmp_path: Path) -> Non
     town().export(tmp_path / "town.glb")
     with pytest.raises(RadarError, match="lay a radar over the scene with --radar"):
         load_scene(tmp_path / "town.glb")
-    with pytest.raises(SceneError, match="given to mesh files only"):
-        load_scene("tower", mesh=MeshOptions(unit="mm"))
+    with pytest.raises(SceneError, match="materials by name are given to mesh files only"):
+        load_scene("tower", mesh=MeshOptions(materials={"a": "brick"}))
+
+
+def made_for_light(folder: Path, seed: int, style: str, y_up: bool = True) -> tuple[Path, list[np.ndarray]]:
+    """Scene file of drawn boxes, balls and ground with a camera and no radar; vertices (n, 3) of its shapes, z up.
+
+    Style ``blender``: meshes in their own coordinates with transforms and the exporter's ids; ``world``: the same ids,
+    meshes in the coordinates of the scene; ``bare``: such meshes without ids that say anything.
+    """
+    rng = np.random.default_rng(seed)
+    wide = rng.uniform(15.0, 60.0, 2)
+    bodies = [trimesh.creation.box((*wide, 0.0 if seed % 2 else 0.3))]
+    places = [trimesh.transformations.translation_matrix([*rng.uniform(-500, 500, 2), 0.0])]
+    for _ in range(int(rng.integers(1, 6))):
+        size = rng.uniform(0.5, 0.3 * wide.min(), 3)
+        if rng.random() < 0.7:
+            body = trimesh.creation.box(size)
+        else:
+            body = trimesh.creation.icosphere(2, 0.5 * size[2])
+        turn = trimesh.transformations.rotation_matrix(rng.uniform(0, 6), [0, 0, 1])
+        turn[:3, 3] = places[0][:3, 3] + [*(rng.uniform(-0.3, 0.3, 2) * wide), 0.5 * size[2]]
+        bodies.append(body)
+        places.append(turn)
+    axes = trimesh.transformations.rotation_matrix(-0.5 * np.pi if y_up else 0.0, [1, 0, 0])
+    shapes, truth, grey = [], [], '<float name="reflectance" value="0.{}"/>'
+    for i, (body, place) in enumerate(zip(bodies, places, strict=True)):
+        truth.append(trimesh.transformations.transform_points(body.vertices, place))
+        name, whole = f"Körper_{i} ({i}).ply", axes @ place
+        if style != "blender":
+            body = body.copy().apply_transform(whole)
+        body.export(folder / name)
+        identity = f' id="elm__{i}"' if style != "bare" else ""
+        matrix = " ".join(f"{v:.17g}" for v in whole.ravel())
+        moved = (
+            f'<transform name="to_world"><matrix value="{matrix}"/></transform>' if style == "blender" else ""
+        )
+        shapes.append(
+            f'<shape type="ply"{identity}><string name="filename" value="{name}"/>{moved}'
+            f'<bsdf type="twosided"><bsdf type="diffuse">{grey.format(i)}</bsdf></bsdf></shape>'
+        )
+    order = rng.permutation(len(shapes))
+    path = folder / "scene.xml"
+    camera = '<sensor type="perspective"/><integrator type="path"/><emitter type="constant"/>'
+    path.write_text(f'<scene version="3.0.0">{camera}{"".join(shapes[i] for i in order)}</scene>')
+    return path, [truth[i] for i in order]
+
+
+def bounds(scene: Scene) -> np.ndarray:
+    """(n, 2, 3) bounds of every shape, file frame."""
+    geometry = scene.geometry
+    cuts = zip(geometry.mesh_face_offset[:-1], geometry.mesh_face_offset[1:], strict=True)
+    corners = [geometry.vertices[geometry.faces[a:b]].reshape(-1, 3) + scene.offset for a, b in cuts]
+    return np.array([[c.min(axis=0), c.max(axis=0)] for c in corners])
+
+
+def check_shapes(scene: Scene, truth: list[np.ndarray], scale: float = 1.0) -> None:
+    want = scale * np.array([[v.min(axis=0), v.max(axis=0)] for v in truth])
+    # tol: meshes in float32, 500 m from the origin
+    np.testing.assert_allclose(bounds(scene), want, atol=scale * 1e-3)
+
+
+@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.parametrize("seed", range(8))
+def test_scenes_with_y_up_are_turned_where_that_is_sure(tmp_path: Path, seed: int) -> None:
+    for style in ("blender", "world"):
+        path, truth = made_for_light(tmp_path, seed, style)
+        scene = load_scene(path, radar=RADAR)
+        check_shapes(scene, truth)
+        assert any('scene.xml: y up by its ground "elm__0", unit m: ' in note for note in scene.notes)
+        check_shapes(load_scene(path, radar=RADAR, mesh=MeshOptions(up="y", unit="cm")), truth, 0.01)
+        path, truth = made_for_light(tmp_path, seed, style, y_up=False)
+        scene = load_scene(path, radar=RADAR)
+        check_shapes(scene, truth)
+        assert any("scene.xml: z up, unit m: " in note for note in scene.notes)
+
+
+@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.parametrize("seed", range(8, 12))
+def test_scenes_that_only_look_like_y_up_are_asked_about(tmp_path: Path, seed: int) -> None:
+    path, truth = made_for_light(tmp_path, seed, "bare")
+    with pytest.warns(SarmitsubaWarning, match=r"scene.xml: is y up\? .* give --up y, or --up z"):
+        load_scene(path, radar=RADAR)
+    check_shapes(load_scene(path, radar=RADAR, mesh=MeshOptions(up="y")), truth)
+    # a radar of its own has a frame, and the scene is in it
+    text = path.read_text().replace('<sensor type="perspective"/>', '<sensor type="sar_antenna"/>')
+    path.write_text(text)
+    turned = [v @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]) for v in truth]
+    check_shapes(load_scene(path), turned)
+    check_shapes(load_scene(path, mesh=MeshOptions(up="y")), truth)
+    # but not where Blender wrote it
+    path, truth = made_for_light(tmp_path, seed, "blender")
+    path.write_text(path.read_text().replace('<sensor type="perspective"/>', '<sensor type="sar_antenna"/>'))
+    with pytest.warns(
+        SarmitsubaWarning, match=r'is y up\? "elm__0" looks like ground below all else; give --up y'
+    ):
+        load_scene(path)
+    check_shapes(load_scene(path, mesh=MeshOptions(up="y")), truth)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1e300])
+def test_broken_meshes_of_scenes_made_for_light_end_in_one_line(tmp_path: Path, number: float) -> None:
+    path, _ = made_for_light(tmp_path, 2, "world")
+    text = f"v 0 0 0\nv {number} {-number} 1\nv 0 1 0\nf 1 2 3\n"
+    (tmp_path / "odd.obj").write_text(text)
+    shape = '<shape type="obj"><string name="filename" value="odd.obj"/><bsdf type="radar_material">'
+    shape += '<string name="material" value="metal"/></bsdf></shape></scene>'
+    path.write_text(path.read_text().replace("</scene>", shape))
+    with pytest.raises(SceneError) as caught, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".*has no radar parameters", SarmitsubaWarning)
+        load_scene(path, radar=RADAR)
+    assert ("\n" not in str(caught.value) and "odd" in str(caught.value)) or "obj" in str(caught.value)
+
+
+@pytest.mark.filterwarnings("ignore:.*has no radar parameters:sarmitsuba.errors.SarmitsubaWarning")
+def test_a_loaded_scene_with_y_up_is_asked_about(tmp_path: Path) -> None:
+    from sarmitsuba.backend import mi
+    from sarmitsuba.loader.plugins import register_plugins
+
+    register_plugins()
+    path, _ = made_for_light(tmp_path, 1, "blender")
+    with pytest.warns(SarmitsubaWarning, match=r"is y up\? .* looks like ground below all else"):
+        load_scene(mi.load_file(str(path), parallel=False), radar=RADAR)
+    with pytest.raises(SceneError, match="unit and up axis are given to files and dicts"):
+        load_scene(mi.load_file(str(path), parallel=False), radar=RADAR, mesh=MeshOptions(up="y"))
+
+
+def test_walls_are_no_ground() -> None:
+    """Drawn facades, fences and streets without ground, z up: none is taken for ground that lies on its side."""
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        boxes = []
+        for _ in range(int(rng.integers(2, 9))):
+            size = rng.uniform([1.0, 0.1, 2.0], [30.0, 12.0, 15.0])
+            box, place = trimesh.creation.box(size), np.array([*rng.uniform(-40, 40, 2), 0.5 * size[2]])
+            boxes.append(box.triangles + place)
+        assert y_ground([ShapeExtent.of(b) for b in boxes]) < 0
+        assert y_ground([ShapeExtent.of(b[:, :, [1, 0, 2]]) for b in boxes]) < 0
+
+
+def test_motion_turns_with_the_shapes_and_level_ground_does_not(tmp_path: Path) -> None:
+    text = """<scene version="3.0.0"><sensor type="sar_antenna"/>
+    <shape type="radar_ground" id="soil"><string name="material" value="soil"/><float name="level" value="-1"/>
+      <float name="extent" value="90"/></shape>
+    <shape type="cube" id="block"><vector name="velocity" x="0" y="0" z="-500"/>
+      <bsdf type="radar_material"><string name="material" value="metal"/></bsdf></shape></scene>"""
+    (tmp_path / "a.xml").write_text(text)
+    loaded = load_scene(tmp_path / "a.xml", mesh=MeshOptions(up="y", unit="cm"))
+    block = loaded.geometry.mesh_names.index("block")
+    np.testing.assert_allclose(loaded.geometry.mesh_motion[block].velocity, [0.0, 5.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(bounds(loaded)[block], [[-0.01] * 3, [0.01] * 3], atol=1e-12)
+    soil = bounds(loaded)[loaded.geometry.mesh_names.index("soil")]
+    np.testing.assert_allclose(soil[:, 2], -1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "length", "said"),
+    [
+        ("Car.001", 445.0, "--unit cm"),
+        ("parked_car_2", 4450.0, "--unit mm"),
+        ("PKW", 14.6, "--unit ft"),
+        ("sportsCar", 175.0, "--unit in"),
+        ("person", 180.0, "--unit cm"),
+        ("bus", 0.012, "--unit km"),
+        *(
+            ("car", 4.4, ""),
+            ("car_park", 445.0, ""),
+            ("cars", 90.0, ""),
+            ("carpet", 20.0, ""),
+            ("", 445.0, ""),
+        ),
+    ],
+)
+def test_things_of_a_known_size_show_the_unit(name: str, length: float, said: str) -> None:
+    found = doubtful_size(name, length)
+    assert said in found and bool(found) == bool(said)
+
+
+def test_a_car_of_445_m_is_asked_about(tmp_path: Path) -> None:
+    trimesh.creation.box((445.0, 180.0, 150.0)).export(tmp_path / "Car.ply")
+    metal = '<bsdf type="radar_material"><string name="material" value="metal"/></bsdf>'
+    body = f'<shape type="ply"><string name="filename" value="Car.ply"/>{metal}</shape>'
+    (tmp_path / "a.xml").write_text(f'<scene version="3.0.0">{body}</scene>')
+    with pytest.warns(SarmitsubaWarning, match=r'a.xml: "Car" is 445 m long; give --unit cm .*if that is'):
+        load_scene(tmp_path / "a.xml", radar=RADAR)
+    scene = load_scene(tmp_path / "a.xml", radar=RADAR, mesh=MeshOptions(unit="cm"))
+    assert np.ptp(scene.geometry.bounds[:, 0]) == pytest.approx(4.45)
+    trimesh.creation.box((445.0, 180.0, 150.0)).export(tmp_path / "red_car.stl")
+    metal_car = MeshOptions(materials={"*": "metal"})
+    with pytest.warns(SarmitsubaWarning, match=r'red_car.stl: "red_car" is 445 m long; give --unit cm'):
+        load_scene(tmp_path / "red_car.stl", radar=RADAR, mesh=metal_car)
+    trimesh.creation.box((900.0, 500.0, 800.0)).export(tmp_path / "Car.ply")
+    (tmp_path / "a.xml").write_text(f'<scene version="3.0.0">{body.replace("Car", "B")}</scene>')
+    (tmp_path / "Car.ply").rename(tmp_path / "B.ply")
+    with pytest.warns(
+        SarmitsubaWarning, match=r"a.xml: is its unit the metre\? Then it has walls of 800 m; give"
+    ):
+        load_scene(tmp_path / "a.xml", radar=RADAR)
 
 
 XML = """<scene version="3.0.0"><sensor type="sar_antenna"/>
@@ -193,6 +391,7 @@ def test_a_material_alone_is_that_of_all_names(tmp_path: Path) -> None:
     chosen = load_scene(
         tmp_path / "box.stl", radar=RADAR, mesh=MeshOptions(materials=dict([material_choice("Stahl")]))
     )
+    assert [m.name for m in chosen.materials] == ["metal"]
     assert [m.permittivity for m in chosen.materials] == [
         MATERIALS["metal"].permittivity(chosen.radar.waveform.center_frequency)
     ]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.mesh.cleaning import clean_mesh
+from sarmitsuba.mesh.cleaning import clean_mesh, single_precision_step
 from sarmitsuba.mesh.connected import connected
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.mesh.tessellate import cube, cylinder, rectangle, sphere
@@ -218,3 +218,14 @@ def test_connected_parts_are_those_found_by_walking():
                     part[here] = parts - 1
                     walk += beside[here]
         np.testing.assert_array_equal(connected(count, first, second), part)
+
+
+def test_coordinates_rounded_to_single_precision_are_told_from_whole_metres():
+    rng = np.random.default_rng(1)
+    far = np.array([0.0, 5.334e6, 0.0])
+    near = rng.normal(size=(40, 3))
+    rounded = (near * 5.0 + far).astype(np.float32).astype(np.float64)
+    assert single_precision_step(rounded) == 0.5
+    assert single_precision_step(near * 5.0 + far) == 0.0
+    assert single_precision_step(np.round(near * 20.0) + far) == 0.0
+    assert single_precision_step(near.astype(np.float32).astype(np.float64)) < 1e-6

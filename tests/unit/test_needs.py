@@ -13,7 +13,7 @@ from sarmitsuba.errors import ResourceError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.prediction.counting import lattice_rays
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from tests.support.unweighted import focus, refine, render
 
@@ -86,7 +86,7 @@ def test_render_of_a_model_in_millimetres_is_refused(
     monkeypatch.setattr(memory, "free_memory", lambda: 16_000_000_000)
     scene = load_scene(str(millimetres))
     with pytest.raises(
-        ResourceError, match=r"needs \d\d\.\d GB of memory, and 16 GB are free; .* rays per key pulse"
+        ResourceError, match=r"needs \d\d(\.\d)? GB of memory, and 16 GB are free; .* rays per key pulse"
     ):
         simulate(scene)
     with pytest.raises(ResourceError, match="in metres"):

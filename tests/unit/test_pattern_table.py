@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,16 +16,17 @@ from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.radar.pattern import PATTERNS
+from sarmitsuba.radar.pattern import PATTERNS, Pattern
 from sarmitsuba.radar.pattern_table import PatternTable
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import focus
 
 WIDTHS = (2.0, 6.0)  # degrees
 SHAPES = ("gaussian", "rectangular")
+POINT = PointTarget("point", np.zeros(3), 1.0)
 
 
 def write_table(
@@ -220,3 +222,59 @@ def test_another_table_compiles_nothing(tmp_path: Path) -> None:
 
 def test_patterns_are_listed_for_users() -> None:
     assert {"isotropic", "gaussian", "rectangular", "table"} <= set(PATTERNS.names)
+
+
+class Tapered(Pattern):
+    """Cut of an aperture with a cosine taper, the same in both axes."""
+
+    name, doc = "tapered_by_a_test", "cosine taper"
+    half_power_sine = 0.594482390  # cos(pi u) / (1 - 4 u^2) = 1 / sqrt(2)
+
+    def gain(self, sin_azimuth: Any, sin_elevation: Any, numbers: Any, xp: Any = np) -> Any:
+        u, v = (
+            self.half_power_sine * s * n for s, n in zip((sin_azimuth, sin_elevation), numbers, strict=True)
+        )
+        cuts = [(np.cos(np.pi * w) / (1.0 - 4.0 * w * w + 1e-12)) ** 2 for w in (u, v)]
+        return cuts[0] * cuts[1]
+
+
+class Shapeless(Pattern):
+    """Pattern that belongs to no aperture."""
+
+    name, doc = "shapeless_by_a_test", "no aperture"
+
+    def gain(self, sin_azimuth: Any, sin_elevation: Any, numbers: Any, xp: Any = np) -> Any:
+        return 1.0 / (1.0 + (sin_azimuth * numbers[0]) ** 2 + (sin_elevation * numbers[1]) ** 2)
+
+
+def test_a_pattern_states_its_widths_null_and_bends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a cosine taper: half power at 0.594, null at 1.5 wavelengths over the length."""
+    for entry in (Tapered(), Shapeless()):
+        monkeypatch.setitem(PATTERNS._entries, entry.name, entry)
+    wavelength = 299792458.0 / 9.6e9
+    given = {
+        "pattern": "tapered_by_a_test",
+        "center_frequency": 9.6e9,
+        "antenna_length": 2.0,
+        "antenna_height": 1.0,
+    }
+    scene = build_scene([], points=[POINT], radar=RadarDescription(**given))
+    antenna = scene.radar.antenna
+    assert np.degrees(antenna.azimuth_beamwidth) == pytest.approx(1.0637, abs=1e-3)
+    assert antenna.two_way_amplitude(np.sin(0.5 * antenna.azimuth_beamwidth), 0.0) == pytest.approx(
+        0.5, abs=1e-5
+    )
+    # tol: the null lies on one of 500 samples a half-width
+    assert antenna.nulls == pytest.approx((1.5 * wavelength / 2.0, 1.5 * wavelength), rel=2e-3)
+    slope, bend = antenna.azimuth_bends
+    assert 0.6 < slope < 0.9 and 1.0 < bend < 1.7
+    for name in SHAPES:  # measured as others are, the built-in ones are what they state
+        pattern = PATTERNS[name]
+        # tol: the rectangle states the Gaussian of its widths
+        assert Pattern.find_bends(pattern) == pytest.approx(pattern.find_bends(), rel=0.08)
+    assert Pattern.find_null(PATTERNS["rectangular"]) == pytest.approx(
+        PATTERNS["rectangular"].find_null(), rel=1e-3
+    )
+    assert Pattern.find_null(PATTERNS["gaussian"]) is None
+    with pytest.raises(RadarError, match="belongs to no aperture; give azimuth_beamwidth_deg"):
+        build_scene([], points=[POINT], radar=RadarDescription(**given | {"pattern": "shapeless_by_a_test"}))

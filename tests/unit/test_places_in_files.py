@@ -28,6 +28,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.simulation.refinement.error_bars import estimate_error
 from sarmitsuba.view import quicklook as pictures
 from sarmitsuba.view.display import PictureOptions, prepare
+from tests.support.geometries import singular_place
 from tests.support.unweighted import focus
 
 # in the file's frame, m, and the side of a pixel
@@ -41,7 +42,8 @@ SHARE = 0.05
 def drawn(seed: int) -> tuple[RawData, SarImage, F64]:
     """Echoes and image of a point, in slant range and on the ground by turns; and its place in the file's frame.
 
-    Heading, side, look, place on the Earth, offset, and pixels of unequal and odd ratios drawn.
+    Heading, side, look, place on the Earth, offset, and pixels of unequal and odd ratios drawn; every second place is
+    at an edge of maps, such as the antimeridian or a pole.
     """
     rng = np.random.default_rng([seed, 7])
     radar = ideal_radar(
@@ -65,12 +67,14 @@ def drawn(seed: int) -> tuple[RawData, SarImage, F64]:
         anchor=Anchor.of_degrees(rng.uniform(-80, 80), rng.uniform(-180, 180), rng.uniform(-50, 2000)),
         offset=np.round(rng.uniform(-900, 900, 3)),
     )
+    if seed // 2 % 2 == 0:
+        radar = replace(radar, anchor=singular_place(rng, 12.0), offset=np.zeros(3))
     point = np.array([*rng.uniform(-4.0, 4.0, 2), 0.0])
     raw = ideal_echoes(radar, point, 4.0, 0.7)
     steps = rng.permutation([0.5, rng.uniform(0.12, 0.5)])
-    request = ImageRequest(
-        ("ground", "slant")[seed % 2], *rng.uniform(-3.0, 3.0, 2), 0.0, *rng.uniform(24.0, 27.0, 2), *steps
-    )
+    center, sides = rng.uniform(-3.0, 3.0, 2), rng.uniform(24.0, 27.0, 2)
+    kind = ("ground", "slant")[seed % 2]
+    request = ImageRequest(kind, *center, 0.0, *sides, *steps, offset=tuple(radar.offset))
     return raw, focus(raw, request=request, focuser="backprojection"), point + radar.offset
 
 
@@ -147,9 +151,10 @@ def of_sicd(path: Path, image: SarImage) -> Place:
     return anchor.from_ecef(place), min(spacing)
 
 
-def of_outline(ring: F64, image: SarImage) -> Place:
+def of_outline(rings: list[F64], image: SarImage) -> Place:
     """Where the image's own point is within the outline, whose corners are half a pixel outside."""
-    corners = image.anchor.from_geodetic(np.column_stack([np.radians(ring[:4, [1, 0]]), ring[:4, 2]]))
+    ring = np.concatenate(rings)
+    corners = image.anchor.from_geodetic(np.column_stack([np.radians(ring[:, [1, 0]]), ring[:, 2]]))
     grid = image.grid.in_frame(np.zeros(3))
     pixels = grid.positions()
     low, near, far = (
@@ -164,13 +169,16 @@ def of_outline(ring: F64, image: SarImage) -> Place:
 
 
 def of_geojson(path: Path, image: SarImage) -> Place:
-    (ring,) = json.loads(path.read_text())["geometry"]["coordinates"]
-    return of_outline(np.array(ring), image)
+    geometry = json.loads(path.read_text())["geometry"]
+    parts = geometry["coordinates"] if geometry["type"] == "MultiPolygon" else [geometry["coordinates"]]
+    return of_outline([np.array(ring) for (ring,) in parts], image)
 
 
 def of_kml(path: Path, image: SarImage) -> Place:
-    text = ET.parse(path).find(".//{*}coordinates").text
-    return of_outline(np.array([[float(v) for v in part.split(",")] for part in text.split()]), image)
+    texts = [element.text for element in ET.parse(path).iterfind(".//{*}coordinates")]
+    return of_outline(
+        [np.array([[float(v) for v in part.split(",")] for part in text.split()]) for text in texts], image
+    )
 
 
 IMAGES: dict[str, Callable[[Path, SarImage], Place]] = {
@@ -275,6 +283,8 @@ def blob(seed: int) -> tuple[SarImage, tuple[float, float]]:
         origin = -9e3 * across + np.array([0.0, 0.0, 9e3])
         ranges = ranges + np.hypot(9e3, 9e3)
     anchor = Anchor.of_degrees(rng.uniform(-79, 83), rng.uniform(-180, 180), rng.uniform(0, 1500))
+    if seed // 2 % 2:
+        anchor = singular_place(rng, 30.0)
     grid = ImageGrid(kind, azimuth, ranges, origin, along, across, anchor=anchor)
     place = tuple(
         float(rng.uniform(axis[size // 2 - 9], axis[size // 2 + 9]))

@@ -15,7 +15,7 @@ from sarmitsuba.radar.footprint import lit, outline
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.validation.chain import make_scene
 from sarmitsuba.view.notebook import scene_plan
 from tests.support.unweighted import focus, render

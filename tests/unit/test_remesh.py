@@ -1,11 +1,13 @@
 """Meshes for surface currents: even triangles, the same surface, sides that meet, mirrors and contacts."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from sarmitsuba.mesh.conforming import conforming
+from sarmitsuba.mesh.conforming import conforming, join_points
 from sarmitsuba.mesh.contacts import contacts
 from sarmitsuba.mesh.mirrors import mirror_planes, part_of
 from sarmitsuba.mesh.remesh import DEVIATION, LONGEST, distance_to_triangles, remesh
@@ -150,3 +152,36 @@ def test_triangles_on_one_another_are_contacts() -> None:
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     twice = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]])
     assert len(contacts(square, twice, 0.01)) and not len(contacts(square, twice[:2], 0.01))
+
+
+@pytest.mark.parametrize(("squeeze", "length"), [(1.0, 0.4), (1.0, 1.1), (0.5, 0.4)])
+def test_bodies_of_revolution_come_out_even_and_closed_at_their_poles(squeeze: float, length: float) -> None:
+    """Slivers at the poles of a sphere and a spheroid."""
+    ball = trimesh.creation.uv_sphere(1.0, count=[16, 32])
+    ball.apply_scale([squeeze, squeeze, 1.0])
+    corners, faces = conforming(np.asarray(ball.triangles), length / 200.0)
+    vertices, faces = remesh(corners, faces, length)
+    made = trimesh.Trimesh(vertices, faces, process=False)
+    assert made.is_watertight and not len(contacts(vertices, faces, 0.1 * length))
+    t = vertices[faces]
+    sides = np.square(t - np.roll(t, 1, axis=1)).sum(axis=(1, 2))
+    assert np.quantile(4.0 * np.sqrt(3.0) * areas(vertices, faces) / sides, 0.02) > 0.1
+
+
+def test_corners_are_joined_by_pairs_and_not_by_chains() -> None:
+    row = np.arange(1000)[:, None] * np.array([0.9e-3, 0.0, 0.0])
+    label = join_points(row, 1e-3)
+    assert np.linalg.norm(row - row[label], axis=1).max() <= 1e-3
+    assert 400 < len(np.unique(label)) < 600
+
+
+def test_mirrors_of_slender_triangles_take_little_memory() -> None:
+    """Samples of a needle are as many as its length asks for, not its square."""
+    ball = trimesh.creation.cylinder(1.0, 6.0, sections=100)
+    tracemalloc.start()
+    _, normals = mirror_planes(np.asarray(ball.vertices), np.asarray(ball.faces), 4e-3, 0.2)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(normals) == 3
+    # tol: 10 MB measured, 300 MB before
+    assert peak < 6e7

@@ -1,3 +1,8 @@
+import importlib.util
+import json
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -11,6 +16,8 @@ from sarmitsuba.materials.bsdfs import (
     sionna_itu_name,
     sionna_material,
 )
+from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.materials.typical import typical_surface
 
@@ -112,8 +119,78 @@ def test_sionna_scattering_shares_the_power() -> None:
     k = 2 * np.pi * X_BAND / SPEED_OF_LIGHT
     coherent = np.exp(-2 * (k * material.rms_height) ** 2) ** 2
     assert coherent == pytest.approx(1 - 0.36, rel=1e-12)  # tol: rounding
-    # Lambert's law: sigma0 at normal incidence is 4 albedo; |R(0)|^2 = (1/3)^2 for eps = 4
-    assert 10 ** (material.diffuse_level_db / 10) == pytest.approx(4 * 0.36 / 9, rel=1e-12)  # tol: rounding
+    # sigma0 at normal incidence is 4 S^2 |R(0)|^2 with |R(0)|^2 = (1/3)^2 for eps = 4; at the Brewster angle vv is none
+    table = diffuse_tables(material, SPEED_OF_LIGHT / X_BAND)
+    assert table.sigma0(0.0)[0] == pytest.approx(4 * 0.36 / 9, rel=1e-12)  # tol: rounding
+    h, v = table.sigma0(np.arctan(2.0))
+    # hh: R = (1 - eps) / (1 + eps) there; tol: linear interpolation of 256 nodes
+    assert h == pytest.approx(4 * 0.36 * 0.36 * 0.2, rel=1e-3) and v < 1e-4 * h
+
+
+def test_cross_polar_power_is_taken_from_the_scattered() -> None:
+    given = {"relative_permittivity": 4.0, "scattering_coefficient": 0.6, "xpd_coefficient": 0.2}
+    given |= {"scattering_pattern": "directive", "alpha_r": 5}
+    material, _ = sionna_material(
+        "m", "radio-material", RADIO_MATERIAL.read(given, WHERE), frozenset(given), X_BAND
+    )
+    assert material.diffuse_law == "directive_roughness" and material.law_parameter("lobe_exponent") == 5.0
+    co, cross = 10 ** (material.diffuse_level_db / 10), 10 ** (material.cross_polar_ratio_db / 10)
+    assert co * (1.0 + cross) == pytest.approx(0.36) and cross == pytest.approx(0.25)
+    given["xpd_coefficient"] = 0.7
+    values = RADIO_MATERIAL.read(given, WHERE)
+    _, note = sionna_material("m", "radio-material", values, frozenset(given), X_BAND)
+    assert "xpd_coefficient above 0.5 is read as that" in note
+
+
+SIONNA_FORMULA = """
+import json, sys
+import numpy as np
+import sionna.rt as rt, mitsuba as mi, drjit as dr
+from sionna.rt.utils import fresnel_reflection_coefficients_simplified as fresnel
+out = []
+for name, options, eps, theta in json.loads(sys.argv[1]):
+    theta = np.array(theta)
+    pattern = {"lambertian": rt.LambertianPattern, "directive": rt.DirectivePattern,
+               "backscattering": rt.BackscatteringPattern}[name](**options)
+    ki = mi.Vector3f(np.sin(theta), 0 * theta, -np.cos(theta))
+    f = np.array(pattern(ki, -ki))
+    te, tm = fresnel(mi.Float(np.cos(theta)), mi.Complex2f(*eps))
+    out.append([(4 * np.pi * np.abs(np.array(r.real) + 1j * np.array(r.imag)) ** 2 * np.cos(theta) * f).tolist()
+                for r in (te, tm)])
+print(json.dumps(out))
+"""
+
+
+@pytest.mark.slow
+def test_scattering_is_that_of_sionna_itself() -> None:
+    """Drawn materials and angles against the code of Sionna RT, in a process of its own: it sets a variant."""
+    if importlib.util.find_spec("sionna") is None:
+        pytest.skip("sionna-rt is not installed")
+    rng = np.random.default_rng(0)
+    cases, ours = [], []
+    for name in ("lambertian", "directive", "backscattering") * 3:
+        eps, conductivity, s = rng.uniform(2.0, 12.0), rng.uniform(0.0, 1.0), rng.uniform(0.1, 0.9)
+        theta = np.sort(rng.uniform(0.0, 1.5, 12))
+        options = {"alpha_r": int(rng.integers(1, 12))} if name != "lambertian" else {}
+        if name == "backscattering":
+            options |= {"alpha_i": int(rng.integers(1, 12)), "lambda_": float(rng.uniform())}
+        given = {"relative_permittivity": eps, "conductivity": conductivity, "scattering_coefficient": s}
+        given |= {"scattering_pattern": name, **options}
+        values = RADIO_MATERIAL.read(given, WHERE)
+        material, _ = sionna_material("m", "radio-material", values, frozenset(given), X_BAND)
+        cases.append(
+            (name, options, (material.permittivity.real, material.permittivity.imag), theta.tolist())
+        )
+        sigma0 = LAWS[material.diffuse_law].sigma0(material, SPEED_OF_LIGHT / X_BAND, theta)
+        ours.append(np.stack([sigma0.h, sigma0.v]) / s**2)
+    run = subprocess.run(
+        [sys.executable, "-c", SIONNA_FORMULA, json.dumps(cases)], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    theirs = json.loads(run.stdout.splitlines()[-1])
+    for mine, other in zip(ours, theirs, strict=True):
+        # tol: float32 of Sionna RT, whose R cancels near the Brewster angle
+        np.testing.assert_allclose(mine, other, rtol=2e-4, atol=1e-6)
 
 
 def test_sionna_names_in_ids() -> None:

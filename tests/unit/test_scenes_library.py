@@ -5,13 +5,14 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import tomllib
 import trimesh
 
-from sarmitsuba.errors import SarmitsubaWarning, SceneError
+from sarmitsuba.errors import DataError, SarmitsubaWarning, SceneError
+from sarmitsuba.io.table_file import read_table
 from sarmitsuba.loader.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.cleaning import clean_mesh
@@ -179,7 +180,7 @@ def test_every_shipped_mesh_and_map_is_used():
 
 
 def test_every_folder_of_meshes_is_that_of_a_shipped_recipe():
-    recipes = [tomllib.loads(p.read_text(encoding="utf-8")) for p in scenes_dir().glob("recipes/*.toml")]
+    recipes = [read_table(p, "a recipe", 1 << 20) for p in scenes_dir().glob("recipes/*.toml")]
     used = {layer["meshes"] for recipe in recipes for layer in _tables(recipe) if "meshes" in layer}
     assert used == {p.name for p in scenes_dir().glob("meshes/*") if p.is_dir()}
 
@@ -248,3 +249,25 @@ def test_cities_are_the_same_every_time():
     np.testing.assert_array_equal(city_mesh(5, 100.0, (5, 9), 3)[0], city_mesh(5, 100.0, (5, 9), 3)[0])
     with pytest.raises(SceneError, match="n_buildings = 0"):
         city_mesh(0, 100.0, (5.0, 9.0))
+
+
+def test_recipes_are_read_before_python_3_11(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where Python reads no TOML the package tomli does, which is needed there; without it the error names it."""
+    (recipe, *_) = scenes_dir().glob("recipes/*.toml")
+    here = read_table(recipe, "a recipe", 1 << 20)
+    there = {"tomli": SimpleNamespace(loads=lambda text: {"read": len(text)})}
+
+    def found(name: str) -> object:
+        if name not in there:
+            raise ModuleNotFoundError(name)
+        return there[name]
+
+    monkeypatch.setattr("importlib.import_module", found)
+    assert (
+        read_table(recipe, "a recipe", 1 << 20) == {"read": len(recipe.read_text(encoding="utf-8"))} != here
+    )
+    there.clear()
+    with pytest.raises(
+        DataError, match=r"before Python 3\.11 TOML needs the package tomli; pip install tomli"
+    ):
+        read_table(recipe, "a recipe", 1 << 20)

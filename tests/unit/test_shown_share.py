@@ -54,7 +54,7 @@ def test_a_bright_point_beside_the_image(place: tuple[float, float]) -> None:
     )
     assert shown(image) == pytest.approx(-20.0, abs=1.0)  # tol: side lobes of the bright one
     plain, part = (gridding(one) for one in (focus(raw), image))
-    assert part.known == "at most" and "the image shows" in part.why
+    assert part.known == "bound" and "the image shows" in part.why
     assert part.error_db - plain.error_db == pytest.approx(-shown(image))
 
 

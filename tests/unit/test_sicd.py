@@ -202,7 +202,7 @@ def test_what_the_standard_has_no_grid_for_is_refused_before_simulating(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Slant-range pixels from orbit: nothing is traced; an airborne line, or pixels on the ground, are no obstacle."""
-    monkeypatch.setattr("sarmitsuba.simulation.raw.simulate", None)  # a call would fail otherwise
+    monkeypatch.setattr("sarmitsuba.simulation.render.simulate", None)  # a call would fail otherwise
     orbit = ["--radar", "terrasar_spotlight", "-D", "image_extent_limit=60"]
     asked = ["render", "trihedral", *orbit, "-D", "range_film.image_grid=slant", "-o", str(tmp_path / "out")]
     assert main([*asked, "--format", "hdf5,sicd"]) == 2

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from sarmitsuba import load_scene
+from sarmitsuba.commands.console import Console
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SarmitsubaWarning, SceneError
+from sarmitsuba.errors import GuessWarning, SarmitsubaWarning, SceneError
 from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.loader.names_of_materials import WORDS, kind_of
+from sarmitsuba.loader.names_of_materials import ALIASES, WORDS, exact_kind, kind_of
 from sarmitsuba.loader.tables import RADAR_MATERIAL
 from sarmitsuba.materials.bsdfs import radar_material
 from sarmitsuba.materials.diffuse_law import LAWS
@@ -182,7 +183,7 @@ def test_smooth_and_rough_exclude_each_other() -> None:
         ("Kies", "gravel"),
         ("Schiffsstahl", "metal"),
         ("Sperrholzplatte", ""),
-        ("Sperrholz", "wood"),
+        ("Sperrholz", "plywood"),
         ("Kalksandstein", "marble"),
         ("Rheinwasser", "water"),
         ("topsoil", "soil"),
@@ -205,6 +206,70 @@ def test_every_word_names_a_material_of_the_library() -> None:
     for kind, words in WORDS.items():
         for word in words:
             assert kind_of(word.removeprefix("="), {}) == kind
+
+
+def test_other_names_are_of_one_material_each() -> None:
+    names = [name for each in ALIASES.values() for name in each]
+    assert set(ALIASES) <= set(MATERIALS.names) and len(set(names)) == len(names)
+    for kind, each in ALIASES.items():
+        for name in each:
+            assert exact_kind(name) == exact_kind(name.upper()) == exact_kind(f"mat-{name}.003") == kind
+    for kind in MATERIALS.names:
+        for spelling in (
+            kind,
+            kind.upper(),
+            kind.title().replace("_", " "),
+            kind.replace("_", ""),
+            f"itu_{kind}",
+        ):
+            assert exact_kind(spelling) == kind
+    assert exact_kind("Béton") == "concrete" and exact_kind("SeaWater") == "sea_water"
+
+
+def test_words_inside_words_name_no_radar_material(tmp_path: Path) -> None:
+    """Every word of the guesses with a drawn word before or behind it; and the materials of an extension left out."""
+    rng = np.random.default_rng(4)
+    others = ("wet", "my", "paint", "deep", "snowy", "hydro", "x", "plutonium")
+    words = [word.removeprefix("=") for each in WORDS.values() for word in each]
+    names = ["wet_snow", "saltyseawater", "my wall paint", "my_snow_model"]
+    for word in words:
+        other = rng.choice(others)
+        names.append(
+            f"{other}{rng.choice(['_', ' ', ''])}{word}" if rng.random() < 0.5 else f"{word} {other}"
+        )
+    for name in names:
+        assert exact_kind(name) == ""
+        with pytest.raises(
+            SceneError, match=r"is not one of .*; an extension's are known with --extension FILE"
+        ):
+            RADAR_MATERIAL.read({"material": name}, "here")
+
+
+def test_guesses_from_words_are_warned_of_even_when_quiet(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    faces = "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\n"
+    names = ("wet_snow", "my wall paint", "old brick wall", "Steel", "plutonium")
+    faces += "".join(f"usemtl {name}\nf 1 2 {3 + i % 2}\n" for i, name in enumerate(names))
+    (tmp_path / "a.obj").write_text(faces)
+    console = Console(quiet=True)
+    with console.reporting():
+        scene = load_scene(tmp_path / "a.obj", radar="airborne_x")
+        warnings.warn("an ordinary warning", SarmitsubaWarning, stacklevel=1)
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert lines == [
+        'warning: a.obj: materials guessed from a word in their names: "my wall paint" concrete, "wet_snow" snow; '
+        "choose with --material NAME=MATERIAL",
+        'warning: a.obj: materials with unknown names are read as concrete: "plutonium"; name them brick, glass, '
+        "metal, ... in the file, or choose with --material MATERIAL or NAME=MATERIAL",
+    ]
+    assert 'a.obj: materials by their names: "Steel" metal, "old brick wall" brick' in scene.notes
+    text = '<bsdf type="diffuse" id="wet_snow"/>'
+    (tmp_path / "scene.xml").write_text(FILE.format(text))
+    with pytest.warns(
+        GuessWarning, match='"wet_snow": .*is read as snow by its id.* a guess from a word in it'
+    ):
+        load_scene(tmp_path / "scene.xml", radar="airborne_x")
 
 
 def loaded(tmp_path: Path, bsdf: str) -> Scene:

@@ -5,7 +5,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from sarmitsuba.analysis.quality.error_budget import (
-    AT_MOST,
+    BOUND,
+    LAW,
+    MEASURED,
     UNKNOWN,
     BudgetFacts,
     ErrorPart,
@@ -34,7 +36,7 @@ BLOCK_ORDER = 1.0
 # share of the tracing of rays, with a gridding kernel of 4 cells, that is proportional to the kernel's area
 # (benchmarks/suite/gridding.py)
 ADDING = 0.28
-# share of the known error energy from which bounds make it a bound
+# share of the known error energy from which bounds make it a bound, and laws a law
 _BOUNDED = 0.1
 # dB by which the next number of bounces must lower their error
 _DEEPER_DB = 3.0
@@ -72,9 +74,9 @@ class Change:
     error_db : of the cause, before and after
     total_db : of the sum of all known errors, before and after
     seconds : processor seconds more, below 0 fewer; NaN: not known
-    known : kind of the cause's error, see :class:`ErrorPart`
+    known : kind of the cause's error before the change, see :class:`ErrorPart`; that after it is by a law
     likely_db : likely sum, before and after: a loose bound neither calls for a change nor hides what one loses
-    bounded : the sum is a bound, because bounds are a part of it that counts
+    sum_kind : kind of the sum, by the parts of it that count
     left_out_db : likely error of the cause afterwards, of effects left out; NaN: as ``error_db``
     """
 
@@ -85,19 +87,17 @@ class Change:
     seconds: float
     known: str
     likely_db: tuple[float, float] = (math.nan, math.nan)
-    bounded: bool = False
+    sum_kind: str = MEASURED
     left_out_db: float = math.nan
 
     def __str__(self) -> str:
-        """Text such as ``max_depth=3 (bounces left out -30 -> -45 dB, all known errors -29 -> -35 dB, 2 s more)``."""
-        bound = "at most " if self.known == AT_MOST else ""
+        """Text such as ``max_depth=3 (bounces left out -30 -> -45 dB, all known errors -29 -> -35 dB; law)``."""
         time = "time not known"
         if not math.isnan(self.seconds):
             time = f"about {abs(self.seconds):.2g} CPU s {'more' if self.seconds >= 0.0 else 'less'}"
         return (
-            f"{self.options} ({self.cause} {bound}{_level(self.error_db[0])} -> {_level(self.error_db[1])} dB, "
-            f"all known errors {'at most ' * self.bounded}{_level(self.total_db[0])} -> "
-            f"{_level(self.total_db[1])} dB, {time})"
+            f"{self.options} ({self.cause} {_level(self.error_db[0])} -> {_level(self.error_db[1])} dB, "
+            f"all known errors {_level(self.total_db[0])} -> {_level(self.total_db[1])} dB, {time}; law)"
         )
 
     def as_dict(self) -> dict[str, object]:
@@ -109,6 +109,7 @@ class Change:
             "total_db": [_finite(x) for x in self.total_db],
             "processor_seconds": _finite(self.seconds),
             "known": self.known,
+            "total_known": self.sum_kind,
             "likely_total_db": [_finite(x) for x in self.likely_db],
         }
 
@@ -146,9 +147,14 @@ class Account:
         return total_db(self.parts)
 
     @property
-    def bounded(self) -> bool:
-        """Whether the sum is a bound, because bounds are a part of it that counts."""
-        return _bounded(self.parts)
+    def kind(self) -> str:
+        """Kind of the sum: a law or a bound where these are a part of it that counts."""
+        return _sum_kind(self.parts)
+
+    @property
+    def contradicted(self) -> tuple[ErrorPart, ...]:
+        """Errors that were measured far above what a law foretold."""
+        return tuple(part for part in self.parts if part.contradicts)
 
     @property
     def advice(self) -> tuple[str, str]:
@@ -173,6 +179,7 @@ class Account:
         """Values for JSON, without the parts, which have their own entry."""
         return {
             "total_db": _finite(self.total_db),
+            "known": self.kind,
             "stages": {
                 name: {"seconds": round(t.elapsed, 4), "processor_seconds": _finite(t.processor, 4)}
                 for name, t in self.stages.items()
@@ -276,21 +283,22 @@ def _with_total(change: Change, parts: Iterable[ErrorPart]) -> Change:
         change,
         total_db=(total_db(before), total_db(after)),
         likely_db=(likely_total_db(before), likely_total_db(after)),
-        bounded=_bounded(before),
+        sum_kind=_sum_kind(before),
     )
 
 
-def _bounded(parts: Iterable[ErrorPart]) -> bool:
-    """Whether bounds are a part of the sum of the known errors that counts."""
+def _sum_kind(parts: Iterable[ErrorPart]) -> str:
+    """Kind of the sum of the known errors: that of the least certain part which counts in it."""
     known = [part for part in parts if part.counts]
-    bounds = sum(_energy(part.error_db) for part in known if part.known == AT_MOST)
-    return bounds > _BOUNDED * sum(_energy(part.error_db) for part in known)
+    least = _BOUNDED * sum(_energy(part.error_db) for part in known)
+    for kind in (LAW, BOUND):
+        if sum(_energy(part.error_db) for part in known if part.known == kind) > least:
+            return kind
+    return MEASURED
 
 
-def _change(part: ErrorPart, options: str, after_db: float, seconds: float, known: str = "") -> Change:
-    return Change(
-        part.name, options, (part.error_db, after_db), (math.nan, math.nan), seconds, known or part.known
-    )
+def _change(part: ErrorPart, options: str, after_db: float, seconds: float) -> Change:
+    return Change(part.name, options, (part.error_db, after_db), (math.nan, math.nan), seconds, part.known)
 
 
 def _rays(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
@@ -326,12 +334,14 @@ def _bounces(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
     for other in range(1, len(errors)):
         if other > depth and errors[other] <= part.error_db - _DEEPER_DB:
             seconds = spent.rays * (other - depth) / depth
-            found.append(_change(part, _path("max_depth", other), errors[other], seconds, AT_MOST))
+            found.append(_change(part, _path("max_depth", other), errors[other], seconds))
             break
-    for other in range(1, int(depth)):
+    for other in range(
+        1, min(int(depth), len(errors))
+    ):  # a run without a pilot does not know what fewer leave out
         if other < bounces:
             seconds = -spent.rays * (1.0 - other / bounces)
-            found.append(_change(part, _path("max_depth", other), errors[other], seconds, AT_MOST))
+            found.append(_change(part, _path("max_depth", other), errors[other], seconds))
     return found
 
 
@@ -383,7 +393,7 @@ def _effects(data: BudgetFacts, part: ErrorPart, spent: _Spent) -> list[Change]:
             continue
         rest = {other: d for other, d in by_name.items() if other != name}
         seconds = spent.simulating * number(decision.get("cost"))
-        change = _change(part, _path(name, "on"), effects_db(rest.values()), seconds, part.known)
+        change = _change(part, _path(name, "on"), effects_db(rest.values()), seconds)
         found.append(replace(change, left_out_db=likely_effects_db(rest.values())))
     return found
 

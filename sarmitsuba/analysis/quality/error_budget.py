@@ -8,15 +8,15 @@ import numpy as np
 
 from sarmitsuba.echo.gridding import gridding_kernel
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.witness import Witness
 
-MEASURED, AT_MOST, ESTIMATED, UNKNOWN = "measured", "at most", "estimated", "not measured"
+# kinds of a figure: found in this run on so many samples; never exceeded; foretold by a law that this run did not check
+MEASURED, BOUND, LAW, UNKNOWN = "measured here", "bound", "law", "not measured"
 THEORY = "theory of metal"
 # energy of the echoes outside the image, dB, above which errors are stated relative to the image's energy
 SHOWN_DB = 1.0
 # rounding of echoes in complex64, relative to profiles of single pulses (benchmarks/suite/stated_errors.py)
 _ROUNDING_DB = -115.0
-# blocks below which their boundaries are so few that their scatter, which is added, makes the error a bound
-_FEW_BLOCKS = 8
 # dB that bounds of effects left out by a law, not by a pilot's rays, lie above the truth: 10 to 14 in drawn scenes
 _LOOSE_DB = 10.0
 
@@ -29,9 +29,12 @@ class ErrorPart:
     ----------
     name : of the cause
     error_db : dB; NaN: unknown, -inf: no error
-    known : ``measured``, ``at most``, ``estimated`` or ``not measured``
+    known : ``measured here``, ``bound``, ``law`` or ``not measured``
     why : source of the value, or reason for its absence
     likely_db : likely level of an error of which ``error_db`` is a loose bound, dB; NaN: as ``error_db``
+    samples : number of values that were measured; 0: it is not known, or nothing was measured
+    upper_db : level below which a measured error lies with 95 % probability, dB; NaN: not known
+    law_db : what a law foretold of an error that was measured, dB; NaN: there is none
     """
 
     name: str
@@ -39,37 +42,68 @@ class ErrorPart:
     known: str
     why: str = ""
     likely_db: float = math.nan
+    samples: int = 0
+    upper_db: float = math.nan
+    law_db: float = math.nan
 
     @property
     def weight_db(self) -> float:
         """Level by which the error counts among the others, dB: the likely one; no sum of bounds."""
         return self.error_db if math.isnan(self.likely_db) else self.likely_db
 
+    @property
+    def kind(self) -> str:
+        """The kind with the number of samples, such as ``measured here (64)``."""
+        return f"{self.known} ({self.samples})" if self.samples else self.known
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the measured error lies far above what a law foretold."""
+        return Witness(self.error_db, self.error_db, self.samples, self.law_db).contradicts
+
     def __str__(self) -> str:
-        """Text such as ``blocks of pulses -28.0 dB``."""
+        """Text such as ``blocks of pulses -28.0 dB, measured here (3)``."""
+        return f"{self.name} {self.value}"
+
+    @property
+    def value(self) -> str:
+        """Level and kind as text."""
         if self.known == UNKNOWN or math.isnan(self.error_db):
-            return f"{self.name} {UNKNOWN}"
+            return UNKNOWN
         if self.error_db == -math.inf:
-            return f"{self.name} none"
-        bound = f"{self.known} " if self.known in (AT_MOST, ESTIMATED) else ""
-        likely = ""
+            return (
+                f"none found (95 %: {self.upper_db:.1f} dB), {self.kind}"
+                if self.upper_db > -math.inf
+                else "none"
+            )
+        likely = f" (95 %: {self.upper_db:.1f} dB)" if self.upper_db > self.error_db + 1.0 else ""
         if self.weight_db < self.error_db - 1.0:
             likely = (
                 f" (likely {self.likely_db:.0f} dB)" if math.isfinite(self.likely_db) else " (likely none)"
             )
-        return f"{self.name} {bound}{self.error_db:.1f} dB{likely}"
+        against = f", contradicts the law of {self.law_db:.1f} dB" if self.contradicts else ""
+        return f"{self.error_db:.1f} dB{likely}, {self.kind}{against}"
 
     @property
     def counts(self) -> bool:
         """Whether it is in the sum of the known errors, which settings change."""
-        return self.known in (MEASURED, AT_MOST)
+        return self.known != UNKNOWN and self.name != THEORY
 
     def as_dict(self) -> dict[str, object]:
         """Values for JSON; None for an unknown error, or no error."""
-        error, weight = (round(x, 2) if math.isfinite(x) else None for x in (self.error_db, self.likely_db))
-        known = "none" if self.error_db == -math.inf else self.known
-        likely = {} if math.isnan(self.likely_db) else {"likely_db": weight}
-        return {"error_db": error, "known": known, **likely, "why": self.why}
+        levels = {"likely_db": self.likely_db, "upper_db": self.upper_db, "law_db": self.law_db}
+        return {
+            "error_db": _finite(self.error_db),
+            "known": "none" if self.error_db == -math.inf else self.known,
+            **({"samples": self.samples} if self.samples else {}),
+            **{name: _finite(level) for name, level in levels.items() if not math.isnan(level)},
+            **({"contradicts": True} if self.contradicts else {}),
+            "why": self.why,
+        }
+
+
+def _finite(level: float) -> float | None:
+    return round(level, 2) if math.isfinite(level) else None
 
 
 def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
@@ -86,6 +120,7 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
 
     Notes
     -----
+    A witness (:class:`sarmitsuba.witness.Witness`) in the metadata takes the place of a law, which stays as ``law_db``.
     Effects left out are summed as independent energies; those without a bound are named. The error of the theory
     is the energy of waves that metal sends and the run does not follow, by the laws of
     :mod:`sarmitsuba.effects.omitted_waves`; unknown for other surfaces, see docs/accuracy.md.
@@ -121,14 +156,37 @@ def number(value: object) -> float:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 
+def _witnessed(part: ErrorPart, facts: object) -> ErrorPart:
+    """The part as a witness measured it, if there is one; its own figure, where it has one, as what a law foretold."""
+    found = Witness.read(facts)
+    if found is None:
+        return part
+    law = part.error_db if part.known == LAW else found.law_db
+    return ErrorPart(
+        part.name,
+        found.error_db,
+        MEASURED,
+        found.reference,
+        samples=found.samples,
+        upper_db=found.upper_db,
+        law_db=law,
+    )
+
+
 def _rays(data: BudgetFacts) -> ErrorPart:
+    return _witnessed(_rays_of_two_sets(data), data.part("witnesses").get("rays"))
+
+
+def _rays_of_two_sets(data: BudgetFacts) -> ErrorPart:
     bars = [bar for bar in data.part("sampling_error").values() if isinstance(bar, Mapping)]
     errors = [number(bar.get("error_db")) for bar in bars]
     if not errors or any(math.isnan(x) for x in errors):
         if number(data.part("statistics").get("rays")) == 0.0 and data.metadata.get("method") != "raster":
             return ErrorPart("rays", -math.inf, MEASURED, "nothing is traced")
         return ErrorPart("rays", math.nan, UNKNOWN, "one set of rays")
-    return ErrorPart("rays", max(errors), MEASURED, str(bars[0].get("source", "")))
+    passes = number(data.part("refinement").get("passes"))
+    sets = int(passes) if passes >= 2.0 else 2
+    return ErrorPart("rays", max(errors), MEASURED, str(bars[0].get("source", "")), samples=sets)
 
 
 def _bounces(data: BudgetFacts) -> ErrorPart:
@@ -136,13 +194,22 @@ def _bounces(data: BudgetFacts) -> ErrorPart:
     decision = data.part("effects", "effects", "max_depth")
     depth = number(data.part("effects").get("max_depth"))
     if decision.get("on") is False and decision.get("error_is") == "none":
-        return ErrorPart(name, -math.inf, MEASURED, str(decision.get("why", "")))
+        return ErrorPart(name, -math.inf, BOUND, str(decision.get("why", "")))
     left = bounces_left_out(data)
-    if math.isnan(depth) or not 1 <= depth < len(left):
-        return ErrorPart(name, math.nan, UNKNOWN, str(decision.get("why", "")))
-    return _with_shown(
-        data, ErrorPart(name, left[int(depth)], AT_MOST, "pilot trace, two standard errors included")
-    )
+    part = ErrorPart(name, math.nan, UNKNOWN, str(decision.get("why", "")))
+    if not math.isnan(depth) and 1 <= depth < len(left):
+        patches = number(data.part("effects", "pilot").get("patches"))
+        part = ErrorPart(
+            name,
+            left[int(depth)],
+            MEASURED,
+            "patches of a pilot trace, two standard errors included",
+            samples=0 if math.isnan(patches) else int(patches),
+        )
+    witness = data.part("witnesses").get("bounces")
+    if Witness.read(witness) is not None:  # relative to the echoes
+        return _of_image(data, _witnessed(part, witness))
+    return _with_shown(data, part)
 
 
 def bounces_left_out(data: BudgetFacts) -> list[float]:
@@ -161,25 +228,32 @@ def _blocks(data: BudgetFacts) -> ErrorPart:
         return ErrorPart(name, math.nan, UNKNOWN, "one look stands for all pulses")
     if number(sampling.get("key_pulse_interval")) <= 1.0 or not sampling:
         return ErrorPart(name, -math.inf, MEASURED, "every pulse is traced")
-    error = number(sampling.get("block_error_db"))
-    if math.isnan(error):
-        return ErrorPart(name, error, UNKNOWN, "where blocks meet, in the middle of the track")
-    known = AT_MOST if number(data.part("statistics").get("key_pulses")) < _FEW_BLOCKS else MEASURED
-    return _of_image(data, ErrorPart(name, error, known, "where blocks meet"))
+    error, witness = number(sampling.get("block_error_db")), data.part("witnesses").get("blocks")
+    keys = number(data.part("statistics").get("key_pulses"))
+    part = ErrorPart(name, math.nan, UNKNOWN, "where blocks meet, in the middle of the track")
+    if not math.isnan(error):
+        meeting = 0 if math.isnan(keys) else max(int(keys) - 1, 0)
+        part = ErrorPart(name, error, MEASURED, "where blocks meet", samples=meeting)
+    return _of_image(data, _witnessed(part, witness))
 
 
 def _of_image(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
     """Error relative to the echoes' energy, converted to the image's energy as if all of it were within the image."""
-    return _with_shown(data, replace(part, error_db=part.error_db - _shown_db(data)))
+    shown = _shown_db(data)
+    levels = {name: getattr(part, name) - shown for name in ("error_db", "likely_db", "upper_db", "law_db")}
+    return _with_shown(data, replace(part, **levels))
 
 
 def _with_shown(data: BudgetFacts, part: ErrorPart) -> ErrorPart:
     """An error that is a bound because the image shows a part of the echoes' energy."""
     shown = _shown_db(data)
-    if shown == 0.0:
+    if shown == 0.0 or part.known == UNKNOWN or part.error_db == -math.inf:
         return part
     return replace(
-        part, known=AT_MOST, why=f"{part.why}; the image shows {shown:.1f} dB of the energy of the echoes"
+        part,
+        known=LAW if part.known == LAW else BOUND,
+        samples=0,
+        why=f"{part.why}; the image shows {shown:.1f} dB of the energy of the echoes",
     )
 
 
@@ -196,7 +270,7 @@ def _gridding(data: BudgetFacts) -> ErrorPart:
     if not 1.0 <= width <= 8.0:
         return ErrorPart("gridding", math.nan, UNKNOWN)
     why = f"kernel of {width:g} cells, echoes at all frequencies used"
-    return _of_image(data, ErrorPart("gridding", gridding_error_db(int(width)), AT_MOST, why))
+    return _of_image(data, ErrorPart("gridding", gridding_error_db(int(width)), BOUND, why))
 
 
 def gridding_error_db(width: int) -> float:
@@ -210,9 +284,12 @@ def _focuser(data: BudgetFacts) -> ErrorPart:
     focus = data.part("focus")
     method = str(focus.get("method", ""))
     error = number(focus.get("stated_error_db"))
+    part = ErrorPart("focuser", error, LAW, f"{method} against exact backprojection")
     if math.isnan(error):
-        return ErrorPart("focuser", math.nan, UNKNOWN, f"{method} states none" if method else "")
-    return _of_image(data, ErrorPart("focuser", error, AT_MOST, f"{method} against exact backprojection"))
+        part = ErrorPart("focuser", math.nan, UNKNOWN, f"{method} states none" if method else "")
+    if Witness.read(focus.get("witness")) is not None:  # of pixels: relative to the image
+        return _witnessed(part, focus["witness"])
+    return _of_image(data, part)
 
 
 def _effects(data: BudgetFacts) -> ErrorPart:
@@ -224,10 +301,16 @@ def _effects(data: BudgetFacts) -> ErrorPart:
     unknown = [name for name, decision in left_out.items() if math.isnan(number(decision.get("error_db")))]
     if unknown:
         return ErrorPart("effects left out", math.nan, UNKNOWN, f"no bound of {', '.join(unknown)}")
-    measured = all(decision.get("error_is") == "measured" for decision in left_out.values())
-    known = MEASURED if measured else AT_MOST
+    measured = not any(by_law(decision) for decision in left_out.values())
     likely = math.nan if measured else likely_effects_db(left_out.values())
-    return ErrorPart("effects left out", effects_db(left_out.values()), known, ", ".join(left_out), likely)
+    error = effects_db(left_out.values())
+    if error == -math.inf:
+        return ErrorPart("effects left out", error, BOUND, "none is off that would change the image")
+    part = ErrorPart("effects left out", error, MEASURED if measured else LAW, ", ".join(left_out), likely)
+    witness = data.part("witnesses").get("effects")
+    if Witness.read(witness) is None:
+        return part
+    return _of_image(data, _witnessed(part, witness))  # relative to the echoes
 
 
 def _theory(data: BudgetFacts, image: SarImage) -> ErrorPart:
@@ -243,7 +326,8 @@ def _theory(data: BudgetFacts, image: SarImage) -> ErrorPart:
     if not math.isnan(repeated):
         later = bounces_left_out(data)  # all of the image's energy without a pilot
         share += repeated * 10.0 ** (0.1 * later[1] if len(later) > 1 else 0.0)
-    return ErrorPart(THEORY, min(10.0 * math.log10(share), 0.0), ESTIMATED, why)
+    part = ErrorPart(THEORY, min(10.0 * math.log10(share), 0.0), LAW, why)
+    return _witnessed(part, data.part("witnesses").get("theory"))
 
 
 def _energy(image: SarImage, channel: str) -> float:

@@ -33,7 +33,7 @@ class MotionInPulse(Effect):
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         radar = context.scene.radar
-        if context.scene.settings.method in ("image", "raster"):
+        if context.scene.settings.one_look:
             return Assessment(
                 False, f"method {context.scene.settings.method} uses one antenna position", -np.inf
             )

@@ -29,7 +29,7 @@ def weighting_of(types: ModuleType, radar: Radar, window: Window) -> Weighting:
     if np.isfinite(radar.half_aperture):
         nodes = window(np.linspace(-0.5, 0.5, _WINDOW_NODES)).astype(np.float32)
         band = ApertureBand(dr.opaque(types.Float32, radar.half_aperture), device_array(types.Float32, nodes))
-    return Weighting(None if radar.antenna.pattern == "isotropic" else Beam.of(types, radar.antenna), band)
+    return Weighting(None if not radar.antenna.directive else Beam.of(types, radar.antenna), band)
 
 
 def pulse_weights(radar: Radar, window: Window) -> F64:
@@ -54,7 +54,7 @@ def axes_table(radar: Radar, weights: F64, pulses: slice, frame: F64) -> F32:
 
 def alike(radar: Radar) -> bool:
     """Whether a pulse has equal weight in all pixels."""
-    return radar.antenna.pattern == "isotropic" and bool(np.isinf(radar.half_aperture))
+    return not radar.antenna.directive and bool(np.isinf(radar.half_aperture))
 
 
 def image_weights(radar: Radar, grid: ImageGrid, window: Window) -> SummedWeights:

@@ -163,7 +163,7 @@ def _sight(radar: Radar, grid: ImageGrid, first: int, n: int, rows: slice) -> _S
     radial = np.stack([points[:, 0] * far / flat**2, points[:, 1] * far / flat**2, zero], axis=-1)
     steps = radial, np.stack([-points[:, 1], points[:, 0], zero], axis=-1)
     spread = 0.0
-    if radar.antenna.pattern != "isotropic":
+    if radar.antenna.directive:
         spread = _BEAM_BAND * float((flat / far).max()) * max(radar.antenna.per_width)
     return _SectionSpectra(
         radar,

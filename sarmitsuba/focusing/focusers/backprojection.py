@@ -10,6 +10,7 @@ from sarmitsuba.arrays import C64, C128, F64
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing.aperture_weights import (
+    beam_rounding,
     bistatic_refusal,
     dimness,
     ends_rounding,
@@ -178,16 +179,17 @@ class Backprojection(Focuser):
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
         """Error of range interpolation and rounding, dB, against the sum in float64 at exact ranges.
 
-        Powers add up of the interpolation's, as benchmarks/suite/focusers.py measures it, and of the rounding of the
-        ends of pixels' own apertures. Both grow where a place is weakly illuminated: its pixel is divided by the summed
-        weight of its pulses.
+        Powers add up of the interpolation's, as benchmarks/suite/focusers.py measures it, and of the rounding of
+        directions at the ends of pixels' own apertures and in narrow beams. All grow where a place is weakly
+        illuminated: its pixel is divided by the summed weight of its pulses.
         """
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate
             error = -16.0 - 12.0 * float(np.log2(self.oversampling or 6))
         else:
             error = _KERNEL_ERROR_DB[width]
-        power = (10.0 ** (0.1 * error) + ends_rounding(radar)) * dimness(radar, image_places(grid, _PLACES))
+        rounding = ends_rounding(radar) + beam_rounding(radar)
+        power = (10.0 ** (0.1 * error) + rounding) * dimness(radar, image_places(grid, _PLACES))
         return 10.0 * float(np.log10(power))
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
@@ -195,7 +197,7 @@ class Backprojection(Focuser):
         rate = PIXEL_PULSE_SECONDS * self.effort(radar, grid)
         if np.isfinite(radar.half_aperture):
             rate *= OWN_APERTURES
-        if radar.antenna.pattern != "isotropic":
+        if radar.antenna.directive:
             rate += PATTERN_SECONDS
         pixels, pulses = float(np.prod(grid.shape)), radar.track.n_pulses
         profiles = PROFILE_SECONDS * pulses * radar.window.n_samples

@@ -143,7 +143,7 @@ class Factorised(Focuser):
     @staticmethod
     def _seconds(plan: Plan, radar: Radar) -> float:
         """Processor time of all stages, and of the weights where they vary over the image."""
-        uniform = radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)
+        uniform = not radar.antenna.directive and np.isinf(radar.half_aperture)
         return plan.seconds + (0.0 if uniform else _WEIGHTS * radar.track.n_pulses)
 
     def imaging(self, task: FocusTask) -> LinearMap:

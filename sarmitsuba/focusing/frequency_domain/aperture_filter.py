@@ -74,8 +74,21 @@ class _ApertureEnd:
         value += (place - node).astype(np.float32) * (self.tail[node + 1] - value)
         scale *= np.sinc(((kx - self.sine * k) * (0.5 / np.pi * self.spacing)).astype(np.float32))
         value *= scale
+        value *= self._level(kx / k, ky / k).astype(np.float32)
         value *= unit_phasor(phase)
         out += value
+
+    def _level(self, sine: F64, cosine: F64) -> F64:
+        r"""Amplitude of the end's pulse over that of the pulse of stationary phase, whose tail is taken, at sines.
+
+        .. math:: \sqrt{\frac{2}{c_e (1 - s s_e + c c_e)}} \, \frac{c^{7/2}}{c_e^2}
+
+        for cosines c and :math:`c_e`: the end's integral by parts over the tail far from it, 1 at the end. Without it
+        the tail grows as :math:`c^{-7/2}` towards grazing, where no pulse of the aperture looks.
+        """
+        edge = np.sqrt(1.0 - self.sine**2)
+        near = edge * np.maximum(1.0 - sine * self.sine + edge * cosine, edge**2)
+        return np.asarray(np.sqrt(2.0 / near) * cosine**3.5 / edge**2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,7 +49,7 @@ class RowsFocuser(Focuser, ABC):
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Processor time: the algorithm's rate times the common work."""
         taken = CALL_SECONDS + self.sample_seconds * spectrum_work(radar, grid)
-        if radar.antenna.pattern != "isotropic" and not own_apertures(radar):
+        if radar.antenna.directive and not own_apertures(radar):
             taken += WEIGHT_SECONDS * radar.track.n_pulses * NODES
         return taken
 

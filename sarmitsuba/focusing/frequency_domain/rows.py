@@ -30,6 +30,7 @@ from sarmitsuba.focusing.frequency_domain.aperture_filter import ApertureFilter,
 from sarmitsuba.focusing.frequency_domain.chirp_z import ChirpZ
 from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
+    filter_overhang,
     own_apertures,
     range_walk,
     rate_factor,
@@ -53,7 +54,7 @@ _FOLDED = 1.05
 _BATCH = 1 << 18
 # bins beyond the band's edges that a longer transform keeps: profiles that end with the receive window leak there
 _EDGE = 16
-# pulses of zeros on either side of the aperture while the pulse rate is raised
+# pulses of zeros on either side of the aperture and of the matched filter while the pulse rate is raised
 _GUARD = 32
 
 
@@ -134,7 +135,7 @@ class _RowsMap(LinearMap):
     band, law : see there
     n_x : rows of the spectrum over the track
     m : whole numbers of the rows used, k_x = 2 pi m / period
-    side : rad/m, largest distance of k_x from that of the squint
+    side : (count,) float64, rad/m, largest distance of k_x from that of the squint
     aperture : spectrum of the pulse weights; None where it is 1
     """
 
@@ -143,7 +144,7 @@ class _RowsMap(LinearMap):
     law: RangeLaw
     n_x: int
     m: I64
-    side: float
+    side: F64
     aperture: ApertureFilter | None
 
     @staticmethod
@@ -160,9 +161,10 @@ class _RowsMap(LinearMap):
         k = band.center_wavenumber + band.offset
         dkx = 2.0 * np.pi / (n_x * geometry.spacing)
         center = k * geometry.sin_squint
-        side = geometry.reach(band.center_wavenumber) * band.center_wavenumber
-        first = int(np.ceil((center.min() - side) / dkx))
-        last = int(np.floor((center.max() + side) / dkx))
+        side = np.array([geometry.reach(each) * each for each in k])
+        bounds = np.outer(geometry.faded, k)  # every wavenumber's own
+        low, high = np.maximum(center - side, bounds[0]), np.minimum(center + side, bounds[1])
+        first, last = int(np.ceil(low.min() / dkx)), int(np.floor(high.max() / dkx))
         reach = np.array([first, last + 1]) * (dkx / k.min())
         aperture = aperture_filter(radar, grid, geometry, window, reach)
         return _RowsMap(geometry, band, law, n_x, np.arange(first, last + 1), side, aperture)
@@ -176,7 +178,8 @@ class _RowsMap(LinearMap):
         center = k * geometry.sin_squint
         kx: F64 = np.asarray(self.m[rows, None] * dkx, dtype=np.float64)
         square = k**2 - kx**2
-        keep = (np.abs(kx - center) <= self.side) & (square > 0.0)
+        sine = kx / k
+        keep = (np.abs(kx - center) <= self.side) & (sine >= geometry.faded[0]) & (sine <= geometry.faded[1])
         ky: F64 = np.sqrt(np.where(keep, square, 1.0))
         phase = self.law.bulk(kx, ky, offset)
         phase -= offset * geometry.range_center
@@ -188,6 +191,9 @@ class _RowsMap(LinearMap):
         value *= gain
         if self.aperture is not None:
             value *= self.aperture(kx, k, ky)
+        fade = None if np.isfinite(geometry.half_band) else geometry.fade(sine)
+        if fade is not None:
+            value *= fade.astype(np.float32)
         return value, kx, ky
 
     def forward(self, values: C64) -> C64:
@@ -270,8 +276,8 @@ class RowsImaging(LinearMap):
                 stacklevel=4,
             )
         kc = wavenumber(radar)
-        reach = replace(geometry, spacing=geometry.spacing / self.upsampling).reach(kc)
-        sines = np.clip(geometry.sin_squint + np.array([-reach, reach]), -0.999, 0.999)
+        finer = replace(geometry, spacing=geometry.spacing / self.upsampling)
+        sines = finer.sines(kc)
         extra = range_walk(radar, grid, geometry) + int(
             np.ceil(room(sines, radar.window.extent) / radar.window.sample_spacing)
         )
@@ -290,7 +296,8 @@ class RowsImaging(LinearMap):
             rho=grid.range,
             geometry=geometry,
         )
-        dense = _denser(geometry, self.upsampling) if self.upsampling > 1 else geometry
+        self.guard = _GUARD + int(filter_overhang(radar, grid, finer) / geometry.spacing)
+        dense = _denser(geometry, self.upsampling, self.guard) if self.upsampling > 1 else geometry
         n_x = int(scipy.fft.next_fast_len(int(np.ceil(track_period(radar, grid, dense) / dense.spacing))))
         self.rows = _RowsMap.of(radar, grid, dense, self.band, law(self.band), n_x, self.window)
         factor = normalisation(radar, grid, geometry, self.window) * (grid.range**2.5 / n_fft)
@@ -389,7 +396,7 @@ class RowsImaging(LinearMap):
     def _densify(self, spectrum: C64) -> C64:
         """Raise the pulse rate by a whole factor: deramp to the centre, zero-pad the Doppler spectrum, reramp."""
         factor, rows = self.upsampling, self.rows.geometry.x.size
-        n, held = rows // factor, slice(_GUARD, _GUARD + spectrum.shape[0])
+        n, held = rows // factor, slice(self.guard, self.guard + spectrum.shape[0])
         out = np.empty((rows, spectrum.shape[1]), dtype=np.complex64)
 
         def work(start: int, stop: int) -> None:
@@ -408,7 +415,7 @@ class RowsImaging(LinearMap):
     def _adjoint_densify(self, spectrum: C64) -> C64:
         """Adjoint of :meth:`_densify`."""
         factor, rows = self.upsampling, spectrum.shape[0]
-        n, held = rows // factor, slice(_GUARD, _GUARD + self.weights.size)
+        n, held = rows // factor, slice(self.guard, self.guard + self.weights.size)
         out = np.empty((self.weights.size, spectrum.shape[1]), dtype=np.complex64)
 
         def work(start: int, stop: int) -> None:
@@ -448,8 +455,12 @@ def _along_columns(sums: ChirpZ, columns: C64, out: C64) -> None:
     _in_threads(work, columns.shape[1], max(1, _BATCH // sums.n_fft))
 
 
-def _denser(geometry: TrackGeometry, factor: int) -> TrackGeometry:
-    """Track with a pulse rate raised by a whole factor, with pulses of zeros on either side."""
-    n = scipy.fft.next_fast_len(geometry.x.size + 2 * _GUARD)
-    x = geometry.x[0] + geometry.spacing * (np.arange(n * factor) / factor - _GUARD)
+def _denser(geometry: TrackGeometry, factor: int, guard: int) -> TrackGeometry:
+    """Track with a pulse rate raised by a whole factor, with pulses of zeros on either side.
+
+    What lies between the last pulses and beyond them must reach as far as the matched filter, and not come round to the
+    other end of the track.
+    """
+    n = scipy.fft.next_fast_len(geometry.x.size + 2 * guard)
+    x = geometry.x[0] + geometry.spacing * (np.arange(n * factor) / factor - guard)
     return replace(geometry, x=x, spacing=geometry.spacing / factor)

@@ -92,7 +92,7 @@ def spectrum_rows(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tup
     """Rows of the pulses' spectrum, and rows mapped to pixels: more where apertures are wider than the pulse rate."""
     rows = track_period(radar, grid, geometry) / geometry.spacing
     kc = wavenumber(radar)
-    return rows, rows * geometry.reach(kc) * kc * geometry.spacing / np.pi
+    return rows, rows * float(np.ptp(geometry.sines(kc))) * kc * geometry.spacing / (2.0 * np.pi)
 
 
 def spectrum_work(radar: Radar, grid: ImageGrid) -> float:

@@ -21,9 +21,11 @@ _LIT = 0.02
 # pulses sampled for that
 _PULSES = 256
 # least processed half band over half the pixels' own apertures: margin for the tails of their ends
-_TAILS = 2.0
+_TAILS = 3.0
 # largest sine that an aperture may reach: along the track no pixel has a range of its own
 _STEEPEST = 0.99
+# Fresnel widths beyond the image's last direction over which the matched filter fades out
+_FADE = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,8 @@ class TrackGeometry:
     range_center : m, slant range from the middle of that pixel's aperture to it
     sin_squint : sine of the angle between that line of sight and broadside: the middle of the image's Doppler band
     half_band : half the Doppler band of a pixel's own aperture, in sines; infinite where all pulses serve every pixel
+    seen : smallest and largest sine at which pulses see the image; within the beam, or the pixels' own apertures
+    faded : beyond those, sines at which the matched filter has faded out
     """
 
     x: F64
@@ -47,20 +51,45 @@ class TrackGeometry:
     range_center: float
     sin_squint: float
     half_band: float
+    seen: tuple[float, float]
+    faded: tuple[float, float]
 
     @property
     def cosine(self) -> float:
         """Cosine of the squint."""
         return float(np.sqrt(max(1.0 - self.sin_squint**2, 0.0)))
 
+    def nyquist(self, wavenumber: float) -> float:
+        """Half the Doppler band that the pulses sample at a wavenumber, rad/m, in sines."""
+        return float(np.pi / (self.spacing * wavenumber))
+
     def reach(self, wavenumber: float) -> float:
-        """Half the processed band at a wavenumber, rad/m, in sines.
+        """Half the processed band about the squint at a wavenumber, rad/m, in sines, within :attr:`faded`.
 
         It is that of the pulses; where pixels' own apertures with the tails of their ends are wider, the pulses'
         spectrum is continued periodically.
         """
-        pulses = np.pi / (self.spacing * wavenumber)
-        return float(max(pulses, _TAILS * self.half_band) if np.isfinite(self.half_band) else pulses)
+        pulses = self.nyquist(wavenumber)
+        return max(pulses, _TAILS * self.half_band) if np.isfinite(self.half_band) else pulses
+
+    def sines(self, wavenumber: float) -> F64:
+        """Smallest and largest processed sine at a wavenumber, rad/m, (2,) float64.
+
+        Pulses closer than half of ``wavelength / 2`` sample sines past 1, where nothing is: the image's directions are
+        the bound, not the pulse rate.
+        """
+        reach = self.reach(wavenumber)
+        return np.clip(self.sin_squint + np.array([-reach, reach]), *self.faded)
+
+    def fade(self, sine: F64) -> F64 | None:
+        """Weight of the matched filter at sines: 1 within :attr:`seen`, falling to 0 at :attr:`faded`; None for 1."""
+        if sine.min() >= self.seen[0] and sine.max() <= self.seen[1]:
+            return None
+        width = [max(abs(end - edge), 1e-12) for edge, end in zip(self.seen, self.faded, strict=True)]
+        beyond = np.maximum(
+            (self.seen[0] - sine) * (1.0 / width[0]), (sine - self.seen[1]) * (1.0 / width[1])
+        )
+        return np.asarray(np.cos(0.5 * np.pi * np.clip(beyond, 0.0, 1.0)) ** 2)
 
 
 def slant_grid(radar: Radar, grid: ImageGrid) -> ImageGrid:
@@ -101,7 +130,7 @@ def own_apertures(radar: Radar) -> bool:
 
 def lit_in_turn(radar: Radar) -> bool:
     """Whether the beam, or the band of the pixels' own apertures, passes over the pixels one after the other."""
-    return own_apertures(radar) or (radar.antenna.pattern != "isotropic" and radar.mode_law.own_apertures)
+    return own_apertures(radar) or (radar.antenna.directive and radar.mode_law.own_apertures)
 
 
 def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
@@ -122,9 +151,41 @@ def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
     elif lit_in_turn(radar):
         middle = x_center - float(_way_back(rho, _middle_sine(radar, grid)))
     distance = float(np.hypot(x_center - middle, rho))
-    return TrackGeometry(
-        x, spacing, x_center, rho, distance, (x_center - middle) / distance, radar.half_aperture
-    )
+    squint = (x_center - middle) / distance
+    seen = _seen_sines(radar, grid, x, squint)
+    faded = _faded_sines(radar, grid, seen)
+    return TrackGeometry(x, spacing, x_center, rho, distance, squint, radar.half_aperture, seen, faded)
+
+
+def _seen_sines(radar: Radar, grid: ImageGrid, x: F64, squint: float) -> tuple[float, float]:
+    """Smallest and largest sine at which pulses at ``x`` (n_pulses,), m along the grid, see the image."""
+    if own_apertures(radar):
+        return max(squint - radar.half_aperture, -1.0), min(squint + radar.half_aperture, 1.0)
+    if lit_in_turn(radar):
+        sine, lit = lit_sines(radar, grid)
+        sine = sine[lit] if lit.any() else sine
+    else:
+        ahead = np.array([grid.azimuth[0] - x.max(), grid.azimuth[-1] - x.min()])[:, None]
+        sine = ahead / np.hypot(ahead, grid.range[[0, -1]])
+    return float(sine.min()), float(sine.max())
+
+
+def _faded_sines(radar: Radar, grid: ImageGrid, seen: tuple[float, float]) -> tuple[float, float]:
+    r"""Sines at which the matched filter has faded out, some Fresnel widths beyond those that see the image.
+
+    A filter cut at a direction is wrong, by Fresnel's ripple, within some widths of
+
+    .. math:: \Delta s = (1 - s^2)^{3/4} \sqrt{\pi / k \rho}
+
+    of it. No farther than halfway to grazing, where it would raise what leaks there by :math:`(k / k_y)^{7/2}`.
+    Pixels' own apertures end by tails of their own, which reach as far.
+    """
+    rho, ends = float(grid.range[0]), []
+    for sign, sine in zip((-1.0, 1.0), seen, strict=True):
+        away = max(1.0 - sign * sine, 0.0)  # to grazing
+        width = _FADE * (1.0 - sine**2) ** 0.75 * np.sqrt(np.pi / (wavenumber(radar) * rho))
+        ends.append(sine + sign * (0.9 * away if own_apertures(radar) else min(width, 0.5 * away)))
+    return ends[0], ends[1]
 
 
 def _way_back(rho: ArrayLike, sine: float) -> F64:
@@ -169,6 +230,7 @@ def rate_factor(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tuple
     """
     if own_apertures(radar):  # their whole band is processed, see TrackGeometry.reach
         return 1, min(radar.half_aperture / geometry.reach(wavenumber(radar)), 1.0)
+    highest = wavenumber(radar) * (1.0 + 0.5 * radar.waveform.bandwidth / radar.waveform.center_frequency)
     corners = (
         replace(grid, azimuth=grid.azimuth[[0, -1]], range=grid.range[[0, -1]]).positions().reshape(4, 3)
     )
@@ -177,7 +239,7 @@ def rate_factor(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tuple
     center = np.hypot(geometry.x - geometry.x_center, geometry.rho_center)
     sin = look @ grid.along
     seen = direction_gain(radar, slice(None, None, step), look) > _LIT
-    nyquist = geometry.reach(wavenumber(radar))
+    nyquist = geometry.nyquist(highest)
     band = float(np.abs(sin - geometry.sin_squint)[seen].max(initial=0.0)) / nyquist
     deramped = sin - ((geometry.x_center - geometry.x) / center)[::step]
     if float(np.abs(deramped)[seen].max(initial=0.0)) / nyquist < 0.95:
@@ -223,15 +285,17 @@ def track_period(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> floa
     It contains data, image and the matched filter of the processed band; the filter connects a pixel with the pulses
     that see it within that band, or within its own aperture.
     """
-    half = min(geometry.reach(wavenumber(radar)), _TAILS * geometry.half_band)
-    edge = np.clip(geometry.sin_squint + np.array([-half, half]), -0.999, 0.999)
+    return float(np.ptp(geometry.x)) + filter_overhang(radar, grid, geometry) + 32.0 * geometry.spacing
+
+
+def filter_overhang(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> float:
+    """Largest extent of a pixel's matched filter beyond the farther end of the track, m."""
+    lowest = wavenumber(radar) * (1.0 - 0.5 * radar.waveform.bandwidth / radar.waveform.center_frequency)
+    half = min(geometry.reach(lowest), _TAILS * geometry.half_band)
+    edge = np.clip(geometry.sin_squint + np.array([-half, half]), *geometry.faded)
     reach = grid.range[[0, -1], None] * np.tan(np.arcsin(edge))  # pixel minus pulse
-    data = geometry.x[[0, -1]]
-    pixels = grid.azimuth[[0, -1]]
-    # largest extent of a pixel's filter beyond the farther end of the data
-    low = min(pixels[0] - reach.max(), data[0])
-    high = max(pixels[-1] - reach.min(), data[1])
-    return float(max(high - data[0], data[1] - low)) + 32.0 * geometry.spacing
+    data, pixels = geometry.x[[0, -1]], grid.azimuth[[0, -1]]
+    return float(max(pixels[-1] - reach.min() - data[1], data[0] - pixels[0] + reach.max(), 0.0))
 
 
 def boresight_sine(radar: Radar) -> float:

@@ -33,7 +33,7 @@ def normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window
     """Calibration factor 1 / (K sum w g g_filter) per pixel (n_azimuth, n_range); zero without data."""
     if own_apertures(radar):
         total = _own_sums(radar, grid, geometry, window)
-    elif radar.antenna.pattern == "isotropic":
+    elif not radar.antenna.directive:
         total = np.full(grid.shape, window.aperture(radar.track.n_pulses).sum())
     else:
 
@@ -118,7 +118,7 @@ def pulse_weights(
 
 def filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
     """Antenna pattern as matched weight: that at the image's central range if pixels have own apertures, else 1."""
-    if radar.antenna.pattern == "isotropic" or not lit_in_turn(radar):
+    if not radar.antenna.directive or not lit_in_turn(radar):
         return np.ones_like(sin_angle)
     drop = float(grid.origin[2] - grid.height)
     rho = float(grid.range[grid.range.size // 2])

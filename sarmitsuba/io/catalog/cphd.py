@@ -75,7 +75,7 @@ def write_raw(path: Path, raw: RawData) -> None:
         channels=raw.channels,
         vectors=vectors,
         n_samples=frequency.size,
-        area=_area(radar, raw.request and raw.request.moved(raw.radar.offset)),
+        area=_area(radar, raw.request and raw.request.in_frame()),
         anchor=radar.anchor,
         dwell=_dwell(radar),
         facts={"pulse_width_s": repr(radar.waveform.pulse_width), "antenna_pattern": radar.antenna.pattern},

@@ -7,17 +7,26 @@ from pathlib import Path
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.formats import FORMATS, FileFormat
-from sarmitsuba.io.geocoding import outline
+from sarmitsuba.io.geocoding import outlines, warn_unplaced
 from sarmitsuba.parameters import printable
 
 _KML = "http://www.opengis.net/kml/2.2"
 
 
 def write_geojson(path: Path, image: SarImage) -> None:
-    """Write the outline as a GeoJSON feature (RFC 7946: longitude, latitude in degrees, height in m)."""
+    """Write the outline as a GeoJSON feature (RFC 7946: longitude, latitude in degrees, height in m).
+
+    A polygon, or several where it crosses the antimeridian.
+    """
+    warn_unplaced(image.anchor)
+    rings = [[ring.tolist()] for ring in outlines(image.grid)]
+    one = len(rings) == 1
     feature = {
         "type": "Feature",
-        "geometry": {"type": "Polygon", "coordinates": [outline(image.grid).tolist()]},
+        "geometry": {
+            "type": "Polygon" if one else "MultiPolygon",
+            "coordinates": rings[0] if one else rings,
+        },
         "properties": {
             "name": printable(str(image.metadata.get("scene", path.stem))),
             "channels": list(image.channels),
@@ -29,16 +38,20 @@ def write_geojson(path: Path, image: SarImage) -> None:
 
 
 def write_kml(path: Path, image: SarImage) -> None:
-    """Write the outline as a KML polygon on the ground."""
+    """Write the outline as a KML polygon on the ground, or as several where it crosses the antimeridian."""
+    warn_unplaced(image.anchor)
     ET.register_namespace("", _KML)
     root = ET.Element(f"{{{_KML}}}kml")
     mark = ET.SubElement(root, f"{{{_KML}}}Placemark")
     ET.SubElement(mark, f"{{{_KML}}}name").text = printable(str(image.metadata.get("scene", path.stem)))
-    ring = mark
-    for name in ("Polygon", "outerBoundaryIs", "LinearRing"):
-        ring = ET.SubElement(ring, f"{{{_KML}}}{name}")
-    text = " ".join(f"{east:.9f},{north:.9f},{height:.3f}" for east, north, height in outline(image.grid))
-    ET.SubElement(ring, f"{{{_KML}}}coordinates").text = text
+    rings = outlines(image.grid)
+    parent = mark if len(rings) == 1 else ET.SubElement(mark, f"{{{_KML}}}MultiGeometry")
+    for ring in rings:
+        element = parent
+        for name in ("Polygon", "outerBoundaryIs", "LinearRing"):
+            element = ET.SubElement(element, f"{{{_KML}}}{name}")
+        text = " ".join(f"{east:.9f},{north:.9f},{height:.3f}" for east, north, height in ring)
+        ET.SubElement(element, f"{{{_KML}}}coordinates").text = text
     with atomic_path(path) as temporary:
         ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
 

@@ -11,12 +11,17 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
-from sarmitsuba.io.geocoding import MapGrid, NorthUp, north_up
+from sarmitsuba.io.geocoding import MapGrid, NorthUp, north_up, warn_unplaced
 from sarmitsuba.version import __version__
 
 
 def write_image(path: Path, image: SarImage) -> None:
-    """Write the square root of sigma0, one band per channel, north up in the UTM zone, with overviews.
+    """Write the square root of sigma0, one band per channel, on the UTM zone, with overviews; near the poles UPS.
+
+    Warns
+    -----
+    SarmitsubaWarning
+        The scene has no place on the Earth.
 
     Raises
     ------
@@ -24,6 +29,7 @@ def write_image(path: Path, image: SarImage) -> None:
         rasterio is missing.
     """
     formats_package("rasterio", f"{path}: GeoTIFF files need")
+    warn_unplaced(image.anchor)
     on_map = north_up(image)
     tags = {
         "quantity": "square root of sigma0" + ("" if image.calibrated else ", uncalibrated: up to a factor"),
@@ -33,7 +39,7 @@ def write_image(path: Path, image: SarImage) -> None:
 
 
 def write_layer(path: Path, labels: Labels, name: str) -> None:
-    """Write a layer of labels, one band per part, north up in the UTM zone: the nearest pixel of the image.
+    """Write a layer of labels, one band per part, on the map as images: the nearest pixel.
 
     Codes are integers as they are, others float32; 255 or the type's largest is outside the image, of others NaN.
 

@@ -115,8 +115,8 @@ def write_raw(path: Path | str, raw: RawData) -> None:
             flown = replace(raw.flown, position=raw.flown.position + raw.radar.offset)
             groups.write_fields(file.create_group("flown_track"), flown)
         if raw.request is not None:
-            asked = raw.request.moved(raw.radar.offset)
-            groups.write_fields(file.create_group("image_request"), asked)
+            asked = raw.request.in_frame()
+            groups.write_fields(file.create_group("image_request"), asked, ("offset",))
         for channel, records in raw.autofocus_records.items():
             groups.write_fields(file.create_group(f"autofocus_records/{channel}"), records)
         _write_planes(file, _ECHOES, raw.data, raw.layers)
@@ -189,7 +189,11 @@ def read_raw(path: Path | str) -> RawData:
         ):
             raise DataError(f"{domain} echoes of {data.shape[2]} samples do not match /radar/window")
         asked = groups.has(file, "image_request")
-        request = groups.read_fields(groups.group_of(file, "image_request"), ImageRequest) if asked else None
+        request = (
+            groups.read_fields(groups.group_of(file, "image_request"), ImageRequest, offset=(0.0, 0.0, 0.0))
+            if asked
+            else None
+        )
         metadata = _read_metadata(file)
         if planes:
             check_pulses(data)

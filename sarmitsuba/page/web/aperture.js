@@ -73,12 +73,29 @@ function lookedUp(sine, ends, gain) {
   return gain[low] + (place - low) * (gain[low + 1] - gain[low]);
 }
 
+/** Gain on a grid of both sines, azimuth first, bilinear between nodes; constant beyond the ends. */
+function lookedUpInPlane(azimuth, elevation, beam) {
+  const n = Math.round(Math.sqrt(beam.gain.length));
+  const place = (sine, ends) => {
+    const x = Math.min(Math.max(((sine - ends[0]) / (ends[1] - ends[0])) * (n - 1), 0), n - 1);
+    const low = Math.min(Math.floor(x), n - 2);
+    return [low, x - low];
+  };
+  const [i, u] = place(azimuth, beam.azimuthSine);
+  const [j, v] = place(elevation, beam.elevationSine);
+  const row = (k) => (1 - v) * beam.gain[k * n + j] + v * beam.gain[k * n + j + 1];
+  return (1 - u) * row(i) + u * row(i + 1);
+}
+
 /** Relative two-way amplitude of the antenna towards a unit vector; zero behind the aperture. */
 export function beamGain(beam, t, x, y, z) {
   const i = 3 * t;
   const dot = (axis) => x * axis[i] + y * axis[i + 1] + z * axis[i + 2];
   if (dot(beam.boresight) <= 0) return 0;
-  if (beam.pattern === "table") {
+  if (beam.gain) {
+    return lookedUpInPlane(dot(beam.azimuthAxis), dot(beam.elevationAxis), beam);
+  }
+  if (beam.azimuthGain) {
     return (
       lookedUp(dot(beam.azimuthAxis), beam.azimuthSine, beam.azimuthGain) *
       lookedUp(dot(beam.elevationAxis), beam.elevationSine, beam.elevationGain)
@@ -87,6 +104,7 @@ export function beamGain(beam, t, x, y, z) {
   const a = dot(beam.azimuthAxis) * beam.perWidth[0];
   const e = dot(beam.elevationAxis) * beam.perWidth[1];
   if (beam.pattern === "gaussian") return Math.exp(-Math.LN2 * (a * a + e * e));
+  if (beam.pattern !== "rectangular") throw new Error(`antenna pattern ${beam.pattern}: neither known nor sampled`);
   const sinc = (v) => (Math.abs(v) > 1e-6 ? Math.sin(v) / v : 1);
   const u = sinc(Math.PI * SINC_HALF_POWER * a);
   const v = sinc(Math.PI * SINC_HALF_POWER * e);

@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 
-from sarmitsuba.radar.pattern import PATTERNS, Pattern
+from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER, Pattern
 from sarmitsuba.samples import Samples
 
 
@@ -14,6 +14,7 @@ class Gaussian(Pattern):
 
     name = "gaussian"
     doc = "main lobe of the given half-power widths, no side lobes"
+    half_power_sine = SINC_HALF_POWER  # of the uniform aperture whose main lobe it stands for
 
     def gain(
         self,
@@ -27,6 +28,10 @@ class Gaussian(Pattern):
         ln2 = float(np.log(2.0))
         gain: Samples = xp.exp(-ln2 * (x * x + y * y))
         return gain
+
+    def find_bends(self) -> tuple[float, float]:
+        """Those of 2^-(x^2)."""
+        return 0.72, 1.39
 
 
 PATTERNS.register(Gaussian())

@@ -14,6 +14,7 @@ class Rectangular(Pattern):
 
     name = "rectangular"
     doc = "uniformly illuminated rectangle, with the side lobes of its sinc"
+    half_power_sine = SINC_HALF_POWER
 
     def gain(
         self,
@@ -27,6 +28,14 @@ class Rectangular(Pattern):
         u, v = (_sinc(np.pi * SINC_HALF_POWER * z, xp) for z in (x, y))
         product: Samples = u * u * v * v
         return product
+
+    def find_null(self) -> float:
+        """That of the sinc."""
+        return 1.0 / SINC_HALF_POWER
+
+    def find_bends(self) -> tuple[float, float]:
+        """Those of the Gaussian of these widths; the sinc has 0.75 and 1.29."""
+        return 0.72, 1.39
 
 
 def _sinc(x: Samples, xp: ModuleType) -> Samples:

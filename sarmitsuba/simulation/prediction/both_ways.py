@@ -27,7 +27,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Batch, BatchTracer
 from sarmitsuba.simulation.blocks import partition
 from sarmitsuba.simulation.points import add_points
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.timing import Clock
 
@@ -300,7 +300,8 @@ def _besides(base: _BlockPulses, clock: Clock) -> float:
     """Seconds of a short run apart from lattices and tracing: geometry on the device, checks, metadata."""
     settings = base.loaded.settings
     length = 0 if settings.method == "raw" else max(stop - start for start, stop in base.blocks)
-    scene = replace(base.loaded, settings=replace(settings, key_pulse_interval=length))
+    one_pass = replace(settings, key_pulse_interval=length, target_error_db=0.0, time_limit=0.0)
+    scene = replace(base.loaded, settings=one_pass)
     whole, parts = np.inf, np.inf
     for _ in range(BESIDES_ROUNDS):
         start = clock()

@@ -51,6 +51,9 @@ SETUP, FIRST_FOCUS, POINT_PULSE = 0.07, 0.04, 1e-7
 NOISE_SAMPLE, UPSAMPLED = 8e-8, 1.5e-7
 # seconds of the first finer lattice of a process over those of the next
 FIRST_LAID = 0.2
+# share of a run's rays and contributions that one witness may take, and rays that it may take in short runs where error
+# bars are wanted; a run has two (sarmitsuba.simulation.witnesses)
+WITNESS_SHARE, WITNESS_LEAST, WITNESSES = 0.02, 4e5, 2
 # seconds for the scattering table of a rough material at another frequency
 TABLES = 0.04
 
@@ -312,7 +315,8 @@ def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid:
             "image": focusing,
         },
         seconds={
-            **tracing.seconds(keys, launches),
+            **(traced := tracing.seconds(keys, launches)),
+            "witnesses": _witness_seconds(traced["trace"], len(layers.subsets)),
             "synthesise": USUAL_CORE.stages(work)["synthesise"],
             **after,
         },
@@ -320,6 +324,11 @@ def _of_raw(scene: Scene, tracing: _TracingCost | None, layers: LayerPlan, grid:
         kept=held + image,
         n_pulses=n_pulses,
     )
+
+
+def _witness_seconds(trace: float, subsets: int) -> float:
+    """Seconds of the witnesses of a run whose tracing takes so long."""
+    return WITNESSES * max(WITNESS_SHARE * trace, WITNESS_LEAST * USUAL_CORE.ray * (subsets > 1))
 
 
 def default_focuser(radar: Radar, grid: ImageGrid, exact: bool) -> Focuser:

@@ -89,7 +89,7 @@ class Explanation:
         )
         lines.append(
             "change: energy of the change of the image, relative to the image, if the effect were switched on or off "
-            "(max_depth: without the last bounce with an echo); <= upper bound, ? unknown, others measured"
+            "(max_depth: without the last bounce with an echo); law: foretold and not measured here, ? unknown"
         )
         if not all(np.isnan(d.cost) for d in plan.decisions):
             lines.append(
@@ -135,7 +135,7 @@ def explain(scene: SceneLike, *, predicted: bool = True) -> Explanation:
 
 def _prediction_text(prediction: Prediction) -> str:
     stages = ", ".join(f"{stage} {duration(s)}" for stage, s in prediction.seconds.items())
-    rates = "measured on a part of it" if prediction.measured else "by a model of speed"
+    rates = "measured here on a part of it" if prediction.measured else "law"
     text = (
         f"predicted: {duration(prediction.total)} ({stages}; {rates}), {in_bytes(prediction.memory)} of memory; "
         f"{prediction.rays / 1e6:.3g} million rays at {prediction.key_pulses} key pulses, "
@@ -149,8 +149,8 @@ def _error(decision: Decision) -> str:
         return "?"
     if decision.error_db <= (NOTHING_DB if decision.measured else -200.0):
         return "none"
-    bound = "" if decision.measured else "<= "
-    return f"{bound}{round(decision.error_db)} dB"  # never -0
+    kind = "measured here" if decision.measured or decision.source == "pilot" else "law"
+    return f"{round(decision.error_db)} dB, {kind}"  # never -0
 
 
 def _cost(share: float) -> str:

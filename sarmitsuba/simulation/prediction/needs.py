@@ -10,11 +10,14 @@ from sarmitsuba.memory import check_fits, held_memory, in_bytes
 from sarmitsuba.simulation.prediction.speed import Machine
 
 # stages that report no progress of tracing
-AFTER = ("chirp", "focus", "files")
+AFTER = ("chirp", "focus", "files", "labels")
 # seconds and bytes per sample of a chirped echo for modulation or compression, and samples processed at a time
 CHIRPED, CHIRPED_BYTES, CHIRPED_BATCH = 2.6e-8, 24, 1 << 22
 # copies of the raw data held by passes, in addition to those being simulated
 PASSES_HELD = 3
+# seconds of labels over those of the look that they are made of, which they trace and compare again by what echoes come
+# from (2 to 8 in shipped scenes); and bytes of each of its rays
+LABELLED, LABEL_BYTES = 6.0, 950
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,7 @@ class Needs:
     kept : bytes held when the image is finished: image, raw data, and memory that the device keeps for the next launch
     n_pulses : of the raw data
     pixel_spacing : m, azimuth and range
+    spent : elapsed and processor seconds on this machine before: start, loading and planning
     """
 
     name: str
@@ -55,6 +59,7 @@ class Needs:
     kept: int = 0
     n_pulses: int = 0
     pixel_spacing: tuple[float, float] = (1.0, 1.0)
+    spent: tuple[float, float] = (0.0, 0.0)
 
     @property
     def bytes(self) -> int:
@@ -184,8 +189,17 @@ class Needs:
         """
         check_fits(f"{self.name}: this run", self.bytes, self.remedy)
 
+    @property
+    def _before(self) -> str:
+        return f", {duration(self.spent[1])} of it spent" if self.spent[1] else ""
+
+    def labelled(self, look: "Needs") -> "Needs":
+        """Needs with labels of the image; ``look``: of one look of method ``image``, whose echoes are labelled."""
+        seconds = LABELLED * sum(look.seconds.values())
+        return self.then("labels", seconds, look.bytes + look.rays * LABEL_BYTES)
+
     def __str__(self) -> str:
-        """One line with rays, pixels, memory and time."""
+        """One line with rays, pixels, memory and time, of all that the command does from its start to its end."""
         rows, columns = self.image_shape
         rays = f"{self.rays / 1e6:.3g} million rays"
         if self.raw_bytes:
@@ -193,8 +207,8 @@ class Needs:
         threads = Machine.here().threads
         return (
             f"expected: {rays}, {rows} x {columns} pixels, {in_bytes(self.memory)} of memory, about "
-            f"{duration(sum(self.elapsed.values()))} on {threads} core{'s' if threads > 1 else ''} "
-            f"({duration(sum(self.processor.values()))} of processor time)"
+            f"{duration(self.spent[0] + sum(self.elapsed.values()))} on {threads} core{'s' if threads > 1 else ''} "
+            f"({duration(self.spent[1] + sum(self.processor.values()))} of processor time{self._before}); law"
         )
 
 

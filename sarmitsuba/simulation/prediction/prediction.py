@@ -163,6 +163,8 @@ def predict(
         traced = _tracing(run, run.sampling, data, clock)
         for stage, value in traced.seconds.items():
             seconds[stage] = seconds.get(stage, 0.0) + value
+        modelled = needs.processor if clock is time.process_time else needs.elapsed
+        seconds["witnesses"] = modelled.get("witnesses", 0.0)
         stats, interval = traced.statistics, traced.interval
         if both_ways:
             planned = measured_both_ways(run, scene, interval)

@@ -1,6 +1,7 @@
 """Passes of rays until the image reaches a target error; all passes are averaged, interrupted runs continue."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -32,6 +33,7 @@ from sarmitsuba.simulation.refinement.error_bars import (
 from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout, by_channel
 from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
+from sarmitsuba.witness import Witness
 
 STATE_FILE = "passes.npz"
 # most rays of one lattice; denser passes are repeated instead
@@ -263,12 +265,23 @@ class _PassImage:
         source: Source = SUBSETS if passes.change is None else PASSES
         if source != passes.source:  # the ratio depends on the kind of estimate
             passes.ratio_db, passes.source = None, source
-        error = raw_error + (passes.ratio_db or 0.0)
+        error = self.counting_bias(raw_error + (passes.ratio_db or 0.0))
         if passes.ratio_db is None or (goal.target < 0.0 and error <= goal.target + 0.3):
             self.image = self.focus(self.raw())
-            error = max(self.bars(self.image).error_db)
-            passes.ratio_db = error - raw_error
+            of_image = max(self.bars(self.image).error_db)
+            passes.ratio_db = of_image - raw_error
+            error = self.counting_bias(of_image)
         return error
+
+    def counting_bias(self, error_db: float) -> float:
+        """Error with that of the ray spacing, dB, which all passes share, as measured in the last and densest one."""
+        witnesses = self.passes.metadata.get("witnesses")
+        found = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
+        if found is None:
+            return error_db
+        scatter = 0.0 if np.isnan(found.law_db) else 10.0 ** (0.1 * found.law_db)
+        bias = max(10.0 ** (0.1 * found.error_db) - scatter, 0.0)
+        return float(10.0 * np.log10(10.0 ** (0.1 * error_db) + bias))
 
 
 def blocks_of(state: Path) -> Path:
@@ -281,7 +294,7 @@ def _finished(focuser: _PassImage, goal: _Goal, noisy: bool) -> Refinement:
     passes, raw = focuser.passes, focuser.raw()
     image = focuser.image or focuser.focus(raw)
     bars = focuser.bars(image)
-    error = max(bars.error_db)
+    error = focuser.counting_bias(max(bars.error_db))
     passes.history[-1] = (passes.seconds, error)
     if noisy:
         settings = focuser.scene.settings

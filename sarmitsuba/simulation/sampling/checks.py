@@ -59,6 +59,7 @@ def check_small_parts(sampling: SamplingPlan, shortfalls: Sequence[Shortfall]) -
         if (corners := [s for s in shortfalls if s.corners])
         else []
     )
+    notes += [_coarse_chains(sampling, s) for s in shortfalls if s.chains][:1]
     worst = max(shortfalls, key=lambda s: s.bias_db, default=None)
     if worst is None or worst.share < SMALL_SHARE or worst.bias_db < SMALL_BIAS_DB:
         return notes
@@ -69,6 +70,14 @@ def check_small_parts(sampling: SamplingPlan, shortfalls: Sequence[Shortfall]) -
     )
     warnings.warn(text, SarmitsubaWarning, stacklevel=4)
     return [text, *notes]
+
+
+def _coarse_chains(sampling: SamplingPlan, short: Shortfall) -> str:
+    return (
+        f"{sampling.scene.name}: curved or small surfaces that rays meet after a reflection are too large for the "
+        f"bound on rays: tubes there are {short.spacing:.3g} m wide; set ray_spacing to {short.needed:.2g} m, or "
+        "make the image smaller"
+    )
 
 
 def _coarse_corners(sampling: SamplingPlan, short: Shortfall) -> str:

@@ -80,6 +80,7 @@ class SamplingPlan:
     scatterer_cell : m, edge of the cells with one persistent diffuse scatterer; independent of the look
     footprint_spacing : m, ray spacing for footprints as large as a resolution cell
     spacings : ray spacings, as set or automatic
+    halvings : of the spacing of all rays for coherent returns, also of finer ones
     """
 
     scene: Scene
@@ -89,6 +90,7 @@ class SamplingPlan:
     scatterer_cell: float
     footprint_spacing: float
     spacings: RaySpacings
+    halvings: int = 0
 
     @staticmethod
     def of(scene: Scene, flags: KernelFlags | None = None) -> "SamplingPlan":

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sarmitsuba.simulation.sampling.chains import halved, with_divided_cells
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import bounding_antennas
 from sarmitsuba.simulation.sampling.small_parts import Shortfall, coarse_corners, with_small_parts
@@ -20,6 +21,7 @@ class Rays:
     trace_scene : traced geometry
     subsets : of the rays, by their numbers in ``SUBSET_SHARES``
     pass_index : other values shift the lattices only
+    max_depth : most bounces
 
     Attributes
     ----------
@@ -27,9 +29,14 @@ class Rays:
     """
 
     def __init__(
-        self, sampling: SamplingPlan, trace_scene: TraceScene, subsets: tuple[int, ...], pass_index: int
+        self,
+        sampling: SamplingPlan,
+        trace_scene: TraceScene,
+        subsets: tuple[int, ...],
+        pass_index: int,
+        max_depth: int,
     ) -> None:
-        self.sampling, self.trace_scene = sampling, trace_scene
+        self.sampling, self.trace_scene, self.max_depth = sampling, trace_scene, max_depth
         self.realisations = [(subset, subset + 2 * pass_index) for subset in subsets]
         self.plain = [
             sampling.lattices(realisation=realisation, subset=subset)
@@ -50,7 +57,7 @@ class Rays:
         if self._made is None or self._made[0] != time:
             scene = self.trace_scene
             if movers is not None and time is not None:
-                scene = replace(scene, triangles=movers.at(time).corners())
+                scene = replace(scene.at(time), triangles=movers.at(time).corners())
             self._made = (time, self._refined(scene))
         return self._made[1]
 
@@ -65,11 +72,21 @@ class Rays:
                 pulses, frame = one.pulses or (0, track.n_pulses), one.frame or self.sampling.window.frame
                 antennas = bounding_antennas(track, pulses)
                 grid, missed = with_small_parts(one, scene, frame, antennas, rng)
-                finer.append(grid)
                 if one.serves(track.center_index):
                     short += [] if missed is None else [missed]
                     if self.sampling.flags.multi_bounce:
                         short += coarse_corners(grid, scene, frame, antennas)
+                if self.sampling.flags.multi_bounce:
+                    radar = self.sampling.scene.radar
+                    wavelength = radar.waveform.wavelength
+                    grid, missed = with_divided_cells(
+                        grid, scene, frame, antennas, wavelength, self.max_depth, radar.antenna
+                    )
+                    if missed is not None and one.serves(track.center_index):
+                        short.append(missed)
+                for _ in range(self.sampling.halvings if grid.purpose != "diffuse" else 0):
+                    grid = halved(grid)
+                finer.append(grid)
             made.append(tuple(grid for grid in finer if grid.n_rays))
         self.shortfalls = tuple(short)
         return made

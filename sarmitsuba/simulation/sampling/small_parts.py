@@ -49,6 +49,7 @@ class Shortfall:
     spacing, needed : m, present ray spacing, and spacing that the surface needs (geometric mean)
     corners : the surface needs it for double bounces between metal facets at right angles, whose error is that of the
         edges of their chains
+    chains : tubes that meet it after a reflection are too wide (``spacing`` over the largest such need); no ``share``
 
     Notes
     -----
@@ -61,11 +62,12 @@ class Shortfall:
     spacing: float
     needed: float
     corners: bool = False
+    chains: bool = False
 
     @property
     def bias_db(self) -> float:
         """Estimated upper bound of the bias of coherent power, dB; diffuse power fluctuates, but is unbiased."""
-        if self.purpose == "diffuse" or self.corners:
+        if self.purpose == "diffuse" or self.corners or self.chains:
             return 0.0
         return float(max(0.0, 20.0 * np.log10(self.spacing / self.needed) + SERVED_DB))
 

@@ -8,15 +8,20 @@ import numpy as np
 from sarmitsuba.arrays import F64
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.fold_sections import Folds
 from sarmitsuba.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.error_statement import followed_folds
 from sarmitsuba.simulation.sampling.cropping import shares
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
+from sarmitsuba.trace.fold_waves import FoldWaves
 from sarmitsuba.trace.launch import project
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.wire_nodes import longest_step
 
+# antenna positions from which folds are examined
+MOST_LOOKS = 1000
 # least number of antenna positions for the visibility of pairs, and rad of rotation of the line of sight per position
 LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
 
@@ -60,6 +65,27 @@ class Site(ABC):
     @abstractmethod
     def edges(self) -> SharpEdges:
         """Sharp metal edges of the scene, in pieces."""
+
+    @cached_property
+    def folds(self) -> Folds:
+        """Folds whose waves are followed beyond rays; none without edges' waves, or with a receiver apart."""
+        return followed_folds(self.scene, self.flags, self.wavelength)
+
+    @cached_property
+    def fold_waves(self) -> FoldWaves | None:
+        """Waves of the folds, which several tracings share; None without any."""
+        if not self.folds.n:
+            return None
+        towards = self.towards(self.folds.middle.mean(axis=0))
+        waves = FoldWaves(self.folds, self.wavelength, towards, 0.5 * self.resolution)
+        return waves if waves.n else None
+
+    def towards(self, point: F64) -> F64:
+        """Unit vectors (n, 3) from a point to the antenna along the track, at most ``MOST_LOOKS``."""
+        position = self.scene.radar.track.position
+        step = -(-len(position) // MOST_LOOKS)
+        away = np.concatenate([position[::step], position[-1:]]) - point
+        return np.asarray(away / np.linalg.norm(away, axis=1, keepdims=True))
 
     @property
     @abstractmethod

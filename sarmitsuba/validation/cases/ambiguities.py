@@ -11,7 +11,7 @@ from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.link.ambiguity import azimuth_ambiguity_ratio
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import Parameter, make_scene, unwarned

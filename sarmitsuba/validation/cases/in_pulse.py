@@ -6,7 +6,7 @@ from sarmitsuba import theory
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import Parameter, make_scene, unwarned
 from sarmitsuba.validation.comparison import Case, Comparison

@@ -27,7 +27,7 @@ def preset_scene(name: str, off: bool) -> Scene:
     scene = load_scene("point", radar=name)
     if scene.radar.noise_temperature <= 0.0:
         changes["sar_antenna.noise_temperature"] = str(_TEMPERATURE)
-    if off and scene.radar.antenna.pattern != "isotropic":
+    if off and scene.radar.antenna.directive:
         line = scene.radar.aim_point - scene.radar.track.center_position
         # the ground across the line of sight is its distance over the cosine of the incidence angle
         beyond = _OFF * scene.radar.antenna.nulls[1] * float(line @ line) / -line[2]

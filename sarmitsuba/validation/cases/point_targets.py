@@ -3,7 +3,7 @@
 import numpy as np
 
 from sarmitsuba import theory
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import METHODS, RCS_DBSM, WINDOWS, chain, peak_dbsm, point_scene

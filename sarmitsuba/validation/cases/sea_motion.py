@@ -9,7 +9,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.named.water import klein_swift
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, Switch, TraceSettings
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.theory import sea as theory
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry

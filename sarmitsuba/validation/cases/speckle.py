@@ -11,7 +11,7 @@ from sarmitsuba.arrays import C128, F64
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import ground_scene
 from sarmitsuba.validation.comparison import CONFIDENCE, CRITICAL_DISTANCE, Case, Comparison

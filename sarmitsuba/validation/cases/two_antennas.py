@@ -10,7 +10,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry

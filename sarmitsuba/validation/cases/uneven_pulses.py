@@ -6,7 +6,7 @@ from sarmitsuba import theory
 from sarmitsuba.arrays import F64
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import simulate
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import Parameter, make_scene, unwarned

@@ -1,5 +1,8 @@
-"""Fringe currents of sharp metal edges, for edges within the lit part of the scene."""
+"""Waves of metal edges: fringe currents of those within the lit part of the scene, and waves of folds beyond rays."""
 
+import numpy as np
+
+from sarmitsuba.effects.fold_sections import MOST_TABLES
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.edges import FringeCurrents
@@ -7,6 +10,8 @@ from sarmitsuba.trace.source import PointSource, Source
 
 # seconds of a usual core to trace a piece
 PIECE_TRACED = 5e-6
+# seconds of a usual core for the table of a fold between faces of ten wavelengths
+SECTION_SOLVED = 0.3
 
 
 class EdgeKind(SourceKind):
@@ -32,4 +37,24 @@ class EdgeKind(SourceKind):
         return Expected(site.edges.n, 0.0, PIECE_TRACED, 0.0)
 
 
+class FoldKind(SourceKind):
+    """Folds between flat metal faces that do not meet squarely, seen by one antenna."""
+
+    name, rank = "folds", 31
+
+    def made(self, site: Site) -> Source | None:
+        """See :class:`SourceKind`."""
+        return None if site.fold_waves is None else PointSource(site.fold_waves)
+
+    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+        """Cost of the sections of all folds, each solved at most ``MOST_TABLES`` times."""
+        folds = site.folds
+        if not folds.n:
+            return None
+        seconds = sub_bands * min(folds.n, MOST_TABLES) * SECTION_SOLVED
+        pieces = float(np.ceil(folds.length / max(0.5 * site.resolution, site.wavelength)).sum())
+        return Expected(pieces, seconds, PIECE_TRACED, 0.0)
+
+
 SOURCES.register(EdgeKind())
+SOURCES.register(FoldKind())

@@ -1,0 +1,94 @@
+"""Errors that a run measures on drawn pulses, against runs that are exact in that respect."""
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sarmitsuba
+from sarmitsuba.arrays import C64
+from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation import witnesses
+from sarmitsuba.simulation.render import simulate
+
+SMALL = {
+    "range_film.image_extent_azimuth": "12",
+    "range_film.image_extent_range": "16",
+    "sar_antenna.azimuth_resolution": "1",
+}
+
+
+def scene_of(name: str, **settings: Any) -> Scene:
+    scene = sarmitsuba.load_scene(name, parameters=SMALL)
+    settings = {"keep_subsets": True, "effects": {"diffuse_pairs": "off"}, **settings}
+    return replace(scene, settings=replace(scene.settings, **settings))
+
+
+def echoes_of(raw: RawData) -> C64:
+    """Echoes of the first channel."""
+    return np.sum(
+        [p for p, layer in zip(raw.data, raw.layers, strict=True) if layer.channel == raw.channels[0]], axis=0
+    )
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.SarmitsubaWarning")
+@pytest.mark.parametrize(("name", "depth"), [("dihedral", 1), ("trihedral", 2)])
+def test_bounces_left_out_are_measured(name: str, depth: int) -> None:
+    """Runs too short for a pilot, of which nothing was known."""
+    scene = replace(sarmitsuba.load_scene(name), settings=scene_of(name).settings)
+    shallow = simulate(replace(scene, settings=replace(scene.settings, max_depth=depth)))
+    found = shallow.metadata["witnesses"]["bounces"]
+    true = image_error_db(echoes_of(shallow), echoes_of(simulate(scene)))
+    # tol: 1 dB, pulses of one block; the lobe of the corner is as wide as the aperture
+    assert abs(found["error_db"] - true) < 1.0 and true < found["upper_db"] + 0.1
+
+
+def test_blocks_are_held_against_pulses_traced_one_by_one() -> None:
+    shared = simulate(scene_of("tower"))
+    found = shared.metadata["witnesses"]["blocks"]
+    exact = simulate(scene_of("tower", method="raw"))
+    true = image_error_db(echoes_of(shared), echoes_of(exact))
+    # tol: 8 dB, a pulse drawn where an edge flashes up
+    assert abs(found["error_db"] - true) < 8.0
+    assert "blocks" not in exact.metadata["witnesses"]
+    assert simulate(scene_of("tower")).metadata["witnesses"] == shared.metadata["witnesses"]
+
+
+def test_an_error_alike_on_both_sides_of_a_boundary_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A planted error that grows with the square of the time from the key pulse: where blocks meet, it cancels."""
+    from sarmitsuba.simulation.pulses import KeyPulse
+
+    made = KeyPulse.profiles
+
+    def off(self: KeyPulse, *args: Any) -> Any:
+        profiles = made(self, *args)
+        n = profiles.shape[1]
+        return profiles * (1.0 + (np.arange(n) - n // 2) ** 2 / (n / 2.0) ** 2)[:, None].astype(np.float32)
+
+    monkeypatch.setattr(KeyPulse, "profiles", off)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SarmitsubaWarning)
+        shared = simulate(scene_of("tower", key_pulse_interval=60))
+    found = shared.metadata["witnesses"]["blocks"]
+    assert found["law_db"] + 3.0 < found["error_db"] and -16.0 < found["error_db"] < -8.0
+    assert any("blocks of pulses have an error" in str(w.message) for w in caught)
+
+
+def test_short_runs_without_error_bars_take_no_witness() -> None:
+    plain = simulate(scene_of("tower", keep_subsets=False))
+    assert not {"blocks", "bounces", "effects"} & set(plain.metadata["witnesses"])
+
+
+def test_effects_that_are_off_are_traced_in_long_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(witnesses, "LONG", 0.0)
+    scene = scene_of("tower", effects={})
+    off = simulate(scene)
+    found = off.metadata["witnesses"]["effects"]
+    assert "wideband" in found["reference"] and found["samples"] >= 1
+    assert found["law_db"] == pytest.approx(-20.0, abs=6.0)
+    assert found["error_db"] < found["law_db"] + 3.0
