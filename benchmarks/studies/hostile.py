@@ -104,10 +104,12 @@ def allowed(folder: Path) -> tuple[str, ...]:
     """Starts of the paths that a case may open: its own folder, the program, the interpreter, the system's devices."""
     import sarmitsuba
     from sarmitsuba.loader.library import scenes_dir
+    from sarmitsuba.loader.plugins import plugins_dir
 
     own = (
         folder,
         scenes_dir(),
+        plugins_dir(),
         Path(sarmitsuba.__file__).parent,
         sys.prefix,
         sys.base_prefix,

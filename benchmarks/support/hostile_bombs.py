@@ -3,6 +3,7 @@
 import io
 import json
 import random
+import re
 import struct
 import zipfile
 import zlib
@@ -10,6 +11,9 @@ from typing import Any
 
 import h5py
 import numpy as np
+from hostile_structure import json_tree
+
+from sarmitsuba.io.journal import _HEADER, _RECORD, MAGIC
 
 LARGE = 1_700_000_000  # bytes that a bomb unpacks to: more than a case may take
 _BLOCK = 1 << 24
@@ -176,3 +180,181 @@ def npz(rng: random.Random, data: bytes) -> bytes:
         if rng.random() < 0.2:
             file.writestr(rng.choice(("more.npy", "../x.npy")), b"x")
     return out.getvalue()
+
+
+# ---- node graphs, journals, dictionaries, coordinates ----------------------------------------------------------------
+
+
+def gltf_nodes(rng: random.Random, data: bytes) -> bytes:
+    """Nodes of a glTF file as chains, fans, trees, rings and shared children, with transforms of any size."""
+    scene = json.loads(data)
+    count = rng.choice((2, 30, 300, 999, 1500, 20_000))
+    kind = rng.choice(("chain", "tree", "fan", "ring", "shared", "self", "missing", "many roots"))
+    size = rng.choice((1.0, 1e-30, 1e30, 1e300, 10**400))
+    nodes: list[dict[str, Any]] = [{"mesh": 0} if rng.random() < 0.5 else {} for _ in range(count)]
+    for child in range(1, count):
+        parent = {"chain": child - 1, "fan": 0, "tree": child // 2}.get(kind, rng.randrange(child))
+        nodes[parent].setdefault("children", []).append(child)
+    if kind == "ring":
+        nodes[-1].setdefault("children", []).append(0)
+    elif kind == "shared":
+        for node in nodes[:50]:
+            node.setdefault("children", []).extend(rng.randrange(count) for _ in range(3))
+    elif kind == "self":
+        nodes[0]["children"] = [0]
+    elif kind == "missing":
+        nodes[-1]["children"] = [rng.choice((-1, count, 10**30, "x", None, 1.5))]
+    for _ in range(rng.choice((0, 3, 50))):
+        node = rng.choice(nodes)
+        node[rng.choice(("translation", "scale"))] = [size, rng.choice((size, 0, -1)), 1.0]
+        if rng.random() < 0.2:
+            node["matrix"] = [rng.choice((size, 0.0, 1.0, "x", None)) for _ in range(rng.choice((16, 15, 4)))]
+    nodes[0]["mesh"] = 0
+    scene["nodes"] = nodes
+    scene["scenes"] = [{"nodes": list(range(count)) if kind == "many roots" else [0]}]
+    return json.dumps(scene).encode()
+
+
+def journal(rng: random.Random, data: bytes) -> bytes:
+    """Records of a journal with labels and payloads drawn anew, doubled or moved, every checksum right."""
+    records = []
+    at = len(MAGIC)
+    while at < len(data):
+        _, n_label, n_payload, _ = _HEADER.unpack_from(data, at)
+        start = at + _HEADER.size
+        records.append((data[start : start + n_label], data[start + n_label : start + n_label + n_payload]))
+        at = start + n_label + n_payload
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        where = rng.randrange(len(records))
+        label, payload = records[where]
+        kind = rng.choice(
+            ("label", "label", "label", "payload", "payload", "numbers", "cut", "double", "drop", "move")
+        )
+        if kind == "label":
+            label = json_tree(rng, label)
+        elif kind == "payload" and payload:
+            numbers = np.frombuffer(payload, np.uint8).copy()
+            bad = np.array([rng.choice((np.nan, np.inf, 1e30, -1e38))], np.float32).view(np.uint8)
+            place = rng.randrange(max(len(numbers) // 4, 1)) * 4
+            numbers[place : place + 4] = bad[: len(numbers[place : place + 4])]
+            payload = numbers.tobytes()
+        elif kind == "numbers":
+            payload = np.full(
+                max(len(payload) // 4, 1), rng.choice((np.nan, 1e30, 0.0)), np.float32
+            ).tobytes()
+        elif kind == "cut":
+            payload = rng.choice((payload[:-8], payload + bytes(8), b"", payload[:-1], payload * 2))
+        elif kind == "double":
+            records.insert(where, (label, payload))
+        elif kind == "drop" and len(records) > 1:
+            del records[where]
+            continue
+        elif kind == "move":
+            records.append(records.pop(0))
+            continue
+        records[where] = (label, payload)
+    out = MAGIC
+    for label, payload in records:
+        out += (
+            _HEADER.pack(_RECORD, len(label), len(payload), zlib.crc32(payload, zlib.crc32(label)))
+            + label
+            + payload
+        )
+    return out
+
+
+def dictionary(rng: random.Random, data: bytes) -> bytes:
+    """The seed of a dict: values of any type cannot be written to a file, and are drawn by who reads it."""
+    return str(rng.randrange(2**63)).encode()
+
+
+def far_outlines(rng: random.Random, data: bytes) -> bytes:
+    """Footprints with coordinates of any size, in systems of any name."""
+    features = json.loads(data)
+    ring = features["features"][0]["geometry"]["coordinates"][0]
+    size = rng.choice((1.0, 1e3, 1e5, 1e8, 1e9, 1e12, 1e19, 1e100, 1e300, 10**400))
+    for corner in ring if rng.random() < 0.7 else [rng.choice(ring)]:
+        for axis in rng.choice(((0,), (1,), (0, 1))):
+            corner[axis] = corner[axis] * size if isinstance(size, float) else size
+    codes = (
+        3857,
+        4326,
+        25832,
+        32661,
+        3031,
+        2154,
+        27700,
+        28992,
+        54009,
+        4978,
+        4258,
+        2056,
+        1,
+        999999,
+        3395,
+        5041,
+        6933,
+    )
+    name = rng.choice(
+        (
+            f"EPSG:{rng.choice(codes)}",
+            f"urn:ogc:def:crs:EPSG::{rng.choice(codes)}",
+            f"+proj={rng.choice(('tmerc', 'merc', 'laea', 'ob_tran', 'isea', 'lcc', 'gnom', 'geos', 'pipeline'))} "
+            f"+lat_0={rng.choice((0, 90, 1e9))} +a={rng.choice((6378137, 1e-300, 1e300, 0))} "
+            f"+rf={rng.choice((298.25, 1e-9, 1))}",
+            'LOCAL_CS["x"]',
+            "x" * 3000,
+        )
+    )
+    features["crs"] = {"type": "name", "properties": {"name": name}}
+    return json.dumps(features).encode()
+
+
+def far_raster(rng: random.Random, data: bytes) -> bytes:
+    """An elevation raster whose pixels, corner and system are of any size; or an empty one."""
+    import rasterio
+
+    size, corner = (rng.choice((1e-300, 1e-5, 10.0, 1e6, 1e19, 1e300, 0.0, float("nan"))) for _ in range(2))
+    shape = rng.choice(((24, 32), (1, 1), (1, 5), (2, 2)))
+    heights = np.full(shape, rng.choice((500.0, -9999.0, float("nan"), 1e30)), np.float32)
+    transform = rasterio.Affine(
+        size, rng.choice((0.0, size)), corner, 0.0, -size, rng.choice((corner, 5334000.0))
+    )
+    system = rng.choice(("EPSG:25832", "EPSG:3857", "EPSG:4326", "EPSG:3031", "EPSG:4978", "EPSG:27700"))
+    with rasterio.io.MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff", width=shape[1], height=shape[0], count=1, dtype="float32", crs=system,
+            transform=transform, nodata=-9999.0,
+        ) as file:  # fmt: skip
+            file.write(heights, 1)
+        return bytes(memory.read())
+
+
+def vectors(rng: random.Random, data: bytes) -> bytes:
+    """Data sets of an HDF5 file as rows, columns, with axes of length one; integers of 400 digits in records."""
+    buffer = io.BytesIO(data)
+    with h5py.File(buffer, "r+") as file:
+        names: list[str] = []
+        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+        for name in rng.sample(names, min(len(names), rng.choice((1, 1, 2, 5)))):
+            values = file[name][()]
+            facts = dict(file[name].attrs)
+            del file[name]
+            if isinstance(values, bytes):
+                text = values.decode()
+                whole = [found for found in re.finditer(r"(?<=: )-?\d+(?=[,}])", text)]
+                if whole:
+                    found = rng.choice(whole)
+                    text = text[: found.start()] + "9" * 400 + text[found.end() :]
+                file[name] = text
+            else:
+                old = np.asarray(values)
+                n = old.size
+                shapes = (
+                    *((*old.shape, 1), (1, *old.shape), (n, 1), (1, n), (1, n, 1), (n,), old.shape[::-1]),
+                    (*old.shape[:1], 1, *old.shape[1:]),
+                )
+                file[name] = old.reshape(rng.choice(shapes))
+            for key, value in facts.items():
+                file[name].attrs[key] = value
+    return buffer.getvalue()

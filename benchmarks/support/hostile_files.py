@@ -1,12 +1,19 @@
 """Undamaged files of every kind, and damage drawn without regard to their structure: text and bytes."""
 
+import base64
 import json
 import random
 import struct
 import zlib
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from sarmitsuba.cost.trial import TrialSetting
+    from sarmitsuba.datasets.draw import Drawer
+    from sarmitsuba.scene.scene import Scene
 
 SCENE = """<scene version="3.0.0">
 <default name="look" value="40"/>
@@ -227,6 +234,9 @@ def make_samples(folder: Path) -> None:
     _make_maps(folder)
     _make_scene_with_files(folder)
     _make_run(folder)
+    _make_graph(folder)
+    _make_journals(folder)
+    (folder / "dictionary.txt").write_text("0", encoding="utf-8")
 
 
 def _make_maps(folder: Path) -> None:
@@ -329,3 +339,224 @@ def _make_run(folder: Path) -> None:
     run = folder / "run"
     if cli.main(["render", "point", "-o", str(run), "--force", "--quiet", "--no-error-bars", *words]):
         raise RuntimeError("the scene of the results could not be rendered")
+
+
+# ---- node graphs, journals, dictionaries -----------------------------------------------------------------------------
+
+RECIPE = """
+[dataset]
+samples = 2
+seed = 11
+error_every = 4
+licence = "CC0-1.0"
+[images]
+pixels_azimuth = 16
+pixels_range = 16
+[ground]
+material = "asphalt"
+[radar]
+bandwidth = 200e6
+azimuth_resolution = 1.0
+[tracing]
+method = "image"
+"""
+
+
+def resumed_scene() -> "Scene":
+    """The scene of the journals."""
+    from sarmitsuba.loader.load import load_scene
+
+    small = {"range_film.image_extent_azimuth": "4", "range_film.image_extent_range": "4"}
+    return load_scene(
+        "dihedral", parameters=small | {"sar_antenna.slant_range": "1000", "azimuth_resolution": "1"}
+    )
+
+
+def resumed_setting() -> "TrialSetting":
+    """The setting of the trial in a journal."""
+    from sarmitsuba.cost.trial import TrialSetting
+
+    return TrialSetting({"method": "image", "max_depth": 2})
+
+
+def sample_drawer(recipe: Path) -> "Drawer":
+    """Drawer of the samples in a journal."""
+    from sarmitsuba.datasets.draw import Drawer
+
+    if not recipe.is_file():
+        recipe.write_text(RECIPE, encoding="utf-8")
+    return Drawer.of(str(recipe))
+
+
+def _make_graph(folder: Path) -> None:
+    """A glTF file whose buffer is in it."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32).tobytes()
+    data = base64.b64encode(corners + np.array([0, 1, 2, 0], np.uint16).tobytes()).decode()
+    accessors: list[dict[str, object]] = [
+        {
+            "bufferView": 0,
+            "componentType": 5126,
+            "count": 3,
+            "type": "VEC3",
+            "min": [0, 0, 0],
+            "max": [1, 1, 0],
+        },
+        {"bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR"},
+    ]
+    whole = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": accessors,
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": 6},
+        ],
+        "buffers": [{"byteLength": 44, "uri": f"data:application/octet-stream;base64,{data}"}],
+    }
+    (folder / "nodes.gltf").write_text(json.dumps(whole), encoding="utf-8")
+
+
+def _make_journals(folder: Path) -> None:
+    """What an interrupted run, cost study and data set leave."""
+    from sarmitsuba.cost.clock import WorkClock
+    from sarmitsuba.cost.trials import Trials
+    from sarmitsuba.datasets.recipe import PART_NAMES
+    from sarmitsuba.datasets.record import SampleForm, append
+    from sarmitsuba.datasets.sample import make_sample
+    from sarmitsuba.io.journal import Journal
+    from sarmitsuba.simulation.raw import simulate
+
+    scene = resumed_scene()
+    simulate(scene, state=folder / "raw.blocks")
+    trials = Trials(WorkClock(), folder / "cost.trials", "one")
+    trials.run(scene, resumed_setting())
+    trials.close()
+    drawer = sample_drawer(folder / "small.toml")
+    form = SampleForm(drawer.recipe.samples, PART_NAMES, drawer.classes, drawer.recipe.shape)
+    journal = Journal(folder / "samples.journal", form)
+    for number in range(drawer.recipe.samples):
+        append(journal, make_sample(drawer, number))
+    journal.close()
+
+
+def drawn_dictionary(rng: random.Random, *, changed: bool = True) -> dict[Any, Any]:
+    """A scene as a dict with one to four entries drawn anew."""
+    from collections import OrderedDict
+    from datetime import date
+    from decimal import Decimal
+    from fractions import Fraction
+    from types import MappingProxyType
+
+    from sarmitsuba.backend import mi
+
+    scene: dict[Any, Any] = {
+        "type": "scene",
+        "integrator": {"type": "sar_path"},
+        "radar": {"type": "sar_antenna", "film": {"type": "range_film", "image_grid": "ground"}},
+        "box": {"type": "cube", "bsdf": {"type": "radar_material", "material": "concrete"}},
+        "ball": {"type": "sphere", "radius": 1.0, "center": [0.0, 0.0, 2.0]},
+    }
+    ring: dict[Any, Any] = {"type": "scene"}
+    ring["x"] = ring
+    deep: dict[Any, Any] = {"type": "cube"}
+    for _ in range(rng.choice((10, 500, 3000))):
+        deep = {"type": "scene", "x": deep}
+    values: tuple[Any, ...] = (
+        *(
+            None,
+            0,
+            -1,
+            True,
+            1.5,
+            float("nan"),
+            float("inf"),
+            10**400,
+            2**63,
+            -(2**64),
+            1j,
+            "x",
+            b"x",
+            "",
+            "é",
+            "\0",
+            "x" * 10**6,
+        ),
+        *(
+            [],
+            (),
+            [None],
+            [1, 2, 3],
+            (1.0, 2.0, 3.0),
+            [[1, 2], [3]],
+            ["a"],
+            [10**400] * 3,
+            {1, 2},
+            frozenset(),
+            range(3),
+            object(),
+        ),
+        *(
+            int,
+            len,
+            Path("x"),
+            date(2020, 1, 1),
+            Decimal(1),
+            Fraction(1, 3),
+            Exception("x"),
+            NotImplemented,
+            ...,
+        ),
+        *(
+            np.float32(1),
+            np.int64(-1),
+            np.array(1.0),
+            np.zeros(3),
+            np.zeros((4, 4)),
+            np.zeros(0),
+            np.array([None]),
+            np.array(["x"]),
+        ),
+        *(
+            np.str_("x"),
+            np.bytes_(b"x"),
+            np.datetime64("2020"),
+            np.zeros(2, "c8"),
+            np.zeros(3, "f2"),
+            np.ma.zeros(3),
+        ),
+        *(
+            mi.ScalarPoint3f(1, 2, 3),
+            mi.ScalarTransform4f(),
+            mi.ScalarColor3f(1),
+            mi.Float(1),
+            mi.Point3f(1),
+            mi.TensorXf([1.0]),
+        ),
+        *(
+            {},
+            {"type": None},
+            {"type": 5},
+            {"type": "cube"},
+            {"type": "rgb", "value": None},
+            {1: 2},
+            {None: None},
+            ring,
+            deep,
+        ),
+        *(
+            MappingProxyType({"type": "cube"}),
+            OrderedDict(type="sphere"),
+            mi.load_dict({"type": "sphere"}),
+            memoryview(b"x"),
+        ),
+    )
+    for _ in range(rng.choice((1, 1, 2, 4)) if changed else 0):
+        places = [scene, *(value for value in scene.values() if isinstance(value, dict))]
+        where = rng.choice(places)
+        key: Any = rng.choice(
+            (*where, "x", "to_world", "bsdf", "filename", "radius", "", "a.b", 5, None, (1,), b"k")
+        )
+        where[key] = rng.choice(values)
+    return scene

@@ -13,7 +13,15 @@ from pathlib import Path
 
 import hostile_bombs as bombs
 import hostile_structure as structure
-from hostile_files import PASSES_SHAPE, mutate_bytes, mutate_text
+from hostile_files import (
+    PASSES_SHAPE,
+    drawn_dictionary,
+    mutate_bytes,
+    mutate_text,
+    resumed_scene,
+    resumed_setting,
+    sample_drawer,
+)
 
 
 @dataclass(frozen=True)
@@ -210,6 +218,70 @@ class _Elements(HTMLParser):
             self.strange.append(tag)
 
 
+# ---- what interrupted runs leave, and what Python hands over ---------------------------------------------------------
+
+
+def _blocks(path: Path) -> object:
+    """A run that goes on from a journal of blocks: its echoes are those of the whole run, or new ones."""
+    import numpy as np
+
+    from sarmitsuba.simulation.raw import simulate
+
+    raw = simulate(resumed_scene(), state=path)
+    if not (np.isfinite(raw.data).all() and np.abs(raw.data).max() < 1e15):
+        raise AssertionError("echoes that no run gives")
+    return raw
+
+
+def _trials(path: Path) -> object:
+    import numpy as np
+
+    from sarmitsuba.cost.clock import WorkClock
+    from sarmitsuba.cost.trials import Trials
+
+    trials = Trials(WorkClock(), path, "one")
+    try:
+        trial = trials.run(resumed_scene(), resumed_setting())
+    finally:
+        trials.close()
+    if not np.isfinite(trial.image).all() or min(trial.stages.values()) < 0.0:
+        raise AssertionError("a trial that no study makes")
+    return trial
+
+
+def _samples(path: Path) -> object:
+    """The files of a data set from a journal of samples; where its first records are lost there are none to write."""
+    import h5py
+    import numpy as np
+
+    from sarmitsuba.datasets.generate import STORE, _write_files
+    from sarmitsuba.datasets.recipe import PART_NAMES
+    from sarmitsuba.datasets.record import SampleForm
+    from sarmitsuba.io.journal import Journal
+
+    drawer = sample_drawer(path.parent / "small.toml")
+    form = SampleForm(drawer.recipe.samples, PART_NAMES, drawer.classes, drawer.recipe.shape)
+    journal = Journal(path, form)
+    try:
+        if not journal.labels:
+            return REFUSED
+        _write_files(drawer, path.parent, journal, {})
+    finally:
+        journal.close()
+    with h5py.File(path.parent / STORE) as file:
+        if not (np.abs(file["images"][()]) < 1e16).all():
+            raise AssertionError("images that no sample has")
+    return journal
+
+
+def _dictionary(path: Path) -> object:
+    """A scene of a dict that has values of foreign types, keys of others, itself, or nothing in it."""
+    from sarmitsuba.loader.load import load_scene
+
+    seed = int(path.read_bytes())  # 0: nothing is changed
+    return load_scene(drawn_dictionary(random.Random(seed), changed=seed > 0))
+
+
 _SICD, _CPHD = structure.within(b"<SICD", b"</SICD>"), structure.within(b"<CPHD", b"</CPHD>")
 KINDS = {
     "scene": Kind("scene.xml", mutate_text, _scene),
@@ -252,6 +324,15 @@ KINDS = {
     "citygml": Kind("city.gml", structure.xml_tree, _import),
     "citygml-text": Kind("city.gml", mutate_text, _import),
     "geojson": Kind("map.geojson", structure.json_tree, _import),
+    "gltf-nodes": Kind("nodes.gltf", bombs.gltf_nodes, _parts),
+    "journal-blocks": Kind("raw.blocks", bombs.journal, _blocks),
+    "journal-trials": Kind("cost.trials", bombs.journal, _trials),
+    "journal-samples": Kind("samples.journal", bombs.journal, _samples),
+    "dictionary": Kind("dictionary.txt", bombs.dictionary, _dictionary),
+    "far-outlines": Kind("map.geojson", bombs.far_outlines, _import),
+    "far-raster": Kind("raster.tif", bombs.far_raster, _import),
+    "hdf5-raw-vectors": Kind("raw.h5", bombs.vectors, _raw),
+    "hdf5-image-vectors": Kind("image.h5", bombs.vectors, _image),
     "results": Kind("run/.sarmitsuba.json", structure.json_tree, _results, ".sarmitsuba.json"),
     "view-record": Kind("run/parameters.json", structure.json_tree, _view, "parameters.json"),
     "view-image": Kind("run/image.h5", structure.hdf5, _view, "image.h5"),

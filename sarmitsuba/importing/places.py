@@ -70,9 +70,11 @@ class Places:
 @lru_cache(maxsize=8)
 def _system(crs: str) -> "CRS":
     """Coordinate system of a name."""
+    import rasterio
     from rasterio.crs import CRS
 
-    return CRS.from_user_input(crs)
+    with rasterio.Env():  # its errors are raised, not printed
+        return CRS.from_user_input(crs)
 
 
 def projected(points: F64, crs: str, wanted: str, where: str) -> F64:

@@ -41,6 +41,15 @@ KINDS = (
     "citygml",
     "geojson",
     "results",
+    "gltf-nodes",
+    "journal-blocks",
+    "journal-trials",
+    "journal-samples",
+    "dictionary",
+    "far-outlines",
+    "far-raster",
+    "hdf5-raw-vectors",
+    "hdf5-image-vectors",
 )
 DEEP = "[" * 100_000 + "]" * 100_000
 LAYOUT = PassLayout((Layer("VV"),), 3, 3, 10.0)
