@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.errors import SarmitsubaWarning
@@ -111,7 +111,7 @@ def _differences(
     # what the chance of the draw alone may well give is not seen: an F test, with as many degrees of freedom as samples
     # that carry the chance
     carry = np.square(apart.sum(axis=axes)) / np.maximum(np.square(apart).sum(axis=axes), 1e-300)
-    limit = scipy.stats.f.ppf(SEEN, 2.0 * np.maximum(carry, 1.0), 2.0 * (n - 1) * np.maximum(carry, 1.0))
+    limit = scipy.special.fdtri(2.0 * np.maximum(carry, 1.0), 2.0 * (n - 1) * np.maximum(carry, 1.0), SEEN)
     return np.where(common > limit * chance, common - chance, 0.0), chance
 
 

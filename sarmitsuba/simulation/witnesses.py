@@ -53,6 +53,8 @@ DEEPER = 2
 SPARSEST = 4.0
 # rays and contributions of a run from which effects left out are traced: their kernels have to be compiled
 LONG = 2e8
+# error from which on a contradicted law is worth a warning, dB: below it no picture shows it
+SHOWS_DB = -30.0
 # standard normal quantile of the confidence of a witness
 _QUANTILE = 1.645
 
@@ -403,11 +405,13 @@ _REMEDIES = {
 def contradictions(name: str, witnesses: Mapping[str, Witness], tolerance_db: float) -> list[str]:
     """Texts on the witnesses that contradict what a law foretold; each is issued as a warning.
 
-    Errors below the tolerance, and those that few samples may show by chance, are left out.
+    Errors below the tolerance or ``SHOWS_DB``, and those that few samples may show by chance, are left out: the
+    account of the image marks them.
     """
     texts = []
+    least = max(tolerance_db, SHOWS_DB)
     for stage, witness in witnesses.items():
-        if stage in _REMEDIES and _certain(witness).contradicts and witness.error_db > tolerance_db:
+        if stage in _REMEDIES and _certain(witness).contradicts and witness.error_db > least:
             cause, remedy = _REMEDIES[stage]
             texts.append(
                 f"{name}: {cause} have an error of {witness.error_db:.1f} dB, measured here ({witness.samples}), where "
