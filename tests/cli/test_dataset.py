@@ -257,14 +257,15 @@ def test_a_failing_draw_is_recorded_and_replaced(
 
 
 def test_an_image_of_nan_is_a_failing_draw(recipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    render, calls = sample.render, []
+    execute, calls = sample.execute, []
 
     def broken(*args: Any, **named: Any) -> Any:
-        image = render(*args, **named)
+        done = execute(*args, **named)
         calls.append(1)
-        return replace(image, data=image.data * np.float32("nan")) if len(calls) == 1 else image
+        image = replace(done.image, data=done.image.data * np.float32("nan"))
+        return replace(done, image=image) if len(calls) == 1 else done
 
-    monkeypatch.setattr(sample, "render", broken)
+    monkeypatch.setattr(sample, "execute", broken)
     made_one = sample.make_sample(Drawer.of(str(recipe)), 1)
     assert made_one.attempt == 1 and "not finite" in made_one.failures[0]
 

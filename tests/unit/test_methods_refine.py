@@ -70,9 +70,8 @@ def test_interrupted_run_goes_on_and_ends_alike(scene: Scene, tmp_path: Path) ->
     # tol: float32 sums in whatever order threads finish
     error = np.linalg.norm(resumed.raw.data - straight.raw.data) / np.linalg.norm(straight.raw.data)
     assert error < 1e-5
-    assert resumed.image.metadata["sampling_error"]["VV"]["error_db"] == pytest.approx(
-        resumed.error_db, abs=0.1
-    )
+    # the target counts what two sets of one spacing cannot see, too
+    assert resumed.image.metadata["sampling_error"]["VV"]["error_db"] <= resumed.error_db + 0.1
 
 
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -219,8 +219,8 @@ def with_error_bars(image: SarImage) -> SarImage:
 
 
 def _with_sampling_error(
-    metadata: Mapping[str, Any], errors: Mapping[str, Mapping[str, object]]
-) -> dict[str, Any]:
+    metadata: Mapping[str, object], errors: Mapping[str, Mapping[str, object]]
+) -> dict[str, object]:
     """Metadata with the error bars of an image, which a witness of the ray spacing does not contain: it gets both."""
     out = {**metadata, "sampling_error": errors}
     witnesses = metadata.get("witnesses")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sarmitsuba.effects.fold_sections import MOST_TABLES
+from sarmitsuba.effects.fold_sections import fold_grids
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.edges import FringeCurrents
@@ -47,12 +47,16 @@ class FoldKind(SourceKind):
         return None if site.fold_waves is None else PointSource(site.fold_waves)
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
-        """Cost of the sections of all folds, each solved at most ``MOST_TABLES`` times."""
+        """Cost of the sections that are solved, and of the pieces of their folds."""
         folds = site.folds
         if not folds.n:
             return None
-        seconds = sub_bands * min(folds.n, MOST_TABLES) * SECTION_SOLVED
-        pieces = float(np.ceil(folds.length / max(0.5 * site.resolution, site.wavelength)).sum())
+        grids = fold_grids(folds, site.wavelength, site.towards(folds.middle.mean(axis=0)))
+        if not grids:
+            return None
+        seconds = sub_bands * len(grids) * SECTION_SOLVED
+        length = folds.length[[grid.row for grid in grids]]
+        pieces = float(np.ceil(length / max(0.5 * site.resolution, site.wavelength)).sum())
         return Expected(pieces, seconds, PIECE_TRACED, 0.0)
 
 
