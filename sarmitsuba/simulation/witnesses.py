@@ -16,7 +16,6 @@ from typing import Literal
 
 import numpy as np
 
-from sarmitsuba.analysis.quality.error_budget import effects_db
 from sarmitsuba.arrays import C64, F64
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw_data import Layer
@@ -31,6 +30,7 @@ from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.units import db_from_power, power_from_db
 from sarmitsuba.witness import Witness
 
 # rays that take as long as what a launch takes whatever its rays: recording, grid, synthesis
@@ -291,7 +291,7 @@ def effect_witness(run: Run, tracer: Tracer, data: C64, allowance: Allowance) ->
     except SarmitsubaError:  # somewhere it cannot be on
         return None
     names = ", ".join(d.name for d in tried)
-    law_db = effects_db({"error_db": d.error_db} for d in tried)
+    law_db = float(db_from_power(np.nansum([power_from_db(d.error_db) for d in tried])))
     return found and replace(found, law_db=law_db, reference=f"{names} on, {found.reference}")
 
 
