@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from sarmitsuba.arrays import C64, C128, F32, F64, I64
 from sarmitsuba.constants import SPEED_OF_LIGHT
@@ -187,7 +186,7 @@ def _draw(power: F32, count: int, seed: int = _SEED) -> tuple[I64, F64]:
         rows, columns = ([0, n // 2, n - 1] for n in power.shape)
         sure = np.unique([*sure, *(i * n_columns + j for i in rows for j in columns)])
     # errors of a scatterer lie in the flanks of its response too
-    near = np.maximum(scipy.ndimage.uniform_filter(power, _RESPONSE, mode="constant"), 0.0)
+    near = _mean_around(power, _RESPONSE)
     amplitude = np.sqrt(near)
     chance = np.full(power.shape, _FAINT / power.size, dtype=np.float32)
     for part, share in ((amplitude, _FAINT), (near, 1.0), (amplitude * frame, 1.0), (near * frame, 1.0)):
@@ -216,6 +215,16 @@ def _brightest(power: F32, count: int) -> I64:
     strongest = power[np.arange(power.shape[0]), best]
     rows = np.argsort(-strongest, kind="stable")[: max(1, count)]
     return np.asarray(rows * power.shape[1] + best[rows], dtype=np.int64)
+
+
+def _mean_around(power: F32, width: int) -> F32:
+    """Means over squares of an odd ``width`` of pixels; nothing lies beyond the image."""
+    half = width // 2
+    for _ in range(2):  # along the columns of an image, then of its transpose
+        padded = np.pad(power, ((half + 1, half), (0, 0)))
+        total = np.cumsum(padded, axis=0, dtype=np.float64)
+        power = ((total[width:] - total[:-width]) / width).T.astype(np.float32)
+    return np.maximum(power, np.float32(0.0))
 
 
 def conjugation_warning(raw: RawData, pixels: C64, grid: ImageGrid, windows: tuple[Window, Window]) -> str:

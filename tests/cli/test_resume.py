@@ -23,6 +23,7 @@ from sarmitsuba.io.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation import batches, tracing, witnesses
+from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.render import simulate
 from tests.support.unweighted import refine
 
@@ -125,7 +126,9 @@ def test_a_stop_at_a_drawn_launch_loses_the_block_in_work_and_no_bit(
     box: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, settings: dict[str, Any]
 ) -> None:
     monkeypatch.setattr(batches, "MAX_LANES", 300_000)  # several batches where every pulse is traced
-    monkeypatch.setattr(witnesses, "MOST", 0)  # their launches come after all blocks, and are made again
+    # launches of the witnesses come after all blocks, and are made again
+    monkeypatch.setattr(witnesses, "MOST", 0)
+    monkeypatch.setattr(Blocks, "witness", lambda self: None)
     scene = replace(box, settings=replace(box.settings, seed=seed, **settings))
     state = tmp_path / "raw.blocks"
     with monkeypatch.context() as patch:

@@ -57,7 +57,9 @@ def drawn(seed: int, grid: str) -> tuple[SarImage, np.ndarray]:
         offset=np.round(rng.uniform(-9e3, 9e3, 3)),
     )
     point = np.array([*rng.uniform(-4.0, 4.0, 2), 0.0])
-    request = ImageRequest(grid, *rng.uniform(-3.0, 3.0, 2), 0.0, 24.0, 24.0)
+    request = ImageRequest(
+        grid, *rng.uniform(-3.0, 3.0, 2), 0.0, 24.0, 24.0, offset=(*map(float, radar.offset),)
+    )
     image = focus(ideal_echoes(radar, point, 4.0, 0.7), request=request, focuser="backprojection")
     return image, radar.anchor.to_ecef(point + radar.offset)
 
