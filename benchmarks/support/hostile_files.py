@@ -426,7 +426,7 @@ def _make_journals(folder: Path) -> None:
     from sarmitsuba.datasets.record import SampleForm, append
     from sarmitsuba.datasets.sample import make_sample
     from sarmitsuba.io.journal import Journal
-    from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.render import simulate
 
     scene = resumed_scene()
     simulate(scene, state=folder / "raw.blocks")

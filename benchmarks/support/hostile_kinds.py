@@ -225,7 +225,7 @@ def _blocks(path: Path) -> object:
     """A run that goes on from a journal of blocks: its echoes are those of the whole run, or new ones."""
     import numpy as np
 
-    from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.render import simulate
 
     raw = simulate(resumed_scene(), state=path)
     if not (np.isfinite(raw.data).all() and np.abs(raw.data).max() < 1e15):

@@ -155,7 +155,7 @@ class EdgeLattices:
         by_frame: dict[int, list[LaunchGrid]] = {}
         for one in lattices:
             if one.serves(batch.start):
-                by_frame.setdefault(id(one.frame), []).append(one)
+                by_frame.setdefault(id(one.frame), []).append(_undivided(one))
         return [grid for some in by_frame.values() for grid in self._grids(some, antennas)]
 
     def _grids(self, lattices: Sequence[LaunchGrid], antennas: F64) -> Iterator[LaunchGrid]:
@@ -227,6 +227,16 @@ class EdgeLattices:
         images = [within(those.images(self.facets, antenna)) for those in (points, shadows)]
         found = sight.in_mirrors(EdgePoints.together(images))
         return EdgePoints.together([seen, found[~found.shadows]]), found[found.shadows]
+
+
+def _undivided(lattice: LaunchGrid) -> LaunchGrid:
+    """The lattice with one level for each spacing: rays beside edges serve all bounces, wherever cells are divided."""
+    own = {
+        (one.spacing, one.needs): replace(one, serves="all")
+        for one in lattice.every_level
+        if one.serves != "later"
+    }
+    return replace(lattice, levels=tuple(own.values()))
 
 
 class EdgeBatches(BatchTracer):

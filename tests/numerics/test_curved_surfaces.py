@@ -157,7 +157,8 @@ def test_divergence_behind_a_curved_mirror(
         naive=abs(naive),
         remedy="facets know the surface's curvature; tubes spread with it",
     )
-    row(f"{name}: plate, then sphere", abs(back), 1.5, "dB")
+    # tol: the same, and the share that closes on the plate where tubes behind the sphere are wide
+    row(f"{name}: plate, then sphere", abs(back), 2.0, "dB")
 
 
 def test_curvature_of_spheres_cylinders_and_flat_things() -> None:

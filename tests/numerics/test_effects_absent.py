@@ -104,6 +104,9 @@ def test_every_effect_switched_off_shrinks_the_kernel(tiny: Scene, history: Any)
     assert kernel_size(history, tiny, replace(full, channels=tiny.radar.channels)) > size  # a channel more
 
 
+@pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+)  # of rays without the phase of tubes
 def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any) -> None:
     """Switching on what another switch made void adds no instruction: nothing of it is left to pay for."""
     bare = KernelFlags(
