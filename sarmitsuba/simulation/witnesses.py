@@ -103,7 +103,7 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
 
     Notes
     -----
-    Pulses are drawn at all distances from the key pulses, by equal shares. Strips are tapered, and leave out echoes of
+    Pulses are drawn half evenly along the track and half by their energy, and weighted by the inverse. Strips are tapered, and leave out echoes of
     scatterers at known positions. Unlike the change where blocks meet, errors alike on both sides are seen, too. The
     error is relative to the echoes of the whole track; in strips, to those of the strip in the block.
     """
@@ -117,9 +117,11 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
         n = allowance.samples(part)
         affordable = 0.5 * allowance.allowed / max(n, 1) - launches
         share = float(np.clip(affordable / allowance.pulse, LEAST_STRIP, WIDEST_STRIP))
-    mean = _energy_of_pulses(blocks, allowance.subsets)
+    energy = _energy_of_pulses(blocks, allowance.subsets)
+    mean = energy.mean(axis=0)
+    chance = _chance_of_pulses(blocks, energy)
     errors, energies, here = [], [], []
-    for pulse in _drawn_pulses(blocks, n, rng):
+    for pulse in _drawn_pulses(chance, n, rng):
         start, stop = next(block for block in blocks.blocks if pulse < block[1])
         place = float(rng.uniform(-1.0, 1.0))
         sets = [
@@ -127,9 +129,10 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
             for subset in range(allowance.subsets)
         ]
         shared, exact = (np.sum(planes, axis=0) for planes in zip(*sets, strict=True))
-        errors.append(_energy(shared[:, pulse - start] - exact))
-        here.append(_energy(exact) if share < 1.0 else mean)
-        energies.append(_energy(shared) / (stop - start) if share < 1.0 else mean)
+        weight = 1.0 / (chance.size * chance[pulse])
+        errors.append(weight * _energy(shared[:, pulse - start] - exact))
+        here.append(weight * _energy(exact) if share < 1.0 else mean)
+        energies.append(weight * _energy(shared) / (stop - start) if share < 1.0 else mean)
     if not errors:
         return None
     strips = f" in strips of {100.0 * share:.0f} % of the window" if share < 1.0 else ""
@@ -186,29 +189,35 @@ def _of_subset(
 
 
 def _energy_of_pulses(blocks: Blocks, subsets: int) -> F64:
-    """Energy (n_channels,) of a pulse, mean over the track: that of a glint counts with all others."""
+    """Energy (n_pulses, n_channels) of all ray subsets together."""
     picks = [blocks.layers_of(subset) for subset in range(subsets)]
     weights = [np.float32(SUBSET_SHARES[blocks.layers[pick][0].subset]) for pick in picks]
     energies = []
     for start, stop in blocks.blocks:
-        sets = [
-            _by_channel(blocks.data[pick, start:stop], blocks.layers[pick]) * weight
-            for pick, weight in zip(picks, weights, strict=True)
-        ]
-        energies.append(_energy(np.sum(sets, axis=0)))
-    return np.asarray(np.sum(energies, axis=0) / blocks.data.shape[1])
+        planes = np.sum(
+            [
+                _by_channel(blocks.data[pick, start:stop], blocks.layers[pick]) * weight
+                for pick, weight in zip(picks, weights, strict=True)
+            ],
+            axis=0,
+        )
+        energies.append(np.square(np.abs(planes), dtype=np.float64).sum(axis=-1).T)
+    return np.concatenate(energies)
 
 
-def _drawn_pulses(blocks: Blocks, n: int, rng: np.random.Generator) -> list[int]:
-    """Pulses in blocks along the whole track, at all distances from the key pulses."""
-    offsets = rng.permutation((np.arange(n) + 0.5) / n)
-    found = []
-    for i, offset in enumerate(offsets):
-        start, stop = blocks.blocks[int((i + rng.random()) * len(blocks.blocks) / n)]
-        key, half = start + (stop - start) // 2, 0.5 * (stop - start)
-        side = 1 if rng.random() < 0.5 else -1
-        found.append(int(np.clip(key + side * max(1, round(offset * half)), start, stop - 1)))
-    return found
+def _chance_of_pulses(blocks: Blocks, energy: F64) -> F64:
+    """Chance (n_pulses,) of each pulse to be drawn: half evenly, half by energy; none of key pulses, which do not err."""
+    share = energy / np.maximum(energy.sum(axis=0), 1e-300)
+    chance = 0.5 / len(energy) + 0.5 * share.mean(axis=1)
+    chance[[start + (stop - start) // 2 for start, stop in blocks.blocks if stop - start > 1]] = 0.0
+    return np.asarray(chance / chance.sum())
+
+
+def _drawn_pulses(chance: F64, n: int, rng: np.random.Generator) -> list[int]:
+    """Pulses drawn with these chances (n_pulses,), spread along the track."""
+    places = (np.arange(n) + rng.random(n)) / n
+    found = np.searchsorted(np.cumsum(chance), places, side="right")
+    return [int(pulse) for pulse in np.minimum(found, chance.size - 1) if chance[pulse] > 0.0]
 
 
 def bounce_witness(run: Run, tracer: Tracer, data: C64, allowance: Allowance) -> Witness | None:

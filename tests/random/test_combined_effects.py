@@ -184,8 +184,8 @@ def test_a_cloud_before_an_ideal_point_takes_what_it_takes_from_all(tmp_path: Pa
     way = 2.0 * float(np.mean(slant[0] + slant[-1]))
     powers = [
         # of a pulse: what lies beside the image calls for more of them
-        [float((np.abs(plane) ** 2).sum(axis=1).mean()) for plane in sarmitsuba.simulate(scene).data]
-        for scene in (free, veiled)
+        [float((np.abs(raw.total(channel)) ** 2).sum(axis=1).mean()) for channel in raw.channels]
+        for raw in map(sarmitsuba.simulate, (free, veiled))
     ]
     found = 10.0 * np.log10(np.divide(powers[1], powers[0]))
     # RH has HH's half, of which nothing turns
