@@ -205,7 +205,9 @@ class Imager:
         """Whether automatic rays are too far apart by what is measured, and half the spacing fits the bound on rays."""
         automatic = self.run.scene.settings.ray_spacing == 0.0
         open_ = automatic and self.sampling is not None and not self.sampling.halvings
-        return open_ and witness.error_db > FINE_DB and may_halve(self.rays(pass_index))
+        # two sets of rays say so, too
+        too_wide = witness.error_db > FINE_DB and witness.law_db > FINE_DB
+        return open_ and too_wide and may_halve(self.rays(pass_index))
 
     def packed(self, data: C64) -> SarImage:
         """Image of one look from its pixels (n_layers, n_azimuth, n_range)."""

@@ -103,6 +103,7 @@ def _needs_halving(run: Run, witness: Witness, blocks: Blocks) -> bool:
     return (
         automatic
         and witness.error_db > FINE_DB
+        and witness.law_db > FINE_DB  # two sets of rays say so, too
         and may_halve(blocks.rays.at(run.scene.radar.track.center_index))
     )
 

@@ -17,7 +17,7 @@ from sarmitsuba.arrays import C64, F64
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.simulation.sampling.chains import every_nth, halved
 from sarmitsuba.trace.launch import LaunchGrid
-from sarmitsuba.witness import Witness
+from sarmitsuba.witness import USELESS_DB, Witness
 
 # rays drawn at first, of a lattice with more; rays that are drawn together: terms of common sides of tubes cancel among
 # them; groups
@@ -116,18 +116,19 @@ def _differences(
 
 
 def say_rays(name: str, witness: Witness) -> str:
-    """Warn of rays whose measured error is large, or high and far above that of two sets; returns the text, or none."""
-    measured = (
-        f"{name}: the error of the rays, measured against half their spacing, is {witness.error_db:.1f} dB"
-    )
-    if witness.useless:
-        text = f"{measured}: the image is not usable; set a smaller ray_spacing, or make the image smaller"
-    elif witness.contradicts and witness.error_db > SAID_DB:
-        text = f"{measured}, where two sets of rays say {witness.law_db:.1f} dB; set a smaller ray_spacing for less"
-    else:
-        return ""
-    warnings.warn(text, SarmitsubaWarning, stacklevel=4)
-    return text
+    """Text on rays whose measured error is large, or high and far above that of two sets; empty for none.
+
+    It is a warning where two sets of rays say so, too. The witness alone counts all echoes of one pulse, also those of
+    large errors far from what the image shows.
+    """
+    measured = f"{name}: the error of the rays at one pulse, measured against half their spacing, is"
+    if witness.useless and witness.law_db > USELESS_DB:
+        text = f"{measured} {witness.error_db:.1f} dB: the image is not usable; set a smaller ray_spacing"
+        warnings.warn(text, SarmitsubaWarning, stacklevel=4)
+        return text
+    if witness.contradicts and witness.error_db > SAID_DB:
+        return f"{measured} {witness.error_db:.1f} dB; a smaller ray_spacing lowers it"
+    return ""
 
 
 def may_halve(lattices: Sequence[Sequence[LaunchGrid]]) -> bool:

@@ -24,7 +24,7 @@ from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, 
 from sarmitsuba.view.figure import PACKED, Figure
 from sarmitsuba.view.outlines import draw_outlines
 from sarmitsuba.view.shaded_plan import draw_plan, plan_width
-from sarmitsuba.witness import Witness
+from sarmitsuba.witness import USELESS_DB, Witness
 
 # function that draws a picture on demand
 Drawing = Callable[[], Figure]
@@ -292,7 +292,7 @@ def _not_usable(image: SarImage) -> str:
     """Mark of an image whose rays miss what an image needs, by what was measured; empty for others."""
     witnesses = image.metadata.get("witnesses")
     rays = Witness.read(witnesses.get("rays")) if isinstance(witnesses, Mapping) else None
-    if rays is None or not rays.useless:
+    if rays is None or not (rays.useless and rays.law_db > USELESS_DB):
         return ""
     return f"ray sampling error {rays.error_db:.0f} dB: not usable"
 

@@ -60,7 +60,7 @@ def amplitudes(raw: RawData) -> np.ndarray:
     """sqrt(RCS) of every pulse at the centre frequency, m: the echo's spectrum at zero."""
     radar = raw.radar
     distance = np.linalg.norm(radar.track.position - radar.aim_point, axis=1)
-    echo = raw.data[0].sum(axis=1) * radar.window.sample_spacing / radar.waveform.range_cell
+    echo = raw.total(raw.channels[0]).sum(axis=1) * radar.window.sample_spacing / radar.waveform.range_cell
     return np.abs(echo) * distance**2 / radar.amplitude_constant
 
 
