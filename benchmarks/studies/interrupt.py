@@ -69,7 +69,14 @@ def interrupted(folder: Path, number: int, delay: float, inside: str = "") -> En
     command = [sys.executable, "-m", "sarmitsuba", *words]
     environment = os.environ | {"PYTHONPATH": str(Path.cwd())}
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=own, env=environment
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=own,
+        env=environment,
+        # a job in the background starts with the signal ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         if inside:
             assert process.stdout is not None
@@ -79,7 +86,10 @@ def interrupted(folder: Path, number: int, delay: float, inside: str = "") -> En
         time.sleep(delay)
         begin = time.perf_counter()
         process.send_signal(number)
-        process.wait(timeout=300)
+        try:
+            process.wait(timeout=300)
+        except subprocess.TimeoutExpired:
+            process.kill()
         seconds = time.perf_counter() - begin
         _, errors = process.communicate(timeout=120)
     return Ended(process.returncode, judged(process.returncode, number, errors, out, inside), seconds)
