@@ -12,7 +12,7 @@ from sarmitsuba.view.figure import Figure
 
 _DPI = 100.0
 # screen pixels: of a bar, around the bars, and of the names
-_ROW, _TOP, _BOTTOM, _NAMES, _BARS, _VALUES, _LINE = 22, 34, 46, 124, 190, 250, 15
+_ROW, _TOP, _BOTTOM, _NAMES, _BARS, _VALUES, _LINE = 22, 34, 46, 124, 190, 350, 15
 _LETTERS = 190  # of a line below the charts
 _WALL, _PROCESSOR = "#8c5a1c", "#e3c08f"
 # by kind of figure: a law, which nothing in this run confirmed, is grey; a measurement that contradicts its law is red
@@ -86,6 +86,7 @@ def _errors(axes: Axes, account: Account) -> None:
         "share of the known error energy, %; light: bound, grey: law, red: contradicts its law",
         fontsize=_SMALL,
         parse_math=False,
+        loc="left",
     )
 
 
