@@ -185,7 +185,7 @@ def _described(
     radar: RadarDescription, film: FilmDescription, settings: TraceSettings | None, track: Track | None
 ) -> Described:
     if settings is None:
-        settings = TraceSettings(gridding_width=film.gridding_width, keep_subsets=True)
+        settings = TraceSettings(gridding_width=film.gridding_width)
     elif film.gridding_width not in (settings.gridding_width, FilmDescription().gridding_width):
         raise SceneError(
             f"FilmDescription: gridding_width = {film.gridding_width}, but the settings say "
