@@ -54,7 +54,7 @@ SPARSEST = 4.0
 # rays and contributions of a run from which effects left out are traced: their kernels have to be compiled
 LONG = 2e8
 # error from which on a contradicted law is worth a warning, dB: below it no picture shows it
-SHOWS_DB = -30.0
+SHOWS_DB = -20.0
 # standard normal quantile of the confidence of a witness
 _QUANTILE = 1.645
 

@@ -44,8 +44,8 @@ def test_rough_bodies_return_sigma0_times_their_lit_area(
     truth: ModuleType, tmp_path: Path, seed: int
 ) -> None:
     result = truth.run("diffuse", seed, tmp_path)
-    # tol: 0.3 dB for two lattices of rays at outlines, and three standard errors of the speckle's mean
-    assert abs(result.level_db) < 0.3 + 3.0 * result.sigma_db, result
+    # tol: 0.2 dB for the lattice of rays at outlines, and three standard errors of the speckle's mean
+    assert abs(result.level_db) < 0.2 + 3.0 * result.sigma_db, result
 
 
 @pytest.mark.parametrize("seed", COARSE)
@@ -92,8 +92,8 @@ def test_an_edge_that_a_row_of_rays_might_follow(truth: ModuleType, tmp_path: Pa
 
 def test_plates_at_grazing_return_sigma0_times_their_area(truth: ModuleType, tmp_path: Path) -> None:
     result = truth.run("diffuse", GRAZING, tmp_path)
-    # tol: 0.2 dB for the lattice of rays at outlines, and three standard errors of the speckle's mean
-    assert abs(result.level_db) < 0.2 + 3.0 * result.sigma_db, result
+    # tol: 0.3 dB for two lattices of rays at outlines, and three standard errors of the speckle's mean
+    assert abs(result.level_db) < 0.3 + 3.0 * result.sigma_db, result
 
 
 def test_the_same_bodies_with_automatic_rays_and_rays_far_apart(truth: ModuleType) -> None:

@@ -19,7 +19,8 @@ OFF = ("height:@", "shift:@:x", "shift:@:y")
 
 def errors_over_sigma(drawn: Drawn, **options: object) -> np.ndarray:
     found = drawn.fitted(**options)
-    assert found.converged and (found.confirmed > 0.9).all()
+    # what the data confirm is tried in tests/statistics/test_confirmation.py: of a town from two looks, not every height
+    assert found.converged
     assert np.abs(found.start - drawn.truth).max() > 1.0
     return np.asarray((found.values - drawn.truth) / found.sigma)
 
